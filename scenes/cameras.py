@@ -1,0 +1,100 @@
+"""Where a scene is captured from, what those cameras see of it, and their COLMAP model.
+
+The views live in the splat's frame, as those of a trained splat do: y down, Rx(180) from the scene frame.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from splat2mesh.view import View
+
+SCENE_FROM_SPLAT = np.diag([1.0, -1.0, -1.0, 1.0])
+"""(4, 4) rigid transform, Rx(180), its own inverse: trained splats are y-down, scenes y-up."""
+
+FLIP = np.array([1.0, -1.0, -1.0])
+"""Its diagonal: multiplies points and vectors to take them from either frame into the other."""
+
+ORBIT_ELEVATION_DEG = {"tabletop": (8.0, 65.0), "object": (-50.0, 70.0)}
+"""Lowest and highest ring of an orbit; a tabletop is not seen from below."""
+
+ORBIT_DISTANCE = 2.6
+"""Of the eye from the middle, in half diagonals: the scene then fills most of a 45 degree image."""
+
+ORBIT_FOV_DEG, ROOM_FOV_DEG = 45.0, 75.0
+
+ROOM_RING = np.array([1.7, 1.2])
+"""Half axes (x, z) of the ellipse that the photographer of the room walks, above all furniture but the
+shelf."""
+
+
+def capture_views(truth, count=64, width=256):
+    """`count` views that a careful photographer would take, all level: a list of View in the splat's frame.
+
+    An object or a tabletop is circled with rising elevation; in a room the cameras walk around and look
+    across it, first up, then down.
+    """
+    turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
+    around, rise = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.linspace(0.0, 1.0, count)
+    if truth.kind == "room":
+        eyes = np.insert(around * ROOM_RING, 1, 1.3 + 0.6 * rise, axis=1)
+        targets = np.insert(-0.5 * around * ROOM_RING, 1, 2.6 * (1.0 - rise), axis=1)
+        fov_deg = ROOM_FOV_DEG
+    else:
+        middle = (truth.vertices.min(axis=0) + truth.vertices.max(axis=0)) / 2.0
+        low, high = np.sin(np.radians(ORBIT_ELEVATION_DEG[truth.kind]))
+        height = low + (high - low) * rise
+        distance = ORBIT_DISTANCE * np.linalg.norm(truth.vertices.max(axis=0) - middle)
+        eyes = middle + distance * np.insert(around * np.sqrt(1.0 - height**2)[:, None], 1, height, axis=1)
+        targets = np.broadcast_to(middle, eyes.shape)
+        fov_deg = ORBIT_FOV_DEG
+    pairs = zip(eyes * FLIP, targets * FLIP, strict=True)
+    return [View.look_at(eye, target, (0.0, -1.0, 0.0), fov_deg, width) for eye, target in pairs]
+
+
+def seen_faces(truth, views):
+    """Which faces some view sees from the front, unobstructed: (F,) bool, judged at a point near each corner.
+
+    What lies inside another solid, under the table or outside the room's walls is seen by none.
+    """
+    import open3d as o3d
+
+    tracer = o3d.t.geometry.RaycastingScene()
+    tracer.add_triangles(truth.vertices, truth.faces.astype(np.uint32))
+    corners = truth.vertices[truth.faces].astype(np.float64)
+    doubled_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.sqrt(np.linalg.norm(doubled_area, axis=1, keepdims=True))
+    outward = doubled_area / size**2
+    seen = np.zeros(len(truth.faces), bool)
+    for corner in range(3):
+        points = 0.8 * corners[:, corner] + 0.2 * corners.mean(axis=1) + 1e-3 * size * outward
+        for view in views:
+            pixels, depth = view.project(points * FLIP)
+            inside = (
+                (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0)
+            )
+            to_eye = view.center * FLIP - points
+            rows = np.flatnonzero(inside & (np.einsum("ij,ij->i", to_eye, outward) > 0) & ~seen)
+            rays = o3d.core.Tensor(np.hstack([points[rows], to_eye[rows]]).astype(np.float32))
+            seen[rows] = ~tracer.test_occlusions(rays, tfar=1.0).numpy()
+    return seen
+
+
+def write_colmap(folder, views):
+    """Write views as a COLMAP text model without points: cameras.txt, images.txt, points3D.txt."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras, images = [], []
+    for number, view in enumerate(views, 1):
+        intrinsics = (view.width, view.height, view.fx, view.fy, view.cx, view.cy)
+        cameras.append(f"{number} PINHOLE " + " ".join(f"{value:.9g}" for value in intrinsics))
+        x, y, z, w = Rotation.from_matrix(view.camera_from_world[:3, :3]).as_quat()
+        pose = (w, x, y, z, *view.camera_from_world[:3, 3])
+        images += [
+            f"{number} " + " ".join(f"{value:.12g}" for value in pose) + f" {number} {number:04d}.png",
+            "",
+        ]
+    (folder / "cameras.txt").write_text("\n".join(cameras) + "\n", encoding="ascii")
+    (folder / "images.txt").write_text("\n".join(images) + "\n", encoding="ascii")
+    (folder / "points3D.txt").write_text("", encoding="ascii")

@@ -1,0 +1,15 @@
+"""Trained Gaussian splat in, clean chunked triangle mesh out."""
+
+__version__ = "0.1.0"
+
+_HOMES = {"convert": "convert", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
+__all__ = [*_HOMES, "__version__"]
+
+
+def __getattr__(name):
+    """Import public names on first use, so that `--help` and `--version` stay instant."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

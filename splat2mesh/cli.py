@@ -1,0 +1,119 @@
+"""The splat2mesh command: arguments in, scene folder out. Holds no mathematics and imports nothing heavy."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from . import __version__
+from .console import run, wants_progress
+
+EXAMPLES = """examples:
+  splat2mesh garden.ply                        writes the scene folder garden/
+  splat2mesh bust.spz -o bust --vertices 20000 --detail fine
+  splat2mesh garden.ply --cameras sparse/0     looks from the cameras it was trained with
+  splat2mesh robot/meta.json --plan            shows what would be done, does nothing
+
+then: relight garden --env stpeters.exr --rotate 45"""
+
+
+def parser():
+    """The command line of splat2mesh."""
+    parser = argparse.ArgumentParser(
+        prog="splat2mesh",
+        description="Turn a trained Gaussian splat into a clean, chunked triangle mesh that relight can light.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("input", metavar="INPUT", help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json")
+    add("-o", "--output", metavar="SCENE", help="scene folder to write (default: the input's name, without its suffixes)")
+    add("--cameras", metavar="DIR", help="COLMAP model of the capture, such as sparse/0 (default: virtual views)")
+    add("--vertices", type=int, default=50_000, metavar="N", help="size of the mesh (default: %(default)s)")
+    add("--max-chunk-vertices", type=int, default=40_000, metavar="N", help="limit of a chunk (default: %(default)s)")
+    add("--up", default="auto", metavar="AXIS", help="what is up in the splat: auto, +y, -y, +z, -z (default: %(default)s)")
+    add("--detail", default="normal", metavar="LEVEL", help="draft, normal or fine (default: %(default)s)")
+    add("--surface", default="field", metavar="WAY", help="field, or sugar: the SuGaR paper's way (default: %(default)s)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
+    add("--overwrite", action="store_true", help="replace a scene folder that exists")
+    add("--plan", action="store_true", help="print what would be done, and do nothing")
+    add("--json", action="store_true", help="print the result as one JSON object")
+    add("-q", "--quiet", action="store_true", help="no progress, no summary")
+    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+    add("--version", action="version", version=f"%(prog)s {__version__}")
+    return parser
+
+
+def main(arguments=None):
+    """Run the command; returns the exit code."""
+    return run(_command, parser().parse_args(arguments))
+
+
+def _command(options):
+    from .errors import InputError
+    from .outputs import check_output
+
+    source = Path(options.input)
+    if not source.exists():
+        raise InputError(f"{source}: no such file")
+    output = Path(options.output or _default_output(source))
+    if options.plan:
+        return _plan(options)
+    check_output(output, options.overwrite)
+
+    from .convert import convert
+    from .stages import Stages
+
+    start = time.perf_counter()
+    stages = Stages(show=wants_progress(options))
+    try:
+        scene = convert(
+            source,
+            cameras=options.cameras,
+            vertices=options.vertices,
+            max_chunk_vertices=options.max_chunk_vertices,
+            up=options.up,
+            detail=options.detail,
+            surface=options.surface,
+            seed=options.seed,
+            stages=stages,
+        )
+        with stages.stage("write"):
+            scene.save(output, overwrite=options.overwrite)
+    finally:
+        stages.close()
+    seconds = time.perf_counter() - start
+    counts = scene.statistics
+    lines = [
+        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
+        f"from {counts['splats']:,} splats, {seconds:.1f} s"
+    ]
+    if options.verbose:
+        lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
+    result = {"scene": str(output), "chunks": len(scene.chunks), **counts, "seconds": stages.seconds, "peak_mb": _peak_mb()}
+    return lines, result
+
+
+def _plan(options):
+    from .convert import plan
+
+    result = plan(options.input, cameras=options.cameras, up=options.up, detail=options.detail, surface=options.surface)
+    return [f"{label:<22}{value}" for label, value in result.items()], result
+
+
+def _default_output(source):
+    if source.name == "meta.json":
+        return source.resolve().parent.name
+    return source.resolve().name.split(".")[0] or "scene"
+
+
+def _peak_mb():
+    """Largest resident size of this process so far, in MiB."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

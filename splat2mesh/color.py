@@ -1,0 +1,34 @@
+"""sRGB and linear light. Splat colours and PLY colours are sRGB; everything that adds light is linear."""
+
+import numpy as np
+
+
+def linear_from_srgb(color):
+    """Linear-light values of sRGB values.
+
+    color: any shape, sRGB in [0, 1] (values above 1 continue the curve). Returns the same shape, floating point.
+    Source: IEC 61966-2-1.
+    """
+    color = np.asarray(color)
+    high = ((np.maximum(color, 0.0) + 0.055) / 1.055) ** 2.4
+    return np.where(color <= 0.04045, color / 12.92, high).astype(np.result_type(color, np.float32), copy=False)
+
+
+def srgb_from_linear(color):
+    """sRGB values of linear-light values: the inverse of `linear_from_srgb`.
+
+    color: any shape, linear in [0, 1]. Returns the same shape, floating point.
+    """
+    color = np.asarray(color)
+    high = 1.055 * np.maximum(color, 1e-9) ** (1 / 2.4) - 0.055
+    return np.where(color <= 0.0031308, color * 12.92, high).astype(np.result_type(color, np.float32), copy=False)
+
+
+def luminance(color_linear):
+    """Rec. 709 luminance of linear RGB: (..., 3) -> (...)."""
+    return np.asarray(color_linear) @ np.array([0.2126, 0.7152, 0.0722])
+
+
+def bytes_from_unit(color):
+    """Round values in [0, 1] to uint8, clipping what lies outside. Any shape."""
+    return (np.clip(color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -1,0 +1,146 @@
+"""The scene folder: what splat2mesh writes and relight lights.
+
+    scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
+    chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from . import __version__
+from .chunks import DEFAULT_MAX_VERTICES, split
+from .errors import InputError
+from .meshfile import Mesh, read_mesh, write_mesh_ply
+from .outputs import check_output, staged_folder
+
+SCHEMA_VERSION = 1
+
+
+@dataclass
+class Scene:
+    """A chunked triangle mesh in the scene frame: right-handed, y up, unit of the splat.
+
+    chunks: list of Mesh. scene_from_splat: (4, 4) float64, from the splat file's frame to this one.
+    preview_camera: dict of eye, target, up ((3,) in the scene frame) and fov_deg, or None.
+    source: dict with the file's name and SHA-256. settings, statistics: dicts kept in scene.json.
+    path: the folder or file it was loaded from, or None.
+    """
+
+    chunks: list
+    scene_from_splat: np.ndarray = field(default_factory=lambda: np.eye(4))
+    preview_camera: dict | None = None
+    source: dict = field(default_factory=dict)
+    settings: dict = field(default_factory=dict)
+    statistics: dict = field(default_factory=dict)
+    path: Path | None = None
+
+    @classmethod
+    def from_mesh(cls, mesh, max_chunk_vertices=DEFAULT_MAX_VERTICES, **fields):
+        """A scene from one Mesh in the scene frame, cut into chunks."""
+        return cls(split(mesh, max_chunk_vertices), **fields)
+
+    @classmethod
+    def load(cls, path):
+        """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order.
+
+        Raises InputError for anything else, for a broken folder and for a newer schema version.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise InputError(f"{path}: no such scene folder or mesh file")
+        if path.is_file():
+            return cls([read_mesh(path)], path=path)
+        meta = _read_meta(path / "scene.json")
+        chunks = []
+        for entry in meta["chunks"]:
+            mesh = read_mesh(path / "chunks" / entry["file"])
+            if len(mesh.vertices) != entry["vertices"] or len(mesh.faces) != entry["faces"]:
+                raise InputError(
+                    f"{path / 'chunks' / entry['file']}: holds {len(mesh.vertices)} vertices and {len(mesh.faces)} faces, "
+                    f"scene.json says {entry['vertices']} and {entry['faces']}; convert the splat again"
+                )
+            chunks.append(mesh)
+        fields = {name: meta[name] for name in ("preview_camera", "source", "settings", "statistics")}
+        return cls(chunks, scene_from_splat=np.array(meta["scene_from_splat"]), path=path, **fields)
+
+    def save(self, path, overwrite=False):
+        """Write the scene folder; it appears complete or not at all. Raises InputError when `path` exists."""
+        check_output(path, overwrite)
+        with staged_folder(path) as folder:
+            (folder / "chunks").mkdir()
+            entries = []
+            for index, chunk in enumerate(self.chunks):
+                name = f"{index:04d}.ply"
+                write_mesh_ply(folder / "chunks" / name, chunk)
+                counts = {"vertices": len(chunk.vertices), "faces": len(chunk.faces)}
+                entries.append({"file": name, **counts, "bounds": _bounds(chunk.vertices).tolist()})
+            meta = {
+                "schema_version": SCHEMA_VERSION,
+                "version": __version__,
+                "source": self.source,
+                "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
+                "bounds": self.bounds.tolist(),
+                "preview_camera": self.preview_camera,
+                "settings": self.settings,
+                "statistics": self.statistics,
+                "chunks": entries,
+            }
+            (folder / "scene.json").write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
+        self.path = Path(path)
+
+    @property
+    def vertices(self):
+        """(V, 3) float32, chunk after chunk."""
+        return np.concatenate([chunk.vertices for chunk in self.chunks])
+
+    @property
+    def normals(self):
+        """(V, 3) float32, chunk after chunk."""
+        return np.concatenate([chunk.normals for chunk in self.chunks])
+
+    @property
+    def colors_srgb(self):
+        """(V, 3) uint8, chunk after chunk."""
+        return np.concatenate([chunk.colors_srgb for chunk in self.chunks])
+
+    @property
+    def faces(self):
+        """(F, 3) int32 into `vertices`."""
+        offsets = np.cumsum([0] + [len(chunk.vertices) for chunk in self.chunks[:-1]])
+        return np.concatenate([chunk.faces + offset for chunk, offset in zip(self.chunks, offsets, strict=True)], dtype=np.int32)
+
+    @property
+    def bounds(self):
+        """(2, 3) float64: lowest and highest corner."""
+        return _bounds(self.vertices)
+
+    @property
+    def diagonal(self):
+        """Length of the bounding box's diagonal."""
+        return float(np.linalg.norm(np.diff(self.bounds, axis=0)))
+
+
+def _bounds(vertices):
+    return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
+
+
+def _read_meta(path):
+    if not path.is_file():
+        raise InputError(f"{path.parent}: not a scene folder (it has no scene.json); make one with splat2mesh")
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
+    version = meta.get("schema_version") if isinstance(meta, dict) else None
+    if not isinstance(version, int):
+        raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
+    if version > SCHEMA_VERSION:
+        raise InputError(f"{path}: schema version {version} is newer than {SCHEMA_VERSION}, which this tool reads; update the tool")
+    required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
+    missing = [name for name in required if name not in meta]
+    if missing or not meta.get("chunks"):
+        raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
+    return meta

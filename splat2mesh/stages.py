@@ -1,0 +1,46 @@
+"""Named stages of a long computation: their seconds for the report, their progress for the terminal."""
+
+import time
+from contextlib import contextmanager
+
+
+class Stages:
+    """Times the stages of one run and, when asked, shows them as progress bars on stderr.
+
+    seconds: dict of stage label -> wall-clock seconds, in the order in which the stages ran.
+    """
+
+    def __init__(self, show=False):
+        self.seconds = {}
+        self._show = show
+        self._bars = None
+
+    @contextmanager
+    def stage(self, label, total=None):
+        """Run one stage; yields `advance(count=1)`, to be called as its `total` steps are done."""
+        start = time.perf_counter()
+        task = self._begin(label, total)
+        try:
+            yield lambda count=1: task is not None and self._bars.advance(task, count)
+        finally:
+            self.seconds[label] = self.seconds.get(label, 0.0) + time.perf_counter() - start
+            if task is not None:
+                self._bars.update(task, total=1, completed=1)
+
+    def close(self):
+        """Leave the terminal as it was found."""
+        if self._bars is not None:
+            self._bars.stop()
+            self._bars = None
+
+    def _begin(self, label, total):
+        if not self._show:
+            return None
+        if self._bars is None:
+            from rich.console import Console
+            from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+            columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+            self._bars = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bars.start()
+        return self._bars.add_task(label, total=total)

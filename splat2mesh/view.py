@@ -1,0 +1,86 @@
+"""One pinhole camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class View:
+    """A pinhole camera in the COLMAP / OpenCV convention: x right, y down, z forward.
+
+    width, height: image size in pixels; the centre of pixel (column i, row j) lies at (i + 1/2, j + 1/2).
+    fx, fy, cx, cy: intrinsics in pixels.
+    camera_from_world: (4, 4) float64 rigid transform, in the frame of the splat it looks at.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    camera_from_world: np.ndarray
+
+    @classmethod
+    def look_at(cls, eye, target, up, fov_deg, width, height=None):
+        """A camera at `eye` that looks at `target`, image top towards `up`.
+
+        eye, target, up: (3,) in world units. fov_deg: horizontal field of view. height: `width` unless given.
+        """
+        height = width if height is None else height
+        eye, target, up = (np.asarray(a, np.float64) for a in (eye, target, up))
+        forward = _unit(target - eye)
+        right = np.cross(forward, up)
+        if np.linalg.norm(right) < 1e-6 * np.linalg.norm(up):
+            right = np.cross(forward, np.roll(up, 1) + up)
+        right = _unit(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation, -rotation @ eye
+        focal = 0.5 * width / np.tan(np.radians(fov_deg) / 2)
+        return cls(width, height, focal, focal, width / 2, height / 2, matrix)
+
+    @property
+    def center(self):
+        """Camera centre in the world: (3,) float64."""
+        return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
+
+    @property
+    def forward(self):
+        """Viewing direction in the world: (3,) unit float64."""
+        return self.camera_from_world[2, :3]
+
+    def resized(self, longest):
+        """The same view with its longer side at `longest` pixels."""
+        scale = longest / max(self.width, self.height)
+        width, height = max(1, round(self.width * scale)), max(1, round(self.height * scale))
+        sx, sy = width / self.width, height / self.height
+        return View(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy, self.camera_from_world)
+
+    def framing(self, points):
+        """The same pose and image size limit, zoomed so that the image just holds world points in front: (N, 3)."""
+        pixels, _ = self.project(points)
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        zoom = max(self.width, self.height) / (high - low).max()
+        width, height = np.maximum(np.ceil((high - low) * zoom), 1).astype(int)
+        cx, cy = (np.array([self.cx, self.cy]) - low) * zoom
+        return View(int(width), int(height), self.fx * zoom, self.fy * zoom, cx, cy, self.camera_from_world)
+
+    def project(self, points):
+        """Image positions and depths of world points: (N, 3) -> (N, 2) pixels and (N,) camera z."""
+        local = np.asarray(points) @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
+        return pixels, local[:, 2]
+
+    def ray_directions(self):
+        """World directions through all pixel centres, scaled to camera z = 1: (H, W, 3) float64."""
+        x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
+        y = (np.arange(self.height) + 0.5 - self.cy) / self.fy
+        local = np.stack([*np.meshgrid(x, y), np.ones((self.height, self.width))], axis=-1)
+        return local @ self.camera_from_world[:3, :3]
+
+
+def _unit(vector):
+    return vector / np.linalg.norm(vector)

@@ -1,0 +1,171 @@
+"""Virtual cameras: views chosen so that together they see every visible part of a splat, from outside or inside.
+
+Nobody tells where the capture's cameras stood, but the splat itself does: surfaces that training saw are sharp, what
+no photo constrained is fuzzy. Candidates all around and inside free space are rendered small, those that look
+at fuzz are dropped, and a greedy cover picks, one after the other, the view that shows most of what was seen least.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .opacityfield import field_depth
+from .view import View
+
+OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
+CANDIDATE_PIXELS = 80
+"""Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
+
+SKETCH_SPLATS = 40_000
+"""Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
+
+COVER_GRID = 48
+"""Cells along the longest side of the box in which coverage is counted."""
+
+WANTED_VIEWS = 4
+"""Views after which another one of the same cell adds nothing to its coverage."""
+
+FEWEST_VIEWS = 12
+"""Sharp candidates without which the fuzzy ones are let in as well."""
+
+SHARP_ENOUGH = 1.5
+"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth."""
+
+
+def bounds_of(splats):
+    """The box that holds the solid part of a splat: (2, 3) float64; stray floaters and far background lie outside."""
+    solid = splats.means[splats.opacities > 0.3] if (splats.opacities > 0.3).sum() > 100 else splats.means
+    low, high = np.percentile(solid, [0.5, 99.5], axis=0)
+    margin = 0.02 * np.linalg.norm(high - low) + 1e-12
+    return np.stack([low - margin, high + margin]).astype(np.float64)
+
+
+def near_plane(bounds):
+    """Camera z nearer than which nothing is drawn, for a scene of this box: floaters at the eye block no view."""
+    return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
+
+
+def virtual_views(splats, count, pixels, up, seed=0, advance=lambda: None):
+    """Choose `count` views of a splat.
+
+    splats: cleaned Splats. pixels: side of the square views returned.
+    up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
+    advance: called once for each candidate looked at.
+    Returns a list of View, best first: the first one is a good picture of the scene.
+    """
+    bounds = bounds_of(splats)
+    near = near_plane(bounds)
+    candidates = candidate_views(splats, count, up, seed)
+    sketch = _thinned(splats, np.random.default_rng(seed))
+    coverage, fuzziness = [], []
+    for view in candidates:
+        cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
+        coverage.append(cells)
+        fuzziness.append(fuzz)
+        advance()
+    chosen = _cover(np.array(coverage), np.array(fuzziness), count)
+    return [candidates[index].resized(pixels) for index in chosen]
+
+
+def candidate_views(splats, count, up, seed=0):
+    """Views all around, views from nearer, and views from free places inside: list of small View."""
+    rng = np.random.default_rng(seed)
+    bounds = bounds_of(splats)
+    center, radius = bounds.mean(axis=0), np.linalg.norm(np.diff(bounds, axis=0)) / 2
+    distance = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    views = []
+    for direction in fibonacci_sphere(count):
+        view = View.look_at(center + distance * direction, center, up, OUTER_FOV_DEG, CANDIDATE_PIXELS)
+        views.append(view.framing(corners))
+    for direction in fibonacci_sphere(count):
+        target = center + rng.uniform(-0.3, 0.3, 3) * np.ptp(bounds, axis=0)
+        views.append(View.look_at(target + 0.5 * distance * direction, target, up, OUTER_FOV_DEG, CANDIDATE_PIXELS))
+    for eye in _free_places(splats, bounds, max(count // 6, 4), rng):
+        turn = _random_rotation(rng)
+        for axis in np.vstack([np.eye(3), -np.eye(3)]) @ turn:
+            views.append(View.look_at(eye, eye + axis, up, INNER_FOV_DEG, CANDIDATE_PIXELS))
+    return views
+
+
+def fibonacci_sphere(count):
+    """`count` evenly spread unit vectors: (count, 3) float64."""
+    index = np.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    azimuth = index * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(azimuth), r * np.sin(azimuth), z], axis=1)
+
+
+def _free_places(splats, bounds, count, rng):
+    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be."""
+    from scipy.ndimage import binary_dilation
+
+    cell = np.ptp(bounds, axis=0).max() / COVER_GRID
+    shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
+    inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
+    cells = np.minimum(((splats.means[inside] - bounds[0]) / cell).astype(int), shape - 1)
+    taken = np.zeros(shape, bool)
+    taken[tuple(cells.T)] = True
+    free = np.argwhere(~binary_dilation(taken, iterations=2))
+    if len(free) == 0:
+        return np.zeros((0, 3))
+    points = bounds[0] + (free + rng.uniform(0.25, 0.75, free.shape)) * cell
+    central = np.abs(points - bounds.mean(axis=0)) < 0.42 * np.ptp(bounds, axis=0)
+    points = points[central.all(axis=1)] if central.all(axis=1).any() else points
+    chosen = [int(np.linalg.norm(points - bounds.mean(axis=0), axis=1).argmin())]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def _thinned(splats, rng):
+    """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
+    if len(splats) <= SKETCH_SPLATS:
+        return splats
+    kept = splats.take(np.sort(rng.choice(len(splats), SKETCH_SPLATS, replace=False)))
+    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / SKETCH_SPLATS)))
+
+
+def _what_is_seen(surface, view, bounds):
+    """How well each cell of the box is seen, (cells,) float32, and the median fuzziness in units of the box's radius."""
+    seen = np.isfinite(surface.depth)
+    rays, depth = view.ray_directions()[seen], surface.depth[seen]
+    # The spread runs along z, the surface's thickness along its normal.
+    fuzz = surface.spread[seen] * -(rays * surface.normal[seen]).sum(axis=1) / (np.linalg.norm(np.ptp(bounds, axis=0)) / 2)
+    cell = np.ptp(bounds, axis=0).max() / COVER_GRID
+    shape = np.ceil(np.ptp(bounds, axis=0) / cell).astype(int) + 1
+    sight = np.zeros(int(shape.prod()), np.float32)
+    points = view.center + rays * depth[:, None]
+    inside = ((points >= bounds[0]) & (points < bounds[1])).all(axis=1)
+    if inside.sum() < 20:
+        return sight, np.inf
+    cells = np.ravel_multi_index(((points[inside] - bounds[0]) / cell).astype(int).T, shape)
+    footprint = depth[inside] / view.fx / cell
+    quality = 1 / (1 + (fuzz[inside] / 0.01) ** 2) / np.maximum(footprint * 4, 1) ** 2
+    np.maximum.at(sight, cells, quality.astype(np.float32))
+    return sight, float(np.median(fuzz[inside]))
+
+
+def _cover(coverage, fuzziness, count):
+    """Indices of `count` candidates: each one adds most to what the ones before it have seen least."""
+    usable = np.isfinite(fuzziness)
+    sharp = usable & (fuzziness <= SHARP_ENOUGH * np.percentile(fuzziness[usable], 10)) if usable.any() else ~usable
+    pool = np.flatnonzero(sharp if sharp.sum() >= FEWEST_VIEWS else usable)
+    sights = coverage[pool]
+    seen = np.zeros(coverage.shape[1], np.float32)
+    chosen = []
+    for _ in range(min(count, len(pool))):
+        need = np.maximum(1 - seen / WANTED_VIEWS, 0.02)
+        gain = sights @ need
+        gain[chosen] = -1
+        chosen.append(int(gain.argmax()))
+        seen += sights[chosen[-1]]
+    return pool[chosen]
+
+
+def _random_rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.diag(r))
