@@ -7,9 +7,9 @@
 `python -m scenes OUT` writes all of it to a folder.
 """
 
-from .bake import bake, exposure
-from .build import KINDS, SceneTruth, build
 from .cameras import capture_views, seen_faces
+from .kinds import KINDS, SceneTruth, build
+from .light import bake, exposure
 from .splat import splats_from
 
 __all__ = ["KINDS", "SceneTruth", "bake", "build", "capture_views", "exposure", "seen_faces", "splats_from"]

@@ -13,9 +13,9 @@ from splat2mesh.errors import InputError
 from splat2mesh.formats import write_inria_ply
 from splat2mesh.outputs import check_output, staged_folder
 
-from .bake import bake, exposure
-from .build import KINDS, build
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
+from .kinds import KINDS, build
+from .light import bake, exposure
 from .splat import splats_from
 
 EPILOG = """examples:

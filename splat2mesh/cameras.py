@@ -18,12 +18,13 @@ def read_colmap(folder):
 
     folder = Path(folder)
     if not any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin")):
-        raise InputError(f"{folder}: not a COLMAP model; expected a folder with cameras.bin or cameras.txt, such as sparse/0")
+        raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
     try:
         model = pycolmap.Reconstruction(str(folder))
         views = [_view(model, model.images[key]) for key in sorted(model.images)]
     except (ValueError, RuntimeError, KeyError, IndexError) as error:
-        raise InputError(f"{folder}: pycolmap cannot read this model ({str(error).splitlines()[0]})") from error
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{folder}: pycolmap cannot read this model ({reason})") from error
     views = [view for view in views if np.isfinite(view.camera_from_world).all()]
     if not views:
         raise InputError(f"{folder}: the COLMAP model holds no posed image")
@@ -49,7 +50,6 @@ def _view(model, image):
     matrix = np.eye(4)
     pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
     matrix[:3] = pose.matrix()
-    focal_x, focal_y = camera.focal_length_x, camera.focal_length_y
-    return View(
-        camera.width, camera.height, focal_x, focal_y, camera.principal_point_x, camera.principal_point_y, matrix
-    )
+    focal = camera.focal_length_x, camera.focal_length_y
+    principal = camera.principal_point_x, camera.principal_point_y
+    return View(camera.width, camera.height, *focal, *principal, matrix)

@@ -11,7 +11,8 @@ def linear_from_srgb(color):
     """
     color = np.asarray(color)
     high = ((np.maximum(color, 0.0) + 0.055) / 1.055) ** 2.4
-    return np.where(color <= 0.04045, color / 12.92, high).astype(np.result_type(color, np.float32), copy=False)
+    linear = np.where(color <= 0.04045, color / 12.92, high)
+    return linear.astype(np.result_type(color, np.float32), copy=False)
 
 
 def srgb_from_linear(color):
@@ -21,7 +22,8 @@ def srgb_from_linear(color):
     """
     color = np.asarray(color)
     high = 1.055 * np.maximum(color, 1e-9) ** (1 / 2.4) - 0.055
-    return np.where(color <= 0.0031308, color * 12.92, high).astype(np.result_type(color, np.float32), copy=False)
+    srgb = np.where(color <= 0.0031308, color * 12.92, high)
+    return srgb.astype(np.result_type(color, np.float32), copy=False)
 
 
 def luminance(color_linear):

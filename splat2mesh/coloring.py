@@ -14,7 +14,10 @@ DEPTH_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Picture:
-    """What is kept of a rendered view: color (H, W, 3) uint8 sRGB, over its own alpha; depth (H, W) float32, NaN where empty."""
+    """What is kept of a rendered view.
+
+    color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera z, NaN where empty.
+    """
 
     view: View
     color: np.ndarray
@@ -30,7 +33,8 @@ def vertex_colors(vertices, normals, pictures):
     """Average the pictures over the vertices they see, in sRGB, weighted by how frontally they see them.
 
     vertices, normals: (V, 3) float32 in the frame of the pictures' views.
-    Returns (V, 3) uint8 sRGB and the number of vertices that no picture saw: they take their nearest neighbour's colour.
+    Returns (V, 3) uint8 sRGB and the number of vertices that no picture saw: they take the colour of their nearest
+    neighbour that was seen, or mid grey when none was.
     """
     tolerance = DEPTH_TOLERANCE * np.linalg.norm(np.ptp(vertices, axis=0)) / 2
     total, weights = np.zeros((len(vertices), 3)), np.zeros(len(vertices))
@@ -49,7 +53,8 @@ def vertex_colors(vertices, normals, pictures):
 def _sees(picture, vertices, normals, tolerance):
     view = picture.view
     pixels, z = view.project(vertices)
-    near = np.flatnonzero((z > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1))
+    inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
+    near = np.flatnonzero((z > 0) & inside)
     columns, rows = pixels[near].astype(np.intp).T
     towards = view.center - vertices[near]
     frontal = (normals[near] * towards).sum(axis=1) / np.linalg.norm(towards, axis=1)

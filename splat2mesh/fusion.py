@@ -72,7 +72,8 @@ def fuse(maps, voxel, advance=lambda: None):
     mesh = grid.extract_triangle_mesh(ENOUGH_WEIGHT)
     vertices, faces = mesh.vertex.positions.numpy().astype(np.float64), mesh.triangle.indices.numpy()
     vertices, faces = _in_fixed_order(vertices, faces)
-    return o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(vertices + origin), o3d.utility.Vector3iVector(faces))
+    vertices, faces = o3d.utility.Vector3dVector(vertices + origin), o3d.utility.Vector3iVector(faces)
+    return o3d.geometry.TriangleMesh(vertices, faces)
 
 
 def _blocks_near(maps, origin, voxel):
@@ -91,7 +92,8 @@ def _blocks_near(maps, origin, voxel):
 
 def _unique_rows(keys):
     packed = np.unique((keys.astype(np.int64) + 2**20) @ np.array([2**42, 2**21, 1]))
-    return (np.stack([packed >> 42, packed >> 21 & (2**21 - 1), packed & (2**21 - 1)], axis=1) - 2**20).astype(np.int32)
+    columns = [packed >> 42, packed >> 21 & (2**21 - 1), packed & (2**21 - 1)]
+    return (np.stack(columns, axis=1) - 2**20).astype(np.int32)
 
 
 def _in_fixed_order(vertices, faces):
@@ -111,8 +113,9 @@ def _integrate(keys, voxel, pose, intrinsics, planes, trust, values, weights):
     limit = TRUNCATION * voxel
     for b in numba.prange(len(keys)):
         # The block's bounding sphere tells whether the view can see any of it.
-        half = 0.5 * BLOCK * voxel
-        x, y, z = keys[b, 0] * BLOCK * voxel + half, keys[b, 1] * BLOCK * voxel + half, keys[b, 2] * BLOCK * voxel + half
+        side = BLOCK * voxel
+        half = 0.5 * side
+        x, y, z = keys[b, 0] * side + half, keys[b, 1] * side + half, keys[b, 2] * side + half
         depth = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
         if depth < -1.8 * half:
             continue

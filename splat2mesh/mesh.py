@@ -13,7 +13,7 @@ def drop_small_components(mesh):
     """Remove disconnected parts that are small beside the largest one; returns how many were removed."""
     cluster, sizes, _ = mesh.cluster_connected_triangles()
     cluster, sizes = np.asarray(cluster), np.asarray(sizes)
-    small = sizes < SMALLEST_COMPONENT * sizes.max()
+    small = sizes < SMALLEST_COMPONENT * sizes.max(initial=0)
     mesh.remove_triangles_by_mask(small[cluster])
     mesh.remove_unreferenced_vertices()
     return int(small.sum())

@@ -2,7 +2,9 @@
 
 import os
 import tempfile
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -40,16 +42,21 @@ def read_mesh(path):
         raise InputError(f"{path}: no such mesh file")
     if path.suffix.lower() not in READABLE_SUFFIXES:
         raise InputError(f"{path}: not a mesh file I can read; expected one of {' '.join(READABLE_SUFFIXES)}")
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error), _triangulated_obj(path) as readable:
+    silent = o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error)
+    with silent, _complaints() as complaints, _triangulated_obj(path) as readable:
         try:
             mesh = o3d.io.read_triangle_mesh(os.fspath(readable))
         except RuntimeError as error:
             raise InputError(f"{path}: cannot be read as a mesh ({error})") from error
-    if len(mesh.triangles) == 0:
+    if complaints:
+        raise InputError(f"{path}: broken or cut short ({complaints[0]}); export the mesh again")
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
-    vertices = np.asarray(mesh.vertices)
-    if not np.isfinite(vertices).all():
-        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"{path}: a face names a vertex beyond the {len(vertices)} there are; export it again")
+    bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+    if bad:
         raise InputError(f"{path}: {bad} of {len(vertices)} vertices are not finite; repair the mesh first")
     if not mesh.has_vertex_normals():
         mesh.compute_vertex_normals()
@@ -59,7 +66,7 @@ def read_mesh(path):
     return Mesh(
         vertices.astype(np.float32),
         np.asarray(mesh.vertex_normals).astype(np.float32),
-        np.asarray(mesh.triangles).astype(np.int32),
+        faces.astype(np.int32),
         np.round(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8),
     )
 
@@ -80,29 +87,45 @@ def write_mesh_ply(path, mesh):
         face.tofile(file)
 
 
-class _triangulated_obj:
+@contextmanager
+def _complaints():
+    """Yield a list that holds, after the block, what open3d's PLY reader printed on the process's stderr.
+
+    It prints errors there, whatever the logging level, and hands over the part of the mesh that it could read.
+    """
+    lines, stderr = [], os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield lines
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            file.seek(0)
+            lines += [line for line in file.read().decode(errors="replace").split("\n") if "RPly" in line]
+
+
+@contextmanager
+def _triangulated_obj(path):
     """The file itself, or for an OBJ with larger polygons (which open3d skips) a temporary fan-triangulated copy."""
-
-    def __init__(self, path):
-        self._path, self._copy = path, None
-
-    def __enter__(self):
-        if self._path.suffix.lower() != ".obj":
-            return self._path
-        lines = self._path.read_text(encoding="utf-8", errors="replace").split("\n")
-        if not any(line.startswith("f ") and len(line.split()) > 4 for line in lines):
-            return self._path
-        handle, self._copy = tempfile.mkstemp(suffix=".obj")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
+    lines = []
+    if path.suffix.lower() == ".obj":
+        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    if not any(_is_polygon(line.split()) for line in lines):
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, "triangulated.obj")
+        with open(copy, "w", encoding="utf-8") as file:
             for line in lines:
                 corners = line.split()
-                if corners[:1] == ["f"] and len(corners) > 4:
-                    for second, third in zip(corners[2:], corners[3:], strict=False):
+                if _is_polygon(corners):
+                    for second, third in pairwise(corners[2:]):
                         file.write(f"f {corners[1]} {second} {third}\n")
-                elif not line.startswith(("mtllib", "usemtl")):
+                elif corners[:1] not in (["mtllib"], ["usemtl"]):
                     file.write(line + "\n")
-        return self._copy
+        yield copy
 
-    def __exit__(self, *_):
-        if self._copy is not None:
-            os.unlink(self._copy)
+
+def _is_polygon(corners):
+    return corners[:1] == ["f"] and len(corners) > 4

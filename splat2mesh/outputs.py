@@ -9,14 +9,21 @@ from pathlib import Path
 from .errors import InputError
 
 
-def check_output(path, overwrite):
+def check_output(path, overwrite, marker=None):
     """Refuse, before any work is done, an output that exists or cannot be made.
 
-    Raises InputError when `path` exists and `overwrite` is false, or when its parent folder cannot be written.
+    marker: name of a file that every folder written by the caller holds. Where it is given, no other folder or file
+    is replaced: `-o . --overwrite` must not delete what somebody keeps there.
+    Raises InputError when `path` exists and `overwrite` is false, when it lacks the marker and is not an empty
+    folder, or when its parent folder cannot be written.
     """
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already: give another name with -o, or replace it with --overwrite")
+    if os.path.lexists(path):
+        if not overwrite:
+            raise InputError(f"{path} exists already: give another name with -o, or replace it with --overwrite")
+        ours = marker is None or (path / marker).is_file() or (path.is_dir() and not any(path.iterdir()))
+        if not ours:
+            raise InputError(f"{path} holds no {marker}, so --overwrite spares it: give another name with -o")
     parent = path.absolute().parent
     while not parent.exists():
         parent = parent.parent
@@ -26,23 +33,21 @@ def check_output(path, overwrite):
 
 @contextmanager
 def staged_folder(path):
-    """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails."""
+    """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails.
+
+    What stood at `path` is moved aside first and deleted last, so that a crash at any moment loses neither.
+    """
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    workspace = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    staging, replaced = workspace / "new", workspace / "old"
     try:
-        staging.chmod(0o777 & ~_umask())
+        staging.mkdir()
         yield staging
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path)
-        elif path.exists():
-            path.unlink()
+        if os.path.lexists(path):
+            path.rename(replaced)
         staging.rename(path)
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _umask():
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        if os.path.lexists(replaced) and not os.path.lexists(path):
+            replaced.rename(path)
+        shutil.rmtree(workspace, ignore_errors=True)

@@ -1,7 +1,7 @@
 """The scene folder: what splat2mesh writes and relight lights.
 
-    scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
-    chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
+scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
+chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 """
 
 import json
@@ -13,10 +13,11 @@ import numpy as np
 from . import __version__
 from .chunks import DEFAULT_MAX_VERTICES, split
 from .errors import InputError
-from .meshfile import Mesh, read_mesh, write_mesh_ply
+from .meshfile import read_mesh, write_mesh_ply
 from .outputs import check_output, staged_folder
 
 SCHEMA_VERSION = 1
+META = "scene.json"
 
 
 @dataclass
@@ -53,22 +54,25 @@ class Scene:
             raise InputError(f"{path}: no such scene folder or mesh file")
         if path.is_file():
             return cls([read_mesh(path)], path=path)
-        meta = _read_meta(path / "scene.json")
+        entries, fields = _read_meta(path / META)
         chunks = []
-        for entry in meta["chunks"]:
-            mesh = read_mesh(path / "chunks" / entry["file"])
-            if len(mesh.vertices) != entry["vertices"] or len(mesh.faces) != entry["faces"]:
+        for name, *expected in entries:
+            mesh = read_mesh(path / "chunks" / name)
+            found = [len(mesh.vertices), len(mesh.faces)]
+            if found != expected:
                 raise InputError(
-                    f"{path / 'chunks' / entry['file']}: holds {len(mesh.vertices)} vertices and {len(mesh.faces)} faces, "
-                    f"scene.json says {entry['vertices']} and {entry['faces']}; convert the splat again"
+                    f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
+                    f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
                 )
             chunks.append(mesh)
-        fields = {name: meta[name] for name in ("preview_camera", "source", "settings", "statistics")}
-        return cls(chunks, scene_from_splat=np.array(meta["scene_from_splat"]), path=path, **fields)
+        return cls(chunks, path=path, **fields)
 
     def save(self, path, overwrite=False):
-        """Write the scene folder; it appears complete or not at all. Raises InputError when `path` exists."""
-        check_output(path, overwrite)
+        """Write the scene folder; it appears complete or not at all.
+
+        Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
+        """
+        check_output(path, overwrite, META)
         with staged_folder(path) as folder:
             (folder / "chunks").mkdir()
             entries = []
@@ -88,7 +92,7 @@ class Scene:
                 "statistics": self.statistics,
                 "chunks": entries,
             }
-            (folder / "scene.json").write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
+            (folder / META).write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
         self.path = Path(path)
 
     @property
@@ -110,7 +114,8 @@ class Scene:
     def faces(self):
         """(F, 3) int32 into `vertices`."""
         offsets = np.cumsum([0] + [len(chunk.vertices) for chunk in self.chunks[:-1]])
-        return np.concatenate([chunk.faces + offset for chunk, offset in zip(self.chunks, offsets, strict=True)], dtype=np.int32)
+        shifted = [chunk.faces + offset for chunk, offset in zip(self.chunks, offsets, strict=True)]
+        return np.concatenate(shifted, dtype=np.int32)
 
     @property
     def bounds(self):
@@ -128,8 +133,9 @@ def _bounds(vertices):
 
 
 def _read_meta(path):
+    """Of scene.json: [file, vertices, faces] of each chunk, and the Scene's other fields."""
     if not path.is_file():
-        raise InputError(f"{path.parent}: not a scene folder (it has no scene.json); make one with splat2mesh")
+        raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
         meta = json.loads(path.read_text(encoding="utf-8"))
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -138,9 +144,15 @@ def _read_meta(path):
     if not isinstance(version, int):
         raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
     if version > SCHEMA_VERSION:
-        raise InputError(f"{path}: schema version {version} is newer than {SCHEMA_VERSION}, which this tool reads; update the tool")
+        raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
     required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
     missing = [name for name in required if name not in meta]
-    if missing or not meta.get("chunks"):
+    if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
-    return meta
+    try:
+        entries = [[str(entry["file"]), entry["vertices"], entry["faces"]] for entry in meta["chunks"]]
+        fields = {name: meta[name] for name in required[2:]}
+        fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error
+    return entries, fields

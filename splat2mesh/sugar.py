@@ -122,7 +122,8 @@ def _enter_level(points, directions, neighbors, means, rotations, scales, opacit
         nearest = neighbors[p, 0]
         variance = 0.0
         for axis in range(3):
-            turned = rotations[nearest, 0, axis] * dx + rotations[nearest, 1, axis] * dy + rotations[nearest, 2, axis] * dz
+            column = rotations[nearest, :, axis]
+            turned = column[0] * dx + column[1] * dy + column[2] * dz
             variance += (turned * scales[nearest, axis]) ** 2
         reach = REACH * np.sqrt(variance)
         gradient = np.zeros(3, np.float64)

@@ -26,14 +26,15 @@ class View:
     def look_at(cls, eye, target, up, fov_deg, width, height=None):
         """A camera at `eye` that looks at `target`, image top towards `up`.
 
-        eye, target, up: (3,) in world units. fov_deg: horizontal field of view. height: `width` unless given.
+        eye, target, up: (3,) in world units; an `up` along the line of sight is replaced by a coordinate axis.
+        fov_deg: horizontal field of view. height: `width` unless given.
         """
         height = width if height is None else height
         eye, target, up = (np.asarray(a, np.float64) for a in (eye, target, up))
         forward = _unit(target - eye)
         right = np.cross(forward, up)
         if np.linalg.norm(right) < 1e-6 * np.linalg.norm(up):
-            right = np.cross(forward, np.roll(up, 1) + up)
+            right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
         right = _unit(right)
         rotation = np.stack([right, np.cross(forward, right), forward])
         matrix = np.eye(4)
@@ -63,7 +64,8 @@ class View:
         pixels, _ = self.project(points)
         low, high = pixels.min(axis=0), pixels.max(axis=0)
         zoom = max(self.width, self.height) / (high - low).max()
-        width, height = np.maximum(np.ceil((high - low) * zoom), 1).astype(int)
+        # A millionth of a pixel less, lest rounding add a whole one.
+        width, height = np.maximum(np.ceil((high - low) * zoom - 1e-6), 1).astype(int)
         cx, cy = (np.array([self.cx, self.cy]) - low) * zoom
         return View(int(width), int(height), self.fx * zoom, self.fy * zoom, cx, cy, self.camera_from_world)
 

@@ -178,6 +178,11 @@ def test_light_agrees_with_ray_traced_transfer(tabletop):
     assert error < 0.03  # 1% of ray noise on either side, and what bands beyond the sixth hold
 
 
+def test_a_black_environment_is_refused(blob):
+    with pytest.raises(InputError, match="black"):
+        bake(blob, Environment(np.zeros((8, 16, 3), np.float32)))
+
+
 def test_exposure_leaves_little_to_clip(blob, blob_radiance):
     assert 0.005 < (blob_radiance.max(axis=1) > 0.9).mean() < 0.03
 
