@@ -13,7 +13,6 @@ from .tonemap import compress_highlights
 
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
-_MARGIN = 1.15  # of the picture over what the scene fills of it
 _RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -78,21 +77,10 @@ def default_camera(scene, aspect=4 / 3):
     """
     azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
     backward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
-    view = View.look_at(backward, np.zeros(3), [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1)
-    rotation = view.camera_from_world[:3, :3]
-    x, y, z = rotation @ scene.vertices.T.astype(np.float64)
-    # Each side of the frustum touches a vertex when the eye lies on a line; the lines of opposite sides cross
-    # where both touch, and the pair that crosses farther back decides.
-    slope_x = np.tan(np.radians(_FIELD_OF_VIEW_DEG) / 2) / _MARGIN
-    slope_y = slope_x / aspect
-    right, left = np.max(x - slope_x * z), np.max(-x - slope_x * z)
-    below, above = np.max(y - slope_y * z), np.max(-y - slope_y * z)
-    depth = min(-(right + left) / (2 * slope_x), -(below + above) / (2 * slope_y))
-    eye = np.array([(right - left) / 2, (below - above) / 2, depth])
-    target = np.array([eye[0], eye[1], 0.5 * (z.min() + z.max())])
+    view = View.holding(scene.vertices, backward, [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1200, round(1200 / aspect))
     return {
-        "eye": (rotation.T @ eye).tolist(),
-        "target": (rotation.T @ target).tolist(),
+        "eye": view.center.tolist(),
+        "target": (view.center + view.forward * scene.diagonal).tolist(),
         "up": [0.0, 1.0, 0.0],
         "fov_deg": _FIELD_OF_VIEW_DEG,
     }

@@ -2,7 +2,7 @@
 
 __version__ = "0.1.0"
 
-_HOMES = {"convert": "convert", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
+_HOMES = {"convert": "pipeline", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
 __all__ = [*_HOMES, "__version__"]
 
 

@@ -26,14 +26,31 @@ def parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("input", metavar="INPUT", help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json")
-    add("-o", "--output", metavar="SCENE", help="scene folder to write (default: the input's name, without its suffixes)")
+    add(
+        "input", metavar="INPUT", help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json"
+    )
+    add(
+        "-o",
+        "--output",
+        metavar="SCENE",
+        help="scene folder to write (default: the input's name, without its suffixes)",
+    )
     add("--cameras", metavar="DIR", help="COLMAP model of the capture, such as sparse/0 (default: virtual views)")
     add("--vertices", type=int, default=50_000, metavar="N", help="size of the mesh (default: %(default)s)")
     add("--max-chunk-vertices", type=int, default=40_000, metavar="N", help="limit of a chunk (default: %(default)s)")
-    add("--up", default="auto", metavar="AXIS", help="what is up in the splat: auto, +y, -y, +z, -z (default: %(default)s)")
+    add(
+        "--up",
+        default="auto",
+        metavar="AXIS",
+        help="what is up in the splat: auto, +y, -y, +z, -z (default: %(default)s)",
+    )
     add("--detail", default="normal", metavar="LEVEL", help="draft, normal or fine (default: %(default)s)")
-    add("--surface", default="field", metavar="WAY", help="field, or sugar: the SuGaR paper's way (default: %(default)s)")
+    add(
+        "--surface",
+        default="field",
+        metavar="WAY",
+        help="field, or sugar: the SuGaR paper's way (default: %(default)s)",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
     add("--plan", action="store_true", help="print what would be done, and do nothing")
@@ -52,6 +69,7 @@ def main(arguments=None):
 def _command(options):
     from .errors import InputError
     from .outputs import check_output
+    from .scene import META
 
     source = Path(options.input)
     if not source.exists():
@@ -59,9 +77,9 @@ def _command(options):
     output = Path(options.output or _default_output(source))
     if options.plan:
         return _plan(options)
-    check_output(output, options.overwrite)
+    check_output(output, options.overwrite, META)
 
-    from .convert import convert
+    from .pipeline import convert
     from .stages import Stages
 
     start = time.perf_counter()
@@ -90,12 +108,18 @@ def _command(options):
     ]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
-    result = {"scene": str(output), "chunks": len(scene.chunks), **counts, "seconds": stages.seconds, "peak_mb": _peak_mb()}
+    result = {
+        "scene": str(output),
+        "chunks": len(scene.chunks),
+        **counts,
+        "seconds": stages.seconds,
+        "peak_mb": _peak_mb(),
+    }
     return lines, result
 
 
 def _plan(options):
-    from .convert import plan
+    from .pipeline import plan
 
     result = plan(options.input, cameras=options.cameras, up=options.up, detail=options.detail, surface=options.surface)
     return [f"{label:<22}{value}" for label, value in result.items()], result

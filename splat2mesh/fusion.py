@@ -14,14 +14,14 @@ from .view import View
 BLOCK = 8
 """Voxels along a block's side: only blocks near a surface exist."""
 
-TRUNCATION = 4.0
+TRUNCATION = 2.0
 """Voxels within which the distance field is kept on either side of the surface."""
 
 SHARP = 0.01
 """Spread of a surface, in units of the scene's radius, at which its weight is halved."""
 
-ENOUGH_WEIGHT = 0.5
-"""Sum of weights that a voxel needs before it takes part in the surface: half of one frontal, sharp view."""
+ENOUGH_WEIGHT = 0.03
+"""Sum of weights that a voxel needs before it takes part in the surface: little, or dark gloss becomes a sieve."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,8 @@ def fuse(maps, voxel, advance=lambda: None):
         _integrate(keys, voxel, pose, intrinsics, depth_map.plane, depth_map.weight, values, weights)
         advance()
     np.divide(values, weights, out=values, where=weights > 0)
+    if not ((values < 0) & (weights > ENOUGH_WEIGHT)).any():  # open3d raises where there is no surface
+        return o3d.geometry.TriangleMesh()
     grid = o3d.t.geometry.VoxelBlockGrid(
         ("tsdf", "weight"), (o3d.core.float32, o3d.core.float32), ((1), (1)), voxel, BLOCK, len(keys) + 16
     )

@@ -80,6 +80,8 @@ def poisson(surface, depth):
     """
     import open3d as o3d
 
+    if len(surface.points) == 0:
+        raise InputError("no surface points were found: is this a splat of a solid object?")
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(surface.points.astype(np.float64)))
     cloud.normals = o3d.utility.Vector3dVector(surface.normals.astype(np.float64))
     mesh, density = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth)

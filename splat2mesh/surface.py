@@ -37,9 +37,9 @@ class Effort:
 
 
 EFFORTS = {
-    "draft": Effort(views=32, pixels=256, cells=256, depth=8, points=200_000),
-    "normal": Effort(views=64, pixels=320, cells=384, depth=9, points=500_000),
-    "fine": Effort(views=128, pixels=448, cells=512, depth=10, points=1_500_000),
+    "draft": Effort(views=32, pixels=256, cells=224, depth=8, points=200_000),
+    "normal": Effort(views=64, pixels=320, cells=320, depth=9, points=500_000),
+    "fine": Effort(views=128, pixels=448, cells=448, depth=10, points=1_500_000),
 }
 
 

@@ -42,6 +42,26 @@ class View:
         focal = 0.5 * width / np.tan(np.radians(fov_deg) / 2)
         return cls(width, height, focal, focal, width / 2, height / 2, matrix)
 
+    @classmethod
+    def holding(cls, points, backward, up, fov_deg, width, height=None, margin=1.15):
+        """The camera nearest to points whose image just holds them all.
+
+        points: (N, 3) world. backward: (3,) from the points to the eye. margin: of the image over what they fill.
+        """
+        height = width if height is None else height
+        view = cls.look_at(backward, np.zeros(3), up, fov_deg, width, height)
+        rotation = view.camera_from_world[:3, :3]
+        x, y, z = rotation @ np.asarray(points, np.float64).T
+        # Each side of the frustum touches a point when the eye lies on a line; the lines of opposite sides cross
+        # where both touch, and the pair that crosses farther back decides.
+        slope_x, slope_y = width / 2 / view.fx / margin, height / 2 / view.fy / margin
+        right, left = np.max(x - slope_x * z), np.max(-x - slope_x * z)
+        below, above = np.max(y - slope_y * z), np.max(-y - slope_y * z)
+        depth = min(-(right + left) / (2 * slope_x), -(below + above) / (2 * slope_y))
+        eye = np.array([(right - left) / 2, (below - above) / 2, depth])
+        target = np.array([eye[0], eye[1], max(0.5 * (z.min() + z.max()), depth + 1e-9)])
+        return cls.look_at(rotation.T @ eye, rotation.T @ target, up, fov_deg, width, height)
+
     @property
     def center(self):
         """Camera centre in the world: (3,) float64."""

@@ -16,11 +16,17 @@ OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
 """Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
 
+PICTURE_ASPECT, PICTURE_ELEVATION = 4 / 3, np.radians(18.0)
+"""Shape of the picture that a scene is shown with, and the angle from which it looks down."""
+
 SKETCH_SPLATS = 40_000
 """Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
 
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
+
+ROOM_SHARE = 0.6
+"""Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
@@ -88,6 +94,41 @@ def candidate_views(splats, count, up, seed=0):
     return views
 
 
+def picture_view(splats, up):
+    """A view that makes a good picture of a splat: from slightly above and the side with most to see, or from inside.
+
+    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
+    """
+    rng = np.random.default_rng(0)
+    bounds = bounds_of(splats)
+    near, sketch = near_plane(bounds), _thinned(splats, rng)
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    ahead = np.linalg.svd(up[None])[2][1]
+    side = np.cross(up, ahead)
+    size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
+    turns = np.arange(12) * np.pi / 6
+    backwards = [np.cos(a) * ahead + np.sin(a) * side + np.tan(PICTURE_ELEVATION) * up for a in turns]
+    outside = [View.holding(corners, backward, up, OUTER_FOV_DEG, *size, margin=1.05) for backward in backwards]
+    inside = [
+        View.look_at(eye, eye - backward, up, 75.0, *size)
+        for eye in _free_places(splats, bounds, 3, rng)
+        for backward in backwards[::2]
+    ]
+
+    def judge(view):
+        surface = field_depth(sketch, view, near)
+        _, fuzz = _what_is_seen(surface, view, bounds)
+        edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
+        return fuzz, edges
+
+    judged = [(view, *judge(view)) for view in outside + inside]
+    sharpest = {place: min((fuzz for _, fuzz, _ in part), default=np.inf) for place, part in
+                (("outside", judged[:12]), ("inside", judged[12:]))}
+    # Inside a closed object everything is fuzzy, and so are the outer faces of a room.
+    pool = judged[12:] if sharpest["inside"] * SHARP_ENOUGH * 2 < sharpest["outside"] else judged[:12]
+    return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / (2 * min(sharpest.values()) + 1e-12)) ** 2))[0]
+
+
 def fibonacci_sphere(count):
     """`count` evenly spread unit vectors: (count, 3) float64."""
     index = np.arange(count) + 0.5
@@ -98,8 +139,11 @@ def fibonacci_sphere(count):
 
 
 def _free_places(splats, bounds, count, rng):
-    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be."""
-    from scipy.ndimage import binary_dilation
+    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be.
+
+    Space that surfaces seal off is the inside of an object, unless it is most of the box: then it is a room.
+    """
+    from scipy.ndimage import binary_dilation, label
 
     cell = np.ptp(bounds, axis=0).max() / COVER_GRID
     shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
@@ -107,7 +151,10 @@ def _free_places(splats, bounds, count, rng):
     cells = np.minimum(((splats.means[inside] - bounds[0]) / cell).astype(int), shape - 1)
     taken = np.zeros(shape, bool)
     taken[tuple(cells.T)] = True
-    free = np.argwhere(~binary_dilation(taken, iterations=2))
+    regions, _ = label(~binary_dilation(np.pad(taken, 1), iterations=2))
+    roomy = np.bincount(regions.ravel()) > ROOM_SHARE * regions.size
+    roomy[0], roomy[regions[0, 0, 0]] = False, True
+    free = np.argwhere(roomy[regions[1:-1, 1:-1, 1:-1]])
     if len(free) == 0:
         return np.zeros((0, 3))
     points = bounds[0] + (free + rng.uniform(0.25, 0.75, free.shape)) * cell

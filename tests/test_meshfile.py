@@ -54,9 +54,7 @@ def glb(vertices, faces, colors_linear):
         for k, (array, (kind, component)) in enumerate(zip(arrays, kinds, strict=True))
     ]
     accessors[0] |= {"min": arrays[0].min(axis=0).tolist(), "max": arrays[0].max(axis=0).tolist()}
-    views = [
-        {"buffer": 0, "byteOffset": int(s), "byteLength": a.nbytes} for s, a in zip(starts, arrays, strict=False)
-    ]
+    views = [{"buffer": 0, "byteOffset": int(s), "byteLength": a.nbytes} for s, a in zip(starts, arrays, strict=False)]
     document = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -120,7 +118,15 @@ def test_obj_polygons_become_fans_with_all_their_faces(tmp_path):
 
 @pytest.mark.parametrize(
     "face",
-    ["f 1 2 3 4", "f\t1 2 3 4", "  f 1 2 3 4", "f -4 -3 -2 -1", "f 1// 2// 3// 4//", "f 1 2 3 4\r", "usemtl a\nf 1 2 3 4"],
+    [
+        "f 1 2 3 4",
+        "f\t1 2 3 4",
+        "  f 1 2 3 4",
+        "f -4 -3 -2 -1",
+        "f 1// 2// 3// 4//",
+        "f 1 2 3 4\r",
+        "usemtl a\nf 1 2 3 4",
+    ],
 )
 def test_obj_quads_in_every_spelling(tmp_path, face):
     mesh = read_mesh(stored(tmp_path, "quad.obj", "mtllib nowhere.mtl\n" + SQUARE + face + "\n"))
@@ -225,7 +231,11 @@ def test_faces_beyond_the_vertices_are_refused(tmp_path, corner):
 
 
 def test_a_mesh_without_triangles_is_refused(tmp_path):
-    for name, content in {"a.ply": ascii_ply([(0, 0, 0), (1, 0, 0)], []), "a.obj": SQUARE, "b.obj": SQUARE + "l 1 2\n"}.items():
+    for name, content in {
+        "a.ply": ascii_ply([(0, 0, 0), (1, 0, 0)], []),
+        "a.obj": SQUARE,
+        "b.obj": SQUARE + "l 1 2\n",
+    }.items():
         with pytest.raises(InputError, match="no triangles"):
             read_mesh(stored(tmp_path, name, content))
 

@@ -35,7 +35,7 @@ def test_a_new_output_is_accepted_wherever_it_can_be_made(tmp_path):
 def test_an_existing_output_needs_overwrite(tmp_path, kind):
     path = tmp_path / "out"
     {"file": path.touch, "folder": path.mkdir, "dangling link": lambda: path.symlink_to("nowhere")}[kind]()
-    with pytest.raises(InputError, match="out exists already.*-o.*--overwrite"):
+    with pytest.raises(InputError, match=r"out exists already.*-o.*--overwrite"):
         check_output(path, overwrite=False)
     check_output(path, overwrite=True)
 
@@ -49,13 +49,13 @@ def test_with_a_marker_only_folders_of_that_kind_and_empty_ones_are_replaced(tmp
     for name in ("ours", "empty", "new"):
         check_output(tmp_path / name, True, "scene.json")
     for name in ("theirs", "file"):
-        with pytest.raises(InputError, match="holds no scene.json"):
+        with pytest.raises(InputError, match=r"holds no scene\.json"):
             check_output(tmp_path / name, True, "scene.json")
 
 
 def test_an_output_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot write to .*file"):
+    with pytest.raises(InputError, match=r"cannot write to .*file"):
         check_output(tmp_path / "file" / "out", overwrite=False)
 
 
@@ -148,7 +148,8 @@ def test_a_stage_that_fails_is_timed_too():
 
 
 @pytest.mark.parametrize("show", [False, True])
-def test_progress_never_touches_stdout_and_is_silent_unless_shown(capfd, show):
+def test_progress_never_touches_stdout_and_is_silent_unless_shown(capfd, monkeypatch, show):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich takes the captured stream for a terminal
     stages = Stages(show=show)
     with stages.stage("looking", total=3) as advance:
         for _ in range(3):
@@ -205,7 +206,9 @@ def test_data_warnings_are_one_line_each_and_other_warnings_are_hidden(capsys):
     assert capsys.readouterr() == ("done\n", "warning: dropped 3 splats\n" * 2)
 
 
-@pytest.mark.parametrize(("terminal", "quiet", "wanted"), [(True, False, True), (True, True, False), (False, False, False)])
+@pytest.mark.parametrize(
+    ("terminal", "quiet", "wanted"), [(True, False, True), (True, True, False), (False, False, False)]
+)
 def test_progress_is_for_terminals_that_did_not_ask_for_quiet(monkeypatch, terminal, quiet, wanted):
     monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: terminal))
     assert console.wants_progress(options(quiet=quiet)) is wanted

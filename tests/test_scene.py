@@ -183,7 +183,7 @@ def test_what_is_not_there_is_refused(tmp_path):
 
 def test_an_existing_output_is_refused_and_stays_as_it_was(saved):
     before = {name: (saved / name).read_bytes() for name in listing(saved) if (saved / name).is_file()}
-    with pytest.raises(InputError, match="exists already.*--overwrite"):
+    with pytest.raises(InputError, match=r"exists already.*--overwrite"):
         random_scene(seed=1).save(saved)
     assert {name: (saved / name).read_bytes() for name in before} == before
 

@@ -15,7 +15,7 @@ from .scene import Scene
 from .splats import clean
 from .stages import Stages
 from .surface import EFFORTS, WAYS, dilated, extract, training_pixel
-from .viewpoints import bounds_of, virtual_views
+from .viewpoints import bounds_of, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
 
@@ -59,6 +59,8 @@ def convert(
         raise InputError(f"{path}: no surface is left after cleaning: is this a splat of a solid object?")
     with stages.stage("color"):
         colors, unseen = vertex_colors(points, normals, pictures)
+    with stages.stage("picture"):
+        camera = preview_camera(splats, rotation)
     turn = rotation[:3, :3].astype(np.float32)
     statistics = {
         "splats": len(splats) + sum(counts.values()),
@@ -83,7 +85,7 @@ def convert(
             Mesh(points @ turn.T, normals @ turn.T, faces, colors),
             max_chunk_vertices,
             scene_from_splat=rotation,
-            preview_camera=preview_camera(pictures, rotation),
+            preview_camera=camera,
             source={"file": Path(path).name, "sha256": fingerprint(path)},
             settings=settings,
             statistics=statistics,
@@ -112,21 +114,13 @@ def choose_views(splats, trained, up, effort, seed, stages):
         return virtual_views(splats, effort.views, effort.pixels, up, seed)
 
 
-def preview_camera(pictures, rotation):
-    """Of the views rendered, the one that makes the best picture: it shows much, slightly from above."""
-    turn = rotation[:3, :3]
-
-    def merit(picture):
-        shown = np.isfinite(picture.depth).mean()
-        slope = -(turn @ picture.view.forward)[1]
-        return shown * np.exp(-(((slope - 0.3) / 0.25) ** 2))
-
-    best = max(pictures, key=merit)
-    view = best.view
-    depth = np.nanmedian(best.depth) if np.isfinite(best.depth).any() else 1.0
+def preview_camera(splats, rotation):
+    """The camera of the scene's pictures, as scene.json keeps it: eye, target, up in the scene frame and fov_deg."""
+    turn, view = rotation[:3, :3], picture_view(splats, rotation[1, :3])
+    distance = np.linalg.norm(view.center - bounds_of(splats).mean(axis=0))
     return {
         "eye": (turn @ view.center).tolist(),
-        "target": (turn @ (view.center + view.forward * depth)).tolist(),
+        "target": (turn @ (view.center + view.forward * distance)).tolist(),
         "up": [0.0, 1.0, 0.0],
         "fov_deg": float(np.degrees(2 * np.arctan(view.width / 2 / view.fx))),
     }
