@@ -33,9 +33,7 @@ def parser():
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "scene", metavar="SCENE", help="scene folder of splat2mesh, or a mesh: .ply .obj .glb .stl"
-    )
+    parser.add_argument("scene", metavar="SCENE", help="scene folder of splat2mesh, or a mesh: .ply .obj .glb .stl")
 
     add = parser.add_argument_group("light").add_argument
     names = "studio, overcast, noon, sunset"
@@ -45,9 +43,7 @@ def parser():
         metavar="FILE|NAME",
         help=f".exr or .hdr file, or {names} (default: %(default)s)",
     )
-    rotate = (
-        "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
-    )
+    rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
     add("--exposure", type=float, metavar="EV", help=exposure)
@@ -93,17 +89,13 @@ def angles_from(text):
     except ValueError:
         values = []
     if len(values) not in (1, 3) or not all(map(math.isfinite, values)):
-        raise InputError(
-            f"--rotate {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10"
-        )
+        raise InputError(f"--rotate {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10")
     start, stop, step = values if len(values) == 3 else (values[0], values[0], 1.0)
     if step == 0.0 or (stop - start) / step < 0.0:
         raise InputError(f"--rotate {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
     count = math.floor((stop - start) / step + 1e-6) + 1
     if count > MAX_ANGLES:
-        raise InputError(
-            f"--rotate {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step"
-        )
+        raise InputError(f"--rotate {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 
@@ -129,11 +121,7 @@ def _command(options):
         reports = list(_relight(options, source, zip(angles, folders, strict=True), stages, messages))
     finally:
         stages.close()
-    lines = [
-        str(folder / name)
-        for folder, report in zip(folders, reports, strict=True)
-        for name in report["files"]
-    ]
+    lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.verbose:
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
@@ -141,7 +129,6 @@ def _command(options):
 
 def _output_folders(options, source, angles):
     """The folder of every angle. Raises InputError, before any work, for one that may not be written."""
-    from splat2mesh.errors import InputError
     from splat2mesh.outputs import check_output
 
     if options.output and len(angles) == 1:
@@ -151,10 +138,7 @@ def _output_folders(options, source, angles):
         parent = Path(options.output or default)
         folders = [parent / f"{Path(options.env).stem}_{_plain(angle)}" for angle in angles]
     for folder in folders:
-        check_output(folder, options.overwrite)
-        ours = (folder / "report.json").is_file()
-        if folder.exists() and not ours:
-            raise InputError(f"{folder} was not written by relight, so it stays: give another name with -o")
+        check_output(folder, options.overwrite, marker="report.json")
     return folders
 
 
@@ -172,6 +156,7 @@ def _relight(options, source, outputs, stages, messages):
         scene = Scene.load(source)
         albedo = _albedo(options.albedo, scene)
 
+    from splat2mesh.console import peak_mb
     from splat2mesh.outputs import staged_folder
 
     from . import export
@@ -207,16 +192,14 @@ def _relight(options, source, outputs, stages, messages):
         with stages.stage("write"), staged_folder(folder) as staging:
             if "glb" in options.format:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                report["clipped_vertices"] = export.write_glb(
-                    staging / FILES["glb"], scene, radiance, exposure, extras
-                )
+                report["clipped_vertices"] = export.write_glb(staging / FILES["glb"], scene, radiance, exposure, extras)
             if "ply" in options.format:
                 export.write_ply(staging / FILES["ply"], scene, radiance, exposure)
             if "npy" in options.format:
                 export.write_npy(staging / FILES["npy"], scene, radiance)
             if "png" in options.format:
                 export.write_png(staging / FILES["png"], picture)
-            report.update(warnings=list(messages), seconds=dict(stages.seconds), peak_mb=_peak_mb())
+            report.update(warnings=list(messages), seconds=dict(stages.seconds), peak_mb=peak_mb())
             (staging / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
         yield report
 
@@ -235,16 +218,12 @@ def _albedo(choice, scene):
     try:
         albedo = np.load(choice)
     except FileNotFoundError:
-        raise InputError(
-            f"--albedo {choice}: expected captured, white or a .npy file; no such file"
-        ) from None
+        raise InputError(f"--albedo {choice}: expected captured, white or a .npy file; no such file") from None
     except (OSError, ValueError) as error:
         raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
     count = sum(len(chunk.vertices) for chunk in scene.chunks)
     if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
-        found = (
-            f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
-        )
+        found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
         raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
     if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
         raise InputError(
@@ -277,14 +256,6 @@ def _recorded_warnings():
 
     warnings.showwarning = record
     return messages
-
-
-def _peak_mb():
-    """Largest resident size of this process so far, in MiB."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
 
 
 if __name__ == "__main__":

@@ -48,9 +48,7 @@ class Relighter:
         """
         transfer = self.transfer
         if albedo_linear is not None and np.shape(albedo_linear) != (len(transfer), 3):
-            raise InputError(
-                f"the albedo must have shape ({len(transfer)}, 3), found {np.shape(albedo_linear)}"
-            )
+            raise InputError(f"the albedo must have shape ({len(transfer)}, 3), found {np.shape(albedo_linear)}")
         with self._stages.stage("shade"):
             radiance = np.maximum(transfer @ environment.sh(self.bands).astype(np.float32), np.float32(0.0))
             return radiance if albedo_linear is None else radiance * np.asarray(albedo_linear, np.float32)

@@ -3,10 +3,7 @@
 Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and writes complete files or none.
 """
 
-import os
 import warnings
-from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +11,7 @@ from splat2mesh import __version__
 from splat2mesh.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.meshfile import Mesh, write_mesh_ply
+from splat2mesh.outputs import staged_file
 
 _LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
 
@@ -103,9 +101,7 @@ def check_radiance(scene, radiance):
     radiance = np.asarray(radiance, np.float32)
     count = sum(len(chunk.vertices) for chunk in scene.chunks)
     if radiance.shape != (count, 3):
-        raise InputError(
-            f"radiance must have shape ({count}, 3), one RGB per scene vertex; found {radiance.shape}"
-        )
+        raise InputError(f"radiance must have shape ({count}, 3), one RGB per scene vertex; found {radiance.shape}")
     finite = np.isfinite(radiance).all(axis=1)
     if not finite.all():
         raise InputError(
@@ -115,24 +111,9 @@ def check_radiance(scene, radiance):
     return radiance
 
 
-@contextmanager
-def staged_file(path):
-    """Yield a temporary name beside `path`; it becomes `path` on success and vanishes on failure."""
-    path = Path(path).absolute()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    staging = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
-        yield staging
-        staging.replace(path)
-    finally:
-        staging.unlink(missing_ok=True)
-
-
 def _unlit_material(gltf):
     """White times COLOR_0 and no shading: the light is in the vertices already."""
-    surface = gltf.PbrMetallicRoughness(
-        baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0
-    )
+    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
     return gltf.Material(
         name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
     )

@@ -91,14 +91,10 @@ def _view(camera, width, height):
         eye, target, up = (np.array(camera[name], np.float64).reshape(3) for name in ("eye", "target", "up"))
         fov_deg = float(camera["fov_deg"])
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"a camera needs eye, target, up (3 numbers each) and fov_deg; found {camera}"
-        ) from error
+        raise InputError(f"a camera needs eye, target, up (3 numbers each) and fov_deg; found {camera}") from error
     finite = np.isfinite([eye, target, up]).all()
     if not (finite and np.any(eye != target) and np.any(up) and 0.0 < fov_deg < 180.0):
-        raise InputError(
-            f"a camera needs eye apart from target, an up and fov_deg between 0 and 180; found {camera}"
-        )
+        raise InputError(f"a camera needs eye apart from target, an up and fov_deg between 0 and 180; found {camera}")
     return View.look_at(eye, target, up, fov_deg, width, height)
 
 

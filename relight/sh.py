@@ -78,9 +78,7 @@ def project_latlong(
     longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
     angle = np.abs(order) * longitude[:, None]
     # The integral of cos(m lon) over a texel of width w is its value at the centre times 2 sin(m w / 2) / m.
-    azimuthal = (
-        np.where(order < 0, np.sin(angle), np.cos(angle)) * np.sinc(order / width) * (2 * np.pi / width)
-    )
+    azimuthal = np.where(order < 0, np.sin(angle), np.cos(angle)) * np.sinc(order / width) * (2 * np.pi / width)
     polar = _polar_integrals(height, bands)
 
     coefficients = np.zeros((bands * bands, image.shape[2]))

@@ -42,9 +42,7 @@ def noon():
     directions = texel_directions(HEIGHT, WIDTH)
     sun = _direction(azimuth_deg=-35.0, elevation_deg=60.0)
     blue = _mix((0.80, 0.90, 1.05), (0.28, 0.50, 1.10), np.sqrt(np.maximum(directions[..., 1:2], 0.0)))
-    blue = _mix(
-        blue, (1.05, 1.0, 0.95), np.exp(8.0 * (directions @ sun - 1.0))[..., None]
-    )  # whiter about the sun
+    blue = _mix(blue, (1.05, 1.0, 0.95), np.exp(8.0 * (directions @ sun - 1.0))[..., None])  # whiter about the sun
     sky = _clear_sky(directions, sun)[..., None] * blue
     sky = _with_sun(sky, directions, sun, (1.05, 1.0, 0.92), level_share=5.0)
     return _normalised(_over_ground(sky, directions))
@@ -69,9 +67,7 @@ BUILTIN = {"studio": studio, "overcast": overcast, "noon": noon, "sunset": sunse
 def _direction(azimuth_deg, elevation_deg):
     """Unit vector (3,): azimuth from +z towards +x, elevation towards +y."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    return np.array(
-        [np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)]
-    )
+    return np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
 
 
 def _mix(a, b, share):

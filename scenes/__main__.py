@@ -39,18 +39,10 @@ def _parser():
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write")
     parser.add_argument("--kind", choices=KINDS, default="tabletop", help="what to build (default: tabletop)")
-    parser.add_argument(
-        "--splats", type=int, default=100_000, metavar="N", help="number of splats (default: 100000)"
-    )
-    parser.add_argument(
-        "--vertices", type=int, default=45_000, metavar="N", help="about how many (default: 45000)"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="another seed, another scene (default: 0)"
-    )
-    parser.add_argument(
-        "--env", default="noon", metavar="NAME", help="built-in sky or image file (default: noon)"
-    )
+    parser.add_argument("--splats", type=int, default=100_000, metavar="N", help="number of splats (default: 100000)")
+    parser.add_argument("--vertices", type=int, default=45_000, metavar="N", help="about how many (default: 45000)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="another seed, another scene (default: 0)")
+    parser.add_argument("--env", default="noon", metavar="NAME", help="built-in sky or image file (default: noon)")
     parser.add_argument("--views", type=int, default=64, metavar="N", help="number of cameras (default: 64)")
     parser.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     parser.add_argument("--json", action="store_true", help="print truth.json instead of a summary")
@@ -92,9 +84,7 @@ def _generate(options):
         _write_truth_ply(folder / "truth.ply", truth, factor * radiance, seen_vertices)
         write_colmap(folder / "sparse" / "0", views)
         (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
-    return [
-        f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"
-    ], facts
+    return [f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"], facts
 
 
 def _write_truth_ply(path, truth, radiance, seen):

@@ -71,9 +71,7 @@ def seen_faces(truth, views):
         points = 0.8 * corners[:, corner] + 0.2 * corners.mean(axis=1) + 1e-3 * size * outward
         for view in views:
             pixels, depth = view.project(points * FLIP)
-            inside = (
-                (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0)
-            )
+            inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0)
             to_eye = view.center * FLIP - points
             rows = np.flatnonzero(inside & (np.einsum("ij,ij->i", to_eye, outward) > 0) & ~seen)
             rays = o3d.core.Tensor(np.hstack([points[rows], to_eye[rows]]).astype(np.float32))

@@ -108,9 +108,7 @@ def _tabletop(rng, edge):
     places = rng.permutation(len(around)) + rng.uniform(-0.1, 0.1, len(around)) + rng.uniform()
     for (solid, height, paint), place in zip(around, places * 2 * np.pi / len(around), strict=True):
         height = -solid[0][:, 1].min() if height is None else height
-        points, faces = _placed(
-            solid, (0.95 * np.cos(place), height - SINK, 0.95 * np.sin(place)), rng.uniform(0, 360)
-        )
+        points, faces = _placed(solid, (0.95 * np.cos(place), height - SINK, 0.95 * np.sin(place)), rng.uniform(0, 360))
         solids.append((points, faces, paint(points)))
     return solids
 
@@ -133,9 +131,7 @@ def _room(rng, edge):
         ((-2.35, 2.61, -1.25), (-1.2, 2.75, 1.25)),
     ]
     table = [((-0.6, 0.7, -0.4), (0.6, 0.76, 0.4))]
-    table += [
-        ((x - 0.04, -SINK, z - 0.04), (x + 0.04, 0.71, z + 0.04)) for x in (-0.5, 0.5) for z in (-0.3, 0.3)
-    ]
+    table += [((x - 0.04, -SINK, z - 0.04), (x + 0.04, 0.71, z + 0.04)) for x in (-0.5, 0.5) for z in (-0.3, 0.3)]
     sofa = [((-2.1, -SINK, -1.0), (-1.32, 0.42, 0.9)), ((-2.15, -SINK, -1.0), (-1.85, 0.85, 0.9))]
     sofa += [((-2.1, -SINK, z - 0.11), (-1.3, 0.6, z + 0.11)) for z in (-1.0, 0.9)]
     shelf = [((0.6, y, -1.85), (1.9, y + 0.06, -1.46)) for y in (-SINK, 0.6, 1.2, 1.75)]
@@ -148,9 +144,7 @@ def _room(rng, edge):
             points, faces = _slab(low + np.asarray(move), high + np.asarray(move), edge)
             solids.append((points, faces, albedo.mottled(points, color, rng, 0.5)))
     colors = albedo.random_colors(rng, 4)
-    vase, vase_faces = _placed(
-        shapes.turned(np.array(VASE) * 0.8, edge), offset + np.array([0.2, 0.76 - SINK, 0.1])
-    )
+    vase, vase_faces = _placed(shapes.turned(np.array(VASE) * 0.8, edge), offset + np.array([0.2, 0.76 - SINK, 0.1]))
     solids.append((vase, vase_faces, albedo.stripes(vase, colors[:2], (0.2, 1, 0), 0.12)))
     ball, ball_faces = _placed(shapes.blob(0.3, 0.25, rng, edge), (-0.8, 0.3 - 2 * SINK, 1.2))
     solids.append((ball, ball_faces, albedo.checker(ball, colors[2:], 0.17)))

@@ -68,9 +68,7 @@ def _lights(environment):
     weight = luminance(power)
     reached = np.cumsum(weight)
     if reached[-1] == 0.0:
-        raise InputError(
-            f"{environment.name}: black, so nothing can be seen by it; expected an environment with light"
-        )
+        raise InputError(f"{environment.name}: black, so nothing can be seen by it; expected an environment with light")
     row_end = reached[width - 1 :: width]
     first, second = ((np.arange(DIRECTIONS) / PLASTIC**axis + 0.5) % 1.0 for axis in (1, 2))
     row = np.searchsorted(row_end, first * reached[-1])

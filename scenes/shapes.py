@@ -95,9 +95,7 @@ def _box_surface(*axes):
             quads.append(_grid_quads(np.ravel_multi_index(corner, shape))[:, order])
     used, faces = np.unique(_triangles(np.concatenate(quads)), return_inverse=True)
     place = np.unravel_index(used, shape)
-    return np.stack([axis[index] for axis, index in zip(axes, place, strict=True)], axis=1), faces.reshape(
-        -1, 3
-    )
+    return np.stack([axis[index] for axis, index in zip(axes, place, strict=True)], axis=1), faces.reshape(-1, 3)
 
 
 def _revolved(profile, edge, closed):

@@ -1,6 +1,11 @@
 """Trained Gaussian splat in, clean chunked triangle mesh out."""
 
+import os
+
 __version__ = "0.1.0"
+
+# Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
 _HOMES = {"convert": "pipeline", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
 __all__ = [*_HOMES, "__version__"]

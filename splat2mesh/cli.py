@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .console import run, wants_progress
+from .console import peak_mb, run, wants_progress
 
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
@@ -113,7 +113,7 @@ def _command(options):
         "chunks": len(scene.chunks),
         **counts,
         "seconds": stages.seconds,
-        "peak_mb": _peak_mb(),
+        "peak_mb": peak_mb(),
     }
     return lines, result
 
@@ -129,14 +129,6 @@ def _default_output(source):
     if source.name == "meta.json":
         return source.resolve().parent.name
     return source.resolve().name.split(".")[0] or "scene"
-
-
-def _peak_mb():
-    """Largest resident size of this process so far, in MiB."""
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
 
 
 if __name__ == "__main__":

@@ -40,6 +40,14 @@ def wants_progress(options):
     return sys.stderr.isatty() and not options.quiet
 
 
+def peak_mb():
+    """Largest resident size of this process so far, in MiB."""
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
+
+
 def _fail(error, code, options):
     if options.verbose:
         traceback.print_exc()

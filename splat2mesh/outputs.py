@@ -51,3 +51,16 @@ def staged_folder(path):
         if os.path.lexists(replaced) and not os.path.lexists(path):
             replaced.rename(path)
         shutil.rmtree(workspace, ignore_errors=True)
+
+
+@contextmanager
+def staged_file(path):
+    """Yield a temporary name beside `path`; it becomes `path` on success and vanishes on failure."""
+    path = Path(path).absolute()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    staging = path.with_name(f".{os.getpid()}.{path.name}")
+    try:
+        yield staging
+        staging.replace(path)
+    finally:
+        staging.unlink(missing_ok=True)

@@ -15,9 +15,7 @@ from .footprints import NEAR, TILE, camera_of, footprint_batches
 
 MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
-MIN_DEPTH_ALPHA = (
-    0.5 / 255
-)  # below this a pixel has no expected depth; anything drawn leaves at least 1 / 255
+MIN_DEPTH_ALPHA = 0.5 / 255  # below this a pixel has no expected depth; anything drawn leaves at least 1 / 255
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 CLOSING_INTERVAL = 8  # splats blended between two looks whether a tile is finished

@@ -50,22 +50,13 @@ class Splats:
         expected = {"means": (n, 3), "scales": (n, 3), "quats_wxyz": (n, 4), "opacities": (n,)}
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
-                raise InputError(
-                    f"splats need {name} of shape {_text(shape)}, found {getattr(self, name).shape}"
-                )
-        if (
-            self.sh.ndim != 3
-            or self.sh.shape[::2] != (n, 3)
-            or self.sh.shape[1] not in DEGREE_OF_COEFFICIENTS
-        ):
-            raise InputError(
-                f"splats need sh of shape ({n}, K, 3) with K = 1, 4, 9 or 16, found {self.sh.shape}"
-            )
+                raise InputError(f"splats need {name} of shape {_text(shape)}, found {getattr(self, name).shape}")
+        if self.sh.ndim != 3 or self.sh.shape[::2] != (n, 3) or self.sh.shape[1] not in DEGREE_OF_COEFFICIENTS:
+            raise InputError(f"splats need sh of shape ({n}, K, 3) with K = 1, 4, 9 or 16, found {self.sh.shape}")
         outside = (self.opacities < 0) | (self.opacities > 1)
         if outside.any():
             raise InputError(
-                f"splats need opacities in [0, 1], found {self.opacities[outside][0]:g}: "
-                "apply the sigmoid to logits"
+                f"splats need opacities in [0, 1], found {self.opacities[outside][0]:g}: apply the sigmoid to logits"
             )
         object.__setattr__(self, "quats_wxyz", _unit(self.quats_wxyz))
 
@@ -125,9 +116,7 @@ def sh_basis_3dgs(directions, degree):
     index l (l + 1) + m. Source: Sloan, "Stupid Spherical Harmonics Tricks", appendix A2, with odd m negated.
     """
     x, y, z = directions.T
-    root = [
-        float(np.sqrt(k / np.pi)) for k in (3 / 4, 15 / 4, 5 / 16, 15 / 16, 35 / 32, 105 / 4, 21 / 32, 7 / 16)
-    ]
+    root = [float(np.sqrt(k / np.pi)) for k in (3 / 4, 15 / 4, 5 / 16, 15 / 16, 35 / 32, 105 / 4, 21 / 32, 7 / 16)]
     c1, c2, c20, c22, c33, c32, c31, c30 = root
     basis = [np.full_like(x, SH_C0)]
     if degree > 0:
@@ -187,9 +176,7 @@ def _thickened(splats):
     if not flat.any():
         return splats
     scales = np.maximum(splats.scales, np.where(flat, FLATTEST * splats.scales.max(axis=1), 0)[:, None])
-    warnings.warn(
-        f"thickened {np.count_nonzero(flat)} splats with a scale of zero", DataWarning, stacklevel=3
-    )
+    warnings.warn(f"thickened {np.count_nonzero(flat)} splats with a scale of zero", DataWarning, stacklevel=3)
     return replace(splats, scales=scales)
 
 

@@ -28,6 +28,9 @@ COVER_GRID = 48
 ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
+INSIDE_SHARPER = 3.0
+"""How much sharper the inside must look than the outside for a scene to be shown from inside."""
+
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
 
@@ -121,12 +124,14 @@ def picture_view(splats, up):
         edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
         return fuzz, edges
 
-    judged = [(view, *judge(view)) for view in outside + inside]
-    sharpest = {place: min((fuzz for _, fuzz, _ in part), default=np.inf) for place, part in
-                (("outside", judged[:12]), ("inside", judged[12:]))}
-    # Inside a closed object everything is fuzzy, and so are the outer faces of a room.
-    pool = judged[12:] if sharpest["inside"] * SHARP_ENOUGH * 2 < sharpest["outside"] else judged[:12]
-    return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / (2 * min(sharpest.values()) + 1e-12)) ** 2))[0]
+    outside = [(view, *judge(view)) for view in outside]
+    inside = [(view, *judge(view)) for view in inside]
+    sharpest = min(fuzz for _, fuzz, _ in outside)
+    # What is seen from inside a room is much sharper than what is seen of it from outside.
+    from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
+    pool = inside if from_inside else outside
+    sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
+    return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
 
 
 def fibonacci_sphere(count):
@@ -177,11 +182,12 @@ def _thinned(splats, rng):
 
 
 def _what_is_seen(surface, view, bounds):
-    """How well each cell of the box is seen, (cells,) float32, and the median fuzziness in units of the box's radius."""
+    """How well each cell of the box is seen, (cells,) float32, and the median fuzziness, in the box's radius."""
+    radius = np.linalg.norm(np.ptp(bounds, axis=0)) / 2
     seen = np.isfinite(surface.depth)
     rays, depth = view.ray_directions()[seen], surface.depth[seen]
     # The spread runs along z, the surface's thickness along its normal.
-    fuzz = surface.spread[seen] * -(rays * surface.normal[seen]).sum(axis=1) / (np.linalg.norm(np.ptp(bounds, axis=0)) / 2)
+    fuzz = surface.spread[seen] * -(rays * surface.normal[seen]).sum(axis=1) / radius
     cell = np.ptp(bounds, axis=0).max() / COVER_GRID
     shape = np.ceil(np.ptp(bounds, axis=0) / cell).astype(int) + 1
     sight = np.zeros(int(shape.prod()), np.float32)

@@ -32,22 +32,16 @@ def compressed_bytes(splats, order="<", color_bounds=True):
     def within(names, values, bits):
         columns = []
         for i, (name, width) in enumerate(zip(names, bits, strict=True)):
-            low, high = (
-                chunk.get(f"{end}_{name}", np.full(99, v, float)) for end, v in (("min", 0), ("max", 1))
-            )
+            low, high = (chunk.get(f"{end}_{name}", np.full(99, v, float)) for end, v in (("min", 0), ("max", 1)))
             columns.append(quantized(values[:, i], low[index], high[index], width))
         return columns
 
     largest, small = smallest_three(splats.quats_wxyz)
     packed = {
         "packed_position": bit_fields(within("xyz", splats.means, (11, 10, 11)), (11, 10, 11)),
-        "packed_rotation": bit_fields(
-            [largest, *quantized(small, -(0.5**0.5), 0.5**0.5, 10).T], (2, 10, 10, 10)
-        ),
+        "packed_rotation": bit_fields([largest, *quantized(small, -(0.5**0.5), 0.5**0.5, 10).T], (2, 10, 10, 10)),
         "packed_scale": bit_fields(within(bounded[1][0], bounded[1][1], (11, 10, 11)), (11, 10, 11)),
-        "packed_color": bit_fields(
-            [*within("rgb", color, (8, 8, 8)), quantized(splats.opacities, 0, 1, 8)], (8,) * 4
-        ),
+        "packed_color": bit_fields([*within("rgb", color, (8, 8, 8)), quantized(splats.opacities, 0, 1, 8)], (8,) * 4),
     }
     parts = [("chunk", chunk, "float"), ("vertex", packed, "uint")]
     if splats.degree:

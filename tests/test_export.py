@@ -71,9 +71,7 @@ def read_glb(path):
     for node in document["scenes"][document["scene"]]["nodes"]:
         (primitive,) = document["meshes"][document["nodes"][node]["mesh"]]["primitives"]
         arrays = {name: read(index) for name, index in primitive["attributes"].items()}
-        primitives.append(
-            {**arrays, "indices": read(primitive["indices"]), "accessors": primitive["attributes"]}
-        )
+        primitives.append({**arrays, "indices": read(primitive["indices"]), "accessors": primitive["attributes"]})
     return document, primitives
 
 
@@ -87,9 +85,7 @@ def validator_issues(path):
     if modules is None:
         pytest.skip("the npm module gltf-validator is not installed (scripts/setup installs it)")
     script = Path(__file__).with_name("gltf_validator.mjs")
-    done = subprocess.run(
-        ["node", script, modules, path], capture_output=True, text=True, check=True, timeout=60
-    )
+    done = subprocess.run(["node", script, modules, path], capture_output=True, text=True, check=True, timeout=60)
     return json.loads(done.stdout)
 
 

@@ -16,9 +16,7 @@ def _noise(height, width):
 def _smooth(directions):
     """Radiance that names its direction: no two directions and no mirror image share it."""
     x, y, z = np.moveaxis(directions, -1, 0)
-    return np.stack([2 + x + 0.3 * y * z, 2 + y + 0.3 * x * z, 2 + z + 0.3 * x * y], axis=-1).astype(
-        np.float32
-    )
+    return np.stack([2 + x + 0.3 * y * z, 2 + y + 0.3 * x * z, 2 + z + 0.3 * x * y], axis=-1).astype(np.float32)
 
 
 def _angular_directions(size):
@@ -55,9 +53,7 @@ def _cross(face):
     return image
 
 
-@pytest.mark.parametrize(
-    ("layout", "image"), [("angular map", _angular_map(256)), ("vertical cross", _cross(64))]
-)
+@pytest.mark.parametrize(("layout", "image"), [("angular map", _angular_map(256)), ("vertical cross", _cross(64))])
 def test_light_probes_arrive_from_their_directions(layout, image, tmp_path):
     assert layouts.recognise(image) == layout
     path = tmp_path / "probe.exr"

@@ -25,14 +25,8 @@ def make_scene(vertices, faces):
 
 def quads(*rectangles):
     """A scene of rectangles (x0, y0, x1, y1) in the plane z = 0, four vertices each."""
-    vertices = [
-        [x, y, 0] for x0, y0, x1, y1 in rectangles for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
-    ]
-    faces = [
-        [4 * k + a, 4 * k + b, 4 * k + c]
-        for k in range(len(rectangles))
-        for a, b, c in ((0, 1, 2), (0, 2, 3))
-    ]
+    vertices = [[x, y, 0] for x0, y0, x1, y1 in rectangles for x, y in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))]
+    faces = [[4 * k + a, 4 * k + b, 4 * k + c] for k in range(len(rectangles)) for a, b, c in ((0, 1, 2), (0, 2, 3))]
     return make_scene(vertices, faces)
 
 
@@ -44,9 +38,7 @@ def pixel_of(x, y, width, height):
 
 def srgb_bytes(linear):
     linear = np.asarray(linear, np.float64)
-    encoded = np.where(
-        linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055
-    )
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
     return np.round(255 * encoded)
 
 
@@ -69,9 +61,7 @@ def khronos_pbr_neutral(color, f90):
 def test_highlights_follow_the_specification_in_the_limit_of_no_fresnel_reflection():
     colors = np.random.default_rng(1).exponential(2.0, (500, 3))
     expected = [khronos_pbr_neutral(color, 1e-9) for color in colors]
-    np.testing.assert_allclose(
-        compress_highlights(colors), expected, rtol=0, atol=2e-7
-    )  # one float32 rounding of 1
+    np.testing.assert_allclose(compress_highlights(colors), expected, rtol=0, atol=2e-7)  # one float32 rounding of 1
 
 
 def test_below_the_shoulder_nothing_changes():
@@ -92,15 +82,11 @@ def test_brighter_light_is_never_shown_darker_and_stays_within_the_display():
 
 def test_the_shoulder_starts_without_a_kink_and_keeps_the_hue():
     step = 1e-3
-    below, at, above = compress_highlights((SHOULDER_START + step * np.array([[-1], [0], [1]])) * np.ones(3))[
-        :, 0
-    ]
+    below, at, above = compress_highlights((SHOULDER_START + step * np.array([[-1], [0], [1]])) * np.ones(3))[:, 0]
     # The hyperbola's second derivative is at most 2 / (1 - 0.8) = 10, so the slopes differ by 10 steps.
     assert abs((above - at) - (at - below)) < 11 * step**2
     shown = compress_highlights([3.0, 1.5, 0.75])
-    assert (shown[1] - shown[2]) / (shown[0] - shown[2]) == pytest.approx(
-        (1.5 - 0.75) / (3.0 - 0.75), abs=1e-6
-    )
+    assert (shown[1] - shown[2]) / (shown[0] - shown[2]) == pytest.approx((1.5 - 0.75) / (3.0 - 0.75), abs=1e-6)
 
 
 def test_negative_light_is_black():
@@ -148,11 +134,7 @@ def test_radiance_is_interpolated_linearly_over_a_face():
     image = render_preview(scene, affine, BLACK, FRONT, 64, 48, samples=5)
     unit = 10 * np.tan(np.radians(30)) / 64
     column, row = np.meshgrid((np.arange(64) + 0.5 - 32) * unit, (24 - np.arange(48) - 0.5) * unit)
-    field = (
-        np.array([0.4, 0.35, 0.4])
-        + column[..., None] * [0.06, 0, -0.08]
-        + row[..., None] * [0.01, -0.1, 0.02]
-    )
+    field = np.array([0.4, 0.35, 0.4]) + column[..., None] * [0.06, 0, -0.08] + row[..., None] * [0.01, -0.1, 0.02]
     # Float32 barycentric coordinates may tip a value that lies on the edge between two levels.
     assert np.abs(image - srgb_bytes(field)).max() <= 1
     assert np.mean(image == srgb_bytes(field)) > 0.99
@@ -276,9 +258,7 @@ def test_default_camera_just_holds_the_scene(size, stretch):
     pixels, depth = view.project(scene.vertices)
     assert depth.min() > 0
     offset = np.abs(pixels / [width, height] * 2 - 1).max(axis=0)
-    assert offset.max() == pytest.approx(
-        1 / 1.15, rel=1e-6
-    )  # the margin, on the axis that decides; float32 vertices
+    assert offset.max() == pytest.approx(1 / 1.15, rel=1e-6)  # the margin, on the axis that decides; float32 vertices
     toward_eye = np.subtract(camera["eye"], camera["target"])
     assert toward_eye[2] > 0 and toward_eye[1] > 0
     above, _ = view.project(np.array([np.add(camera["target"], [0, 0.01, 0]), camera["target"]]))

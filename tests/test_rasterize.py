@@ -35,10 +35,7 @@ def plain(means, scale, opacity=1.0, color=0.5):
 
 def joined(*parts):
     return Splats(
-        *(
-            np.concatenate([getattr(p, name) for p in parts])
-            for name in "means scales quats_wxyz opacities sh".split()
-        )
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in "means scales quats_wxyz opacities sh".split())
     )
 
 
@@ -55,9 +52,7 @@ def front_view(width=48, height=40, focal=50.0):
 
 
 def fields(rendering):
-    return [
-        getattr(rendering, name).tobytes() for name in ("color", "alpha", "depth_expected", "depth_median")
-    ]
+    return [getattr(rendering, name).tobytes() for name in ("color", "alpha", "depth_expected", "depth_median")]
 
 
 def assert_agrees(fast, slow, stray=0.005):
@@ -109,9 +104,7 @@ def test_isotropic_splat_is_a_gaussian_disc():
     assert not near_cutoff.any()
     np.testing.assert_allclose(seen.alpha, alpha, atol=TOLERANCE)
     np.testing.assert_allclose(seen.color, alpha[..., None] * color, atol=TOLERANCE)
-    np.testing.assert_allclose(
-        seen.depth_expected[alpha > 0], z, rtol=1e-4
-    )  # a quotient of two small numbers
+    np.testing.assert_allclose(seen.depth_expected[alpha > 0], z, rtol=1e-4)  # a quotient of two small numbers
     np.testing.assert_array_equal(np.isnan(seen.depth_expected), alpha == 0)
     np.testing.assert_array_equal(seen.depth_median, np.where(alpha >= 0.5, np.float32(z), np.nan))
 
@@ -144,9 +137,7 @@ def test_opaque_wall_hides_what_is_behind():
     view, front = front_view(), wall(2.0, color=[0.2, 0.4, 0.6])
     alone = rasterize(front, view)
     crowd = scattered(2000, seed=4)
-    behind = Splats(
-        crowd.means + np.array([0, 0, 6]), crowd.scales, crowd.quats_wxyz, np.ones(2000), crowd.sh
-    )
+    behind = Splats(crowd.means + np.array([0, 0, 6]), crowd.scales, crowd.quats_wxyz, np.ones(2000), crowd.sh)
     both = rasterize(joined(behind, front), view)
     assert rasterize(behind, view).alpha.max() > 0.99
     # A pixel is finished below a transmittance of 1e-4; the brightest colour behind is below 3.
@@ -185,9 +176,7 @@ def test_depth_of_a_tilted_plane():
 
 def test_near_plane():
     splats = plain([[0, 0, 1.0], [0, 0, 2.0]], 0.1)
-    assert fields(rasterize(splats, front_view(), near=1.5)) == fields(
-        rasterize(splats.take([1]), front_view())
-    )
+    assert fields(rasterize(splats, front_view(), near=1.5)) == fields(rasterize(splats.take([1]), front_view()))
     for near in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match="near > 0"):
             rasterize(splats, front_view(), near=near)
@@ -208,9 +197,7 @@ def test_near_plane():
         plain([[0, 0, 2.0]], np.inf),
         Splats([[0, 0, 2]], [[1, 1, 1]], [[np.nan, 0, 0, 1]], [1], [[[1, 1, 1]]]),
     ],
-    ids=(
-        "behind at-camera transparent faint beside-far corner-far infinite nan nan-scale inf-scale nan-quat"
-    ).split(),
+    ids=("behind at-camera transparent faint beside-far corner-far infinite nan nan-scale inf-scale nan-quat").split(),
 )
 def test_what_cannot_be_seen_changes_nothing(splats):
     scene = plain([[0, 0, 3.0], [0.3, 0, 4.0]], 0.2, 0.7)

@@ -243,9 +243,9 @@ def test_splats_have_the_statistics_of_trained_ones(blob, blob_radiance):
     normals = (cross / np.linalg.norm(cross, axis=1, keepdims=True))[closest["primitive_ids"].numpy()]
     offset = np.einsum("ij,ij->i", splats.means - closest["points"].numpy(), normals) / spacing
     scales = np.sort(splats.scales, axis=1)[:, ::-1]
-    shortest = np.take_along_axis(
-        splats.rotation_matrices(), splats.scales.argmin(axis=1)[:, None, None], axis=2
-    )[..., 0]
+    shortest = np.take_along_axis(splats.rotation_matrices(), splats.scales.argmin(axis=1)[:, None, None], axis=2)[
+        ..., 0
+    ]
     tilt_deg = np.degrees(np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", shortest, normals)), 0, 1)))
     # Ranges around two trainings with vanilla 3DGS, in spacings: see the constants of scenes.splat.
     assert 1.2 < np.median(scales[:, 0]) / spacing < 1.8
@@ -267,8 +267,7 @@ def test_splats_render_like_the_mesh(blob, blob_radiance):
         directions = view.ray_directions()
         rays = np.concatenate([np.broadcast_to(view.center, directions.shape), directions], axis=-1)
         hit = {
-            name: value.numpy()
-            for name, value in tracer.cast_rays(o3d.core.Tensor(rays.astype(np.float32))).items()
+            name: value.numpy() for name, value in tracer.cast_rays(o3d.core.Tensor(rays.astype(np.float32))).items()
         }
         inside = binary_erosion(np.isfinite(hit["t_hit"]), iterations=2)
         face, uv = blob.faces[hit["primitive_ids"][inside]], hit["primitive_uvs"][inside]

@@ -93,9 +93,7 @@ def test_sog_is_right_to_its_quantisation(tmp_path, version, degree):
     np.testing.assert_allclose(found.means, splats.means, atol=0.51 * 4 / 65535 * 6)
     np.testing.assert_allclose(np.log(found.scales), np.log(splats.scales), atol=0.51 * 8 / 255)
     np.testing.assert_allclose(found.sh, splats.sh, atol=0.51 * 8 / 255)
-    np.testing.assert_allclose(
-        found.opacities, splats.opacities, atol=0.51 * 4.4 / 255 / (4 if version == 1 else 4.4)
-    )
+    np.testing.assert_allclose(found.opacities, splats.opacities, atol=0.51 * 4.4 / 255 / (4 if version == 1 else 4.4))
     np.testing.assert_allclose(found.rotation_matrices(), splats.rotation_matrices(), atol=0.02)
     assert found.degree == degree
 

@@ -46,9 +46,7 @@ def test_quaternions_come_out_unit_and_unit_ones_keep_every_bit():
 def test_basis_is_scipys_with_the_signs_of_3dgs(degree):
     directions = unit_vectors(300)
     # Polynomials of at most third degree in float64: the rounding is that of the oracle's angles.
-    np.testing.assert_allclose(
-        sh_basis_3dgs(directions, degree), basis_oracle(directions, degree), atol=1e-13
-    )
+    np.testing.assert_allclose(sh_basis_3dgs(directions, degree), basis_oracle(directions, degree), atol=1e-13)
 
 
 @pytest.mark.parametrize("degree", range(4))

@@ -30,9 +30,7 @@ def scipy_basis(directions, bands):
 def directions_about(normal, count):
     """Cosine-weighted directions, count^2 of them: a product rule in sin^2 and azimuth."""
     square, turn = np.meshgrid((np.arange(count) + 0.5) / count, 2 * np.pi * (np.arange(count) + 0.5) / count)
-    local = np.stack(
-        [np.sqrt(square) * np.cos(turn), np.sqrt(square) * np.sin(turn), np.sqrt(1 - square)], axis=-1
-    )
+    local = np.stack([np.sqrt(square) * np.cos(turn), np.sqrt(square) * np.sin(turn), np.sqrt(1 - square)], axis=-1)
     tangent = np.linalg.svd(normal[None])[2][1:]
     return local.reshape(-1, 3) @ np.stack([*tangent, normal])
 

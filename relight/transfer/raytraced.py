@@ -45,9 +45,7 @@ class Occluder:
         low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
         diagonal = np.linalg.norm(high - low)
         if not 0.0 < diagonal < np.inf:
-            raise InputError(
-                f"the scene spans {diagonal} units; expected vertices that differ and fit in float32"
-            )
+            raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
         centered = ((vertices - (low + high) / 2.0) / diagonal).astype(np.float32)
         rounding = np.spacing(np.float32(max(np.abs([low, high]).max() / diagonal, 1.0)))
         self.normals = unit_normals(normals)
@@ -97,13 +95,9 @@ def raytraced(
 
 def _check(vertices, normals, faces):
     if vertices.ndim != 2 or vertices.shape[1] != 3 or normals.shape != vertices.shape:
-        raise InputError(
-            f"expected vertices and normals of shape (V, 3), found {vertices.shape} and {normals.shape}"
-        )
+        raise InputError(f"expected vertices and normals of shape (V, 3), found {vertices.shape} and {normals.shape}")
     if faces.ndim != 2 or faces.shape[1:] != (3,) or len(faces) == 0:
-        raise InputError(
-            f"expected faces of shape (F, 3) with F > 0, found {faces.shape}: light needs a surface"
-        )
+        raise InputError(f"expected faces of shape (F, 3) with F > 0, found {faces.shape}: light needs a surface")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f"faces name vertices {faces.min()} to {faces.max()}, the mesh has {len(vertices)}")
     bad = int((~np.isfinite(vertices)).any(axis=1).sum())
@@ -127,9 +121,7 @@ def _origins(vertices, normals, faces, min_offset):
     group[order] = np.cumsum(new_position) - 1
     common = np.add.reduceat(np.where(distinct[:, None], normal, 0.0), np.flatnonzero(new_position), axis=0)
     common /= np.maximum(np.linalg.norm(common, axis=1, keepdims=True), 1e-12)
-    step = np.where(
-        (common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals
-    )
+    step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
 
     shortest = np.full(len(common), np.inf)
     for corner in range(3):

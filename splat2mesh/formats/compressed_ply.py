@@ -32,8 +32,7 @@ def read(ply):
     chunks = -(-vertex.count // CHUNK_SPLATS)
     if chunk.count != chunks:
         raise InputError(
-            f"{ply.path} is damaged: {vertex.count} splats take {chunks} chunks of {CHUNK_SPLATS}, "
-            f"found {chunk.count}"
+            f"{ply.path} is damaged: {vertex.count} splats take {chunks} chunks of {CHUNK_SPLATS}, found {chunk.count}"
         )
     bounds, rows = ply.rows("chunk"), ply.rows("vertex")
     color = _fractions(rows["packed_color"], (8, 8, 8, 8))
@@ -80,9 +79,7 @@ def _with_rest(ply, dc):
         return dc[:, None]
     element = ply.elements["sh"]
     if element.count != len(dc) or set(element.properties.values()) - {"u1"}:
-        raise InputError(
-            f"{ply.path}: expected {len(dc)} rows of bytes in the sh element, found {element.count} rows"
-        )
+        raise InputError(f"{ply.path}: expected {len(dc)} rows of bytes in the sh element, found {element.count} rows")
     sh = np.zeros((len(dc), coefficients(ply.path, element.properties), 3), np.float32)
     gather(ply.rows("sh"), rest_columns(sh))
     # 256 cells over [-4, 4], each read at its centre; the two outermost mean the ends themselves.

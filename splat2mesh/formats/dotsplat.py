@@ -19,9 +19,7 @@ def read(path):
     """Splats of a `.splat` file. Raises InputError when it cannot be one; warns about half a record."""
     count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
     if count == 0:
-        raise InputError(
-            f"{path} is cut short: a .splat record takes {_RECORD.itemsize} bytes, found {extra}"
-        )
+        raise InputError(f"{path} is cut short: a .splat record takes {_RECORD.itemsize} bytes, found {extra}")
     if extra:
         warnings.warn(f"{path}: ignored {extra} bytes after the last whole record", DataWarning, stacklevel=2)
     records = np.memmap(path, _RECORD, "r", shape=(count,))

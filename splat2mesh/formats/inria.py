@@ -5,12 +5,11 @@ length). f_rest is channel-major: all of red, then green, then blue. A 2DGS file
 Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), code release.
 """
 
-import os
-from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..outputs import staged_file
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import logit, sigmoid
 
@@ -52,21 +51,15 @@ def write_inria_ply(path, splats):
 
     Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
     """
-    path = Path(path)
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += [f"f_rest_{i}" for i in range(3 * (splats.sh.shape[1] - 1))]
     names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
     header += [f"property float {name}" for name in names] + ["end_header\n"]
-    staging = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with open(staging, "wb") as file:
-            file.write("\n".join(header).encode())
-            for start in range(0, len(splats), _BLOCK):
-                file.write(_packed(splats.take(slice(start, start + _BLOCK))).tobytes())
-        os.replace(staging, path)
-    finally:
-        staging.unlink(missing_ok=True)
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        file.write("\n".join(header).encode())
+        for start in range(0, len(splats), _BLOCK):
+            file.write(_packed(splats.take(slice(start, start + _BLOCK))).tobytes())
 
 
 def coefficients(path, names):
@@ -74,9 +67,7 @@ def coefficients(path, names):
     rest = {name for name in names if name.startswith("f_rest_")}
     k = 1 + len(rest) // 3
     if k not in DEGREE_OF_COEFFICIENTS or rest != {f"f_rest_{i}" for i in range(3 * (k - 1))}:
-        raise InputError(
-            f"{path}: expected 0, 9, 24 or 45 properties f_rest_0.. (SH degree 0 to 3), found {len(rest)}"
-        )
+        raise InputError(f"{path}: expected 0, 9, 24 or 45 properties f_rest_0.. (SH degree 0 to 3), found {len(rest)}")
     return k
 
 
@@ -109,9 +100,7 @@ def _packed(splats):
 def _explain(ply, names, missing):
     faces = sum(ply.elements[name].count for name in ("face", "tristrips") if name in ply.elements)
     if faces:
-        return (
-            f"{ply.path} is a mesh ({faces} faces), not a Gaussian splat: relight takes mesh files directly"
-        )
+        return f"{ply.path} is a mesh ({faces} faces), not a Gaussian splat: relight takes mesh files directly"
     kind = "a plain point cloud, not a" if {"x", "y", "z"} <= names.keys() else "no"
     return (
         f"{ply.path} is {kind} Gaussian splat: its vertices lack {', '.join(missing)}: "

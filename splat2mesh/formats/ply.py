@@ -60,9 +60,7 @@ class Ply:
             for number in itertools.count(2):
                 raw = file.readline(MAX_HEADER_BYTES)
                 if not raw.endswith(b"\n") or file.tell() > MAX_HEADER_BYTES:
-                    raise InputError(
-                        f"{path}: the PLY header has no end_header line: the file is cut short or damaged"
-                    )
+                    raise InputError(f"{path}: the PLY header has no end_header line: the file is cut short or damaged")
                 words = raw.decode("latin-1").split()
                 match words:
                     case ["end_header"]:
@@ -74,14 +72,10 @@ class Ply:
                     case ["element", name, count] if count.isdecimal() and name not in elements:
                         element = elements[name] = Element(int(count), {})
                     case ["property", "list", count_type, item_type, name] if (
-                        element
-                        and name not in element.properties
-                        and {count_type, item_type} <= _TYPES.keys()
+                        element and name not in element.properties and {count_type, item_type} <= _TYPES.keys()
                     ):
                         element.properties[name] = "list"
-                    case ["property", kind, name] if (
-                        element and name not in element.properties and kind in _TYPES
-                    ):
+                    case ["property", kind, name] if element and name not in element.properties and kind in _TYPES:
                         element.properties[name] = _TYPES[kind]
                     case _:
                         line = " ".join(words)[:60].encode("ascii", "backslashreplace").decode()
@@ -97,9 +91,7 @@ class Ply:
         """
         element = self.elements[name]
         if element.has_lists:
-            raise InputError(
-                f"{self.path}: PLY element '{name}' holds list properties, expected numbers only"
-            )
+            raise InputError(f"{self.path}: PLY element '{name}' holds list properties, expected numbers only")
         order = _BYTE_ORDERS[self.format]
         dtype = np.dtype([(key, order + code) for key, code in element.properties.items()])
         before = list(itertools.takewhile(lambda other: other != name, self.elements))
@@ -111,17 +103,13 @@ class Ply:
 
     def _binary_rows(self, name, before, dtype):
         if any(element.has_lists for element in before):
-            raise InputError(
-                f"{self.path}: a PLY element with lists stands before '{name}': write '{name}' first"
-            )
+            raise InputError(f"{self.path}: a PLY element with lists stands before '{name}': write '{name}' first")
         start = self.body + sum(element.count * element.row_bytes for element in before)
         available, count = os.path.getsize(self.path) - start, self.elements[name].count
         self._check_count(name, max(0, available) // dtype.itemsize)
         extra = available - count * dtype.itemsize
         if extra and name == list(self.elements)[-1]:
-            warnings.warn(
-                f"{self.path}: ignored {extra} bytes after the last PLY row", DataWarning, stacklevel=2
-            )
+            warnings.warn(f"{self.path}: ignored {extra} bytes after the last PLY row", DataWarning, stacklevel=2)
         return np.memmap(self.path, dtype, "r", start, (count,))
 
     def _ascii_rows(self, name, skip, dtype):

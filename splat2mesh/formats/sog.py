@@ -24,9 +24,7 @@ _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of t
 def read_folder(folder, meta_name=META):
     """Splats of a folder with meta.json and its images. Raises InputError when one is missing or unusable."""
     if not (folder / meta_name).is_file():
-        raise InputError(
-            f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder"
-        )
+        raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
     def load(name):
         if not (folder / name).is_file():
@@ -65,9 +63,7 @@ def _read(path, load, meta_name):
     except InputError:
         raise
     except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{path}: {META} does not describe a SOG ({type(error).__name__}: {error})"
-        ) from error
+        raise InputError(f"{path}: {META} does not describe a SOG ({type(error).__name__}: {error})") from error
 
 
 class _Images:
@@ -129,9 +125,7 @@ def _values(part, texels):
     if "codebook" not in part:
         return _between(part, texels / np.float32(255))
     codebook = np.array(part["codebook"], np.float32)
-    if (
-        part["codebook"][0] is None
-    ):  # early writers lost the first entry; PlayCanvas extends the line of the others
+    if part["codebook"][0] is None:  # early writers lost the first entry; PlayCanvas extends the line of the others
         codebook[0] = codebook[1] + (codebook[1] - codebook[-1]) / 255
     return codebook[texels]
 
@@ -140,12 +134,8 @@ def _quats_wxyz(images):
     texels = images.texels("quats")
     tags = texels[:, 3]
     if tags.min() < _FIRST_QUAT_TAG:
-        raise InputError(
-            f"{images.path}: {np.sum(tags < _FIRST_QUAT_TAG)} quaternions carry no valid mark: damaged"
-        )
-    return restore_largest(
-        (texels[:, :3] / np.float32(127.5) - 1) / np.float32(np.sqrt(2)), tags - _FIRST_QUAT_TAG
-    )
+        raise InputError(f"{images.path}: {np.sum(tags < _FIRST_QUAT_TAG)} quaternions carry no valid mark: damaged")
+    return restore_largest((texels[:, :3] / np.float32(127.5) - 1) / np.float32(np.sqrt(2)), tags - _FIRST_QUAT_TAG)
 
 
 def _with_rest(images, meta, dc):
@@ -162,7 +152,5 @@ def _with_rest(images, meta, dc):
     labels = images.texels("shN", 1).astype(np.int32)
     labels = labels[:, 0] | labels[:, 1] << 8
     if labels.max() >= len(palette):
-        raise InputError(
-            f"{images.path}: a splat uses entry {labels.max()} of the shN palette of {len(palette)}"
-        )
+        raise InputError(f"{images.path}: a splat uses entry {labels.max()} of the shN palette of {len(palette)}")
     return np.concatenate([dc[:, None], palette[labels]], axis=1)

@@ -84,9 +84,7 @@ def _open_v4(path, data):
         try:
             sections.append(imagecodecs.zstd_decode(packed, out=size))
         except imagecodecs.ZstdError as error:
-            raise InputError(
-                f"{path}: an SPZ stream is damaged ({error}): copy or export it again"
-            ) from error
+            raise InputError(f"{path}: an SPZ stream is damaged ({error}): copy or export it again") from error
         _check_size(path, f"stream {i}", len(sections[-1]), size)
         start += packed_size
     return header, sections + [b""] * (6 - len(sections))
