@@ -289,6 +289,7 @@ def bad_albedo(path, array):
 def test_bad_input_is_one_line_and_writes_nothing(scene_folder, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(scene_folder.parent)
     (scene_folder.parent / "taken").mkdir()
+    (scene_folder.parent / "taken" / "notes.txt").write_text("not to be lost")
     count = len(Scene.load(scene_folder).vertices)
     np.save("short.npy", np.ones((count - 1, 3)))
     np.save("bright.npy", np.full((count, 3), np.nan))
