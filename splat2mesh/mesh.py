@@ -6,7 +6,7 @@ from scipy.sparse import csr_matrix
 SMALLEST_COMPONENT = 0.02
 """Connected parts with fewer triangles than this share of the largest part's are floaters and are dropped."""
 
-TAUBIN_STEPS = 20
+TAUBIN_STEPS = 40
 """Smoothing steps: the noise of the depth maps goes, size and folds stay."""
 
 TAUBIN_SHRINK, TAUBIN_GROW = 0.5, -0.53
@@ -21,6 +21,49 @@ def drop_small_components(mesh):
     mesh.remove_triangles_by_mask(small[cluster])
     mesh.remove_unreferenced_vertices()
     return int(small.sum())
+
+
+def fill_holes(mesh, longest):
+    """Close the holes of an open3d mesh whose border is at most `longest` long; returns how many were closed.
+
+    Each is closed by a fan around the middle of its border: pinholes and slits where views disagreed vanish, while
+    what was never seen stays open. Borders that touch themselves are left alone.
+    """
+    import open3d as o3d
+
+    points, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    starts, ends = _border_edges(faces, len(points))
+    once = np.bincount(starts, minlength=len(points)) == 1
+    following = np.full(len(points), -1)
+    following[starts] = ends
+    new_points, new_faces, done = [], [], np.zeros(len(points), bool)
+    for start in starts:
+        loop = []
+        vertex = start
+        while once[vertex] and not done[vertex]:
+            done[vertex] = True
+            loop.append(vertex)
+            vertex = following[vertex]
+        if vertex != start or len(loop) < 3:
+            continue
+        corners = points[loop]
+        if np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() > longest:
+            continue
+        middle = len(points) + len(new_points)
+        new_points.append(corners.mean(axis=0))
+        new_faces += [(after, before, middle) for before, after in zip(loop, [*loop[1:], loop[0]], strict=True)]
+    if new_points:
+        mesh.vertices = o3d.utility.Vector3dVector(np.concatenate([points, new_points]))
+        mesh.triangles = o3d.utility.Vector3iVector(np.concatenate([faces, new_faces]).astype(np.int32))
+    return len(new_points)
+
+
+def _border_edges(faces, count):
+    """Edges of one face only, in that face's direction: starts and ends, (E,) each."""
+    starts, ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    forward, backward = starts.astype(np.int64) * count + ends, ends.astype(np.int64) * count + starts
+    alone = ~np.isin(forward, backward)
+    return starts[alone], ends[alone]
 
 
 def decimate(mesh, vertices):

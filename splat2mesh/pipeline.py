@@ -19,6 +19,9 @@ from .viewpoints import bounds_of, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
 
+LONGEST_HOLE = 0.2
+"""Border of the largest hole that is closed, in units of the scene's diagonal."""
+
 
 def convert(
     path,
@@ -40,7 +43,7 @@ def convert(
     Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
     """
     from .coloring import vertex_colors
-    from .mesh import decimate, drop_small_components
+    from .mesh import decimate, drop_small_components, fill_holes
 
     check_settings(vertices, max_chunk_vertices, up, detail, surface)
     stages = stages or Stages()
@@ -51,8 +54,9 @@ def convert(
     splats = dilated(splats, training_pixel(splats, trained))
     views = choose_views(splats, trained, rotation[1, :3], EFFORTS[detail], seed, stages)
     raw, pictures = extract(surface, splats, views, EFFORTS[detail], stages)
-    with stages.stage("components"):
+    with stages.stage("clean"):
         dropped = drop_small_components(raw)
+        filled = fill_holes(raw, LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0))))
     with stages.stage("decimate"):
         points, normals, faces = decimate(raw, vertices)
     if len(faces) == 0:
@@ -67,6 +71,7 @@ def convert(
         **{f"splats_{reason}": count for reason, count in counts.items()},
         "views": len(views),
         "components_dropped": dropped,
+        "holes_filled": filled,
         "vertices": len(points),
         "faces": len(faces),
         "vertices_unseen": unseen,

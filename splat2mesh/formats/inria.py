@@ -5,7 +5,6 @@ length). f_rest is channel-major: all of red, then green, then blue. A 2DGS file
 Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), code release.
 """
 
-
 import numpy as np
 
 from ..errors import InputError
