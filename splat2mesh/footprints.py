@@ -18,13 +18,12 @@ NEAR = 0.01  # default near plane: splat centres closer than this camera z are n
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
 GUARD_BAND = 0.3  # the Jacobian is held constant beyond this share of tan(fov / 2) outside the image
 MIN_ALPHA = np.float32(1 / 255)  # less than one 8-bit step: not drawn
-WIDEST = 2 * math.log(1 / MIN_ALPHA)  # the cutoff of an opaque splat: no footprint has a greater one
 ONE = np.float32(1)
 
 TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
 CHUNKS = 16  # pieces of a batch that threads bin independently
-GROUP = 64  # splats of a chunk that are fetched from memory together: waiting for one at a time takes 3 times as long
+GROUP = 64  # splats fetched from memory at a time: the processor waits for all of them at once
 
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
 # inverse covariance this gives each pixel row its interval, and no digit is lost to cancellation.
@@ -141,22 +140,31 @@ _kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 
 @_kernel
 def _cull(means, scales, opacities, camera, depth):
-    """Camera z of the splats that may touch the image, infinity for the others."""
+    """Camera z of the splats that may touch the image, infinity for the others.
+
+    A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
+    """
+    widest = 2 * math.log(1 / MIN_ALPHA)
     for i in numba.prange(len(means)):
         depth[i] = np.inf
         x, y, z = _camera_point(camera, means, i)
-        if z > camera.near and opacities[i] >= MIN_ALPHA:
-            left, right, top, bottom = _box(camera, scales, i, x, y, z)
-            if left <= camera.width and right >= 0 and top <= camera.height and bottom >= 0:
-                depth[i] = z
+        if not (z > camera.near and opacities[i] >= MIN_ALPHA):
+            continue
+        u, v = x / z, y / z
+        column, row = camera.fx * u + camera.cx, camera.fy * v + camera.cy
+        outside_x = max(-column, column - camera.width, 0.0)
+        outside_y = max(-row, row - camera.height, 0.0)
+        u, v = _guarded(camera, u, v)
+        spread = max(scales[i, 0], scales[i, 1], scales[i, 2]) / z
+        variance_x = (camera.fx * spread) ** 2 * (1 + u * u) + DILATION
+        variance_y = (camera.fy * spread) ** 2 * (1 + v * v) + DILATION
+        if outside_x * outside_x <= widest * variance_x and outside_y * outside_y <= widest * variance_y:
+            depth[i] = z
 
 
 @_kernel
 def _project(means, scales, quats, opacities, sh, camera, order, open_tiles, footprints, counts):
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles).
-
-    A footprint that touches none is left incomplete, with reach_y = -1.
-    """
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles)."""
     chunks, n = counts.shape[0], len(order)
     for chunk in numba.prange(chunks):
         basis, count_only = np.zeros(16), np.zeros(0, np.int32)
@@ -174,12 +182,9 @@ def _project(means, scales, quats, opacities, sh, camera, order, open_tiles, foo
                 near_opacities[j] = opacities[k]
             for j in range(size):
                 s = footprints[start + j]
-                if _may_show(camera, near_means, near_scales, j, open_tiles):
-                    _project_one(camera, near_means, near_scales, near_quats, near_opacities, j, s)
-                    if _bin_one(s, start + j, camera, open_tiles, counts[chunk], count_only):
-                        _color_one(camera, means, sh, order[start + j], basis, s)
-                        continue
-                s.reach_y = -1
+                _project_one(camera, near_means, near_scales, near_quats, near_opacities, j, s)
+                if _bin_one(s, start + j, camera, open_tiles, counts[chunk], count_only):
+                    _color_one(camera, means, sh, order[start + j], basis, s)
 
 
 @_kernel
@@ -200,38 +205,6 @@ def _camera_point(camera, means, i):
         rotation[1, 0] * px + rotation[1, 1] * py + rotation[1, 2] * pz + t[1],
         rotation[2, 0] * px + rotation[2, 1] * py + rotation[2, 2] * pz + t[2],
     )
-
-
-@_function
-def _box(camera, scales, k, x, y, z):
-    """Left, right, top and bottom of an image rectangle that holds splat k, whose centre is (x, y, z) in the camera.
-
-    A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
-    """
-    u, v = x / z, y / z
-    column, row = camera.fx * u + camera.cx, camera.fy * v + camera.cy
-    u, v = _guarded(camera, u, v)
-    spread = max(scales[k, 0], scales[k, 1], scales[k, 2]) / z
-    reach_x = math.sqrt(WIDEST * ((camera.fx * spread) ** 2 * (1 + u * u) + DILATION))
-    reach_y = math.sqrt(WIDEST * ((camera.fy * spread) ** 2 * (1 + v * v) + DILATION))
-    return column - reach_x, column + reach_x, row - reach_y, row + reach_y
-
-
-@_function
-def _may_show(camera, means, scales, k, open_tiles):
-    """Whether the rectangle that holds splat k reaches an open tile: sooner told than where the splat falls."""
-    x, y, z = _camera_point(camera, means, k)
-    left, right, top, bottom = _box(camera, scales, k, x, y, z)
-    tiles_x = (camera.width + TILE - 1) // TILE
-    first, last = _pixels(left, right, 0, camera.width)
-    first_row, last_row = _pixels(top, bottom, 0, camera.height)
-    if first >= last:
-        return False
-    for tile_row in range(first_row // TILE, (last_row + TILE - 1) // TILE):
-        for tile in range(tile_row * tiles_x + first // TILE, tile_row * tiles_x + (last - 1) // TILE + 1):
-            if open_tiles[tile]:
-                return True
-    return False
 
 
 @_function

@@ -9,8 +9,8 @@ SMALLEST_COMPONENT = 0.02
 TAUBIN_STEPS = 40
 """Smoothing steps: the noise of the depth maps goes, size and folds stay."""
 
-TAUBIN_SHRINK, TAUBIN_GROW = 0.5, -0.53
-"""Taubin's factors of the two halves of a step; their pass band ends at 1 / 0.5 - 1 / 0.53 = 0.11."""
+TAUBIN_SHRINK, TAUBIN_GROW = 0.5, -0.51
+"""Taubin's factors of the two halves of a step; their pass band ends at 1 / 0.5 - 1 / 0.51 = 0.04."""
 
 
 def drop_small_components(mesh):

@@ -88,14 +88,23 @@ def field_depth(splats, view, near=NEAR, level=LEVEL):
     return FieldDepth(depth, normal @ camera.rotation.astype(np.float32), spread, color, alpha)
 
 
-# What is kept of a pixel row: a row of floats for each of these.
+def _rows(count):
+    """Where the rows of floats of a pixel row begin; unsigned, or the loops over them are no vector instructions."""
+    return tuple(np.uint64(TILE * i) for i in range(count))
+
+
+# What is kept of a pixel row while Gaussians are blended into it.
 PLANES = 7
-RED, GREEN, BLUE, NORMAL_X, NORMAL_Y, NORMAL_Z, TRANSMITTANCE = range(PLANES)
+RED, GREEN, BLUE, NORMAL_X, NORMAL_Y, NORMAL_Z, TRANSMITTANCE = _rows(PLANES)
 
 # One Gaussian along the rays of a pixel row: opacity at its peak, camera z of the peak and 1 / sigma in camera z, which
-# the pixels' lists keep, its share of the pixel, and that share of its normal.
-SKETCH, ENTRY = 7, 3
-ALPHA, PEAK, STEEPNESS, WEIGHT, TURN_X, TURN_Y, TURN_Z = range(SKETCH)
+# the pixels' lists keep, then its share of the pixel, and that share of its normal.
+ENTRY, SKETCH = 3, 7
+ALPHA, PEAK, STEEPNESS, WEIGHT, TURN_X, TURN_Y, TURN_Z = _rows(SKETCH)
+
+# What the search for a level keeps of a pixel row.
+SEARCH = 13
+FIRST, LAST, THROUGH, FRONT, LOW, HIGH, AT, SLOPE, RATE, DEPTH_RATE, ACTIVE, DEPTH, SPREAD = _rows(SEARCH)
 
 MOST_STEPS = 24
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
@@ -273,11 +282,6 @@ def _solve(pixels, counts, lists, dealt, camera, level, depth, normal, spread, c
                         normal[at][axis] = turn[axis] / length
 
 
-# What the search for a level keeps of a pixel row: a row of floats for each of these.
-SEARCH = 13
-FIRST, LAST, THROUGH, FRONT, LOW, HIGH, AT, SLOPE, RATE, DEPTH_RATE, ACTIVE, DEPTH, SPREAD = range(SEARCH)
-
-
 @_function
 def _solve_row(entries, counts, level, search):
     """Depth and spread of a pixel row, in search[DEPTH] and search[SPREAD]; NaN where the level is not reached."""
@@ -296,35 +300,39 @@ def _solve_row(entries, counts, level, search):
     _bracket_row(SPREAD_FROM, level, search)
     _reach_row(entries, longest, SPREAD_FROM, search)
     for column in range(np.uint64(TILE)):
-        search[SPREAD, column] -= search[AT, column]
-        reached = ONE - search[THROUGH, column] >= level
-        search[DEPTH, column] = search[DEPTH, column] if reached else np.float32(np.nan)
+        search[SPREAD + column] -= search[AT + column]
+        reached = ONE - search[THROUGH + column] >= level
+        search[DEPTH + column] = search[DEPTH + column] if reached else np.float32(np.nan)
 
 
 @_function
 def _extend_row(entry, level, search):
     """Extend the ranges of depth by one Gaussian; AT stays at the one whose peak is the first beyond the level."""
     for column in range(np.uint64(TILE)):
-        share, peak, width = entry[ALPHA, column], entry[PEAK, column], ONE / entry[STEEPNESS, column]
-        before, start = search[THROUGH, column], search[AT, column]
+        share, peak, width = (
+            entries[start + ALPHA + column],
+            entries[start + PEAK + column],
+            ONE / entries[start + STEEPNESS + column],
+        )
+        before, start = search[THROUGH + column], search[AT + column]
         after = before * (ONE - share)
-        first, last = search[FIRST, column], search[LAST, column]
-        search[FIRST, column] = min(first, peak - 3 * width) if share > 0 else first
-        search[LAST, column] = max(last, peak) if share > 0 else last
-        search[AT, column] = peak - width if (before > ONE - level) & (after <= ONE - level) else start
-        search[THROUGH, column] = after
+        first, last = search[FIRST + column], search[LAST + column]
+        search[FIRST + column] = min(first, peak - 3 * width) if share > 0 else first
+        search[LAST + column] = max(last, peak) if share > 0 else last
+        search[AT + column] = peak - width if (before > ONE - level) & (after <= ONE - level) else start
+        search[THROUGH + column] = after
 
 
 @_function
 def _bracket_row(target, level, search):
     """Prepare the search for another opacity than the level that was just found at DEPTH."""
     for column in range(np.uint64(TILE)):
-        depth = search[DEPTH, column]
-        low = depth if target > level else search[FIRST, column]
-        high = search[LAST, column] if target > level else depth
-        start = depth + (target - level) / search[DEPTH_RATE, column]
-        search[LOW, column], search[HIGH, column] = low, high
-        search[AT, column] = min(max(start, low), high)
+        depth = search[DEPTH + column]
+        low = depth if target > level else search[FIRST + column]
+        high = search[LAST + column] if target > level else depth
+        start = depth + (target - level) / search[DEPTH_RATE + column]
+        search[LOW + column], search[HIGH + column] = low, high
+        search[AT + column] = min(max(start, low), high)
 
 
 @_function
@@ -334,9 +342,9 @@ def _reach_row(entries, longest, target, search):
     Where it never does, AT becomes the last peak.
     """
     for column in range(np.uint64(TILE)):
-        reached = ONE - search[THROUGH, column] >= target
-        search[ACTIVE, column] = ONE if reached else ZERO
-        search[AT, column] = search[AT, column] if reached else search[LAST, column]
+        reached = ONE - search[THROUGH + column] >= target
+        search[ACTIVE + column] = ONE if reached else ZERO
+        search[AT + column] = search[AT + column] if reached else search[LAST + column]
     for _ in range(MOST_STEPS):
         _opacity_row(entries, longest, search)
         if not _step_row(target, search):
@@ -349,13 +357,13 @@ def _opacity_row(entries, longest, search):
     search[FRONT], search[SLOPE] = 1, 0
     for e in range(longest):
         for column in range(np.uint64(TILE)):
-            steepness = entries[e, STEEPNESS, column]
-            ahead = max((entries[e, PEAK, column] - search[AT, column]) * steepness, ZERO)
+            steepness = entries[start + STEEPNESS + column]
+            ahead = max((entries[start + PEAK + column] - search[AT + column]) * steepness, ZERO)
             q = ahead * ahead
-            share = entries[e, ALPHA, column] * _exp_minus_half(q) if q < FARTHEST_Q else ZERO
-            front = search[FRONT, column]
-            search[SLOPE, column] = search[SLOPE, column] * (ONE - share) + front * share * ahead * steepness
-            search[FRONT, column] = front * (ONE - share)
+            share = entries[start + ALPHA + column] * _exp_minus_half(q) if q < FARTHEST_Q else ZERO
+            front = search[FRONT + column]
+            search[SLOPE + column] = search[SLOPE + column] * (ONE - share) + front * share * ahead * steepness
+            search[FRONT + column] = front * (ONE - share)
 
 
 @_function
@@ -363,16 +371,16 @@ def _step_row(target, search):
     """One step of the search in each ACTIVE pixel; returns how many go on."""
     going = 0
     for column in range(np.uint64(TILE)):
-        at, active = search[AT, column], search[ACTIVE, column] > ZERO
-        missing, slope = target - (ONE - search[FRONT, column]), search[SLOPE, column]
-        low = at if missing > ZERO else search[LOW, column]
-        high = search[HIGH, column] if missing > ZERO else at
+        at, active = search[AT + column], search[ACTIVE + column] > ZERO
+        missing, slope = target - (ONE - search[FRONT + column]), search[SLOPE + column]
+        low = at if missing > ZERO else search[LOW + column]
+        high = search[HIGH + column] if missing > ZERO else at
         newton = at + missing / max(slope, np.float32(1e-12))
         moved = newton if (low < newton) & (newton < high) else HALF * (low + high)
         done = (abs(missing) < TOLERANCE) | (abs(moved - at) <= np.float32(1e-6) * abs(at))
-        search[LOW, column], search[HIGH, column] = low, high
-        search[AT, column] = moved if active else at
-        search[RATE, column] = slope if active else search[RATE, column]
-        search[ACTIVE, column] = ONE if active & (not done) else ZERO
+        search[LOW + column], search[HIGH + column] = low, high
+        search[AT + column] = moved if active else at
+        search[RATE + column] = slope if active else search[RATE + column]
+        search[ACTIVE + column] = ONE if active & (not done) else ZERO
         going += active & (not done)
     return going
