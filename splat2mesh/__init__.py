@@ -7,6 +7,9 @@ __version__ = "0.1.0"
 # Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 
+# OpenMP threads spin while they wait; where other work shares the cores that costs milliseconds a parallel loop.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 _HOMES = {"convert": "pipeline", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
 __all__ = [*_HOMES, "__version__"]
 

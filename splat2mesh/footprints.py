@@ -23,7 +23,6 @@ ONE = np.float32(1)
 TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
 CHUNKS = 16  # pieces of a batch that threads bin independently
-GROUP = 64  # splats fetched from memory at a time: the processor waits for all of them at once
 
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
 # inverse covariance this gives each pixel row its interval, and no digit is lost to cancellation.
@@ -168,23 +167,11 @@ def _project(means, scales, quats, opacities, sh, camera, order, open_tiles, foo
     chunks, n = counts.shape[0], len(order)
     for chunk in numba.prange(chunks):
         basis, count_only = np.zeros(16), np.zeros(0, np.int32)
-        near_means, near_scales = np.zeros((GROUP, 3), np.float32), np.zeros((GROUP, 3), np.float32)
-        near_quats, near_opacities = np.zeros((GROUP, 4), np.float32), np.zeros(GROUP, np.float32)
-        stop = (chunk + 1) * n // chunks
-        for start in range(chunk * n // chunks, stop, GROUP):
-            size = min(GROUP, stop - start)
-            for j in range(size):
-                k = order[start + j]
-                for axis in range(3):
-                    near_means[j, axis], near_scales[j, axis] = means[k, axis], scales[k, axis]
-                for part in range(4):
-                    near_quats[j, part] = quats[k, part]
-                near_opacities[j] = opacities[k]
-            for j in range(size):
-                s = footprints[start + j]
-                _project_one(camera, near_means, near_scales, near_quats, near_opacities, j, s)
-                if _bin_one(s, start + j, camera, open_tiles, counts[chunk], count_only):
-                    _color_one(camera, means, sh, order[start + j], basis, s)
+        for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
+            s = footprints[i]
+            _project_one(camera, means, scales, quats, opacities, order[i], s)
+            if _bin_one(s, i, camera, open_tiles, counts[chunk], count_only):
+                _color_one(camera, means, sh, order[i], basis, s)
 
 
 @_kernel

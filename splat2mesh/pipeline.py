@@ -51,9 +51,10 @@ def convert(
         splats, counts = clean(read_splats(path))
         trained = read_colmap(cameras) if cameras else []
     rotation = scene_from_splat(up, trained)
-    splats = dilated(splats, training_pixel(splats, trained))
+    pixel = training_pixel(splats)
+    splats = dilated(splats.in_spatial_order(), pixel)
     views = choose_views(splats, trained, rotation[1, :3], EFFORTS[detail], seed, stages)
-    raw, pictures = extract(surface, splats, views, EFFORTS[detail], stages)
+    raw, pictures = extract(surface, splats, views, pixel, EFFORTS[detail], vertices, stages)
     with stages.stage("clean"):
         dropped = drop_small_components(raw)
         filled = fill_holes(raw, LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0))))
@@ -156,7 +157,7 @@ def plan(path, *, cameras=None, up="auto", detail="normal", surface="field"):
         "sh_degree": splats.degree,
         "bounds_in_splat_frame": bounds_of(splats).tolist(),
         "scene_from_splat": scene_from_splat(up, trained).tolist(),
-        "training_pixel": training_pixel(splats, trained),
+        "training_pixel": training_pixel(splats),
         "surface": surface,
         "views": f"{views} of {len(trained)} trained" if trained else f"{views} virtual",
         "view_pixels": effort.pixels,

@@ -21,6 +21,20 @@ SCALES_PER_PIXEL = 1.4
 """The smallest tenth of the solid Gaussians' largest scales, in training pixels: what training lets shrink."""
 
 
+THICKNESSES, LEVELS = (0.7, 1.5), (0.38, 0.5)
+"""Median thickness of the surfaces in training pixels, and the opacity at which the surface lies; held outside."""
+
+LEVEL_PROBES, LEVEL_PROBE_PIXELS = 8, 128
+"""Views, and their pixels, in which the thickness is measured."""
+
+
+FINEST_VOXEL = 0.5
+"""Smallest voxel in training pixels: there is nothing finer in a splat."""
+
+SPARE_VERTICES = 1.3
+"""Vertices of a raw surface over those wanted, where it is made anew for a larger mesh."""
+
+
 @dataclass(frozen=True)
 class Effort:
     """How much work goes into a surface.
@@ -39,18 +53,15 @@ class Effort:
 EFFORTS = {
     "draft": Effort(views=32, pixels=256, cells=224, depth=8, points=200_000),
     "normal": Effort(views=64, pixels=320, cells=320, depth=9, points=500_000),
-    "fine": Effort(views=128, pixels=448, cells=448, depth=10, points=1_500_000),
+    "fine": Effort(views=96, pixels=448, cells=320, depth=10, points=1_500_000),
 }
 
 
-def training_pixel(splats, views=None):
-    """Size of a training pixel at the surface, in the splat's unit.
+def training_pixel(splats):
+    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
 
-    views: the trained cameras at their own resolution, where known; else it is read off the smallest Gaussians.
+    Trained cameras would tell it directly, but the surface comes out no better for it (docs/surface.md).
     """
-    if views:
-        center = bounds_of(splats).mean(axis=0)
-        return float(np.median([np.linalg.norm(view.center - center) / view.fx for view in views]))
     solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
 
@@ -64,33 +75,63 @@ def dilated(splats, pixel):
     return replace(splats, scales=scales.astype(np.float32))
 
 
-def extract(way, splats, views, effort, stages):
+def surface_level(splats, views, pixel, near):
+    """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
+
+    The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
+    lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
+    """
+    from .opacityfield import field_depth
+
+    thickness = [np.zeros(0)]
+    for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
+        view = view.resized(LEVEL_PROBE_PIXELS)
+        seen = field_depth(splats, view, near)
+        there = np.isfinite(seen.depth)
+        slant = -(view.ray_directions()[there] * seen.normal[there]).sum(axis=1)
+        thickness.append(seen.spread[there] * slant / pixel)
+    thickness = np.concatenate(thickness)
+    if len(thickness) == 0:
+        return LEVELS[1]
+    return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
+
+
+def extract(way, splats, views, pixel, effort, vertices, stages):
     """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a list of Picture.
 
-    way: one of WAYS. effort: Effort. stages: Stages. Raises InputError when hardly any surface is found.
+    way: one of WAYS. pixel: size of a training pixel at the surface. effort: Effort. vertices: size of the mesh
+    that is wanted in the end. stages: Stages. Raises InputError when hardly any surface is found.
     """
-    return (_field if way == "field" else _sugar)(splats, views, effort, stages)
+    return (_field if way == "field" else _sugar)(splats, views, pixel, effort, vertices, stages)
 
 
-def _field(splats, views, effort, stages):
+def _field(splats, views, pixel, effort, vertices, stages):
     from .fusion import DepthMap, fuse
     from .opacityfield import field_depth
 
     bounds = bounds_of(splats)
     near, diagonal = near_plane(bounds), float(np.linalg.norm(np.ptp(bounds, axis=0)))
     maps, pictures = [], []
+    level = surface_level(splats, views, pixel, near)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
-            seen = field_depth(splats, view, near)
+            seen = field_depth(splats, view, near, level)
             maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
             pictures.append(Picture.of(view, seen.color, seen.depth))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
+    voxel = diagonal / effort.cells
     with stages.stage("fusion", total=len(views)) as advance:
-        return fuse(maps, diagonal / effort.cells, advance), pictures
+        mesh = fuse(maps, voxel, advance)
+    found, finest = len(mesh.vertices), FINEST_VOXEL * pixel
+    if found < vertices and finest < voxel:
+        # Larger meshes need smaller voxels, as far as the splat itself resolves them.
+        with stages.stage("finer fusion", total=len(views)) as advance:
+            mesh = fuse(maps, max(finest, voxel * np.sqrt(found / (SPARE_VERTICES * vertices))), advance)
+    return mesh, pictures
 
 
-def _sugar(splats, views, effort, stages):
+def _sugar(splats, views, pixel, effort, vertices, stages):
     from .rasterize import rasterize
     from .sugar import DensityField, SurfacePoints, poisson, surface_points
 

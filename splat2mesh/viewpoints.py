@@ -25,6 +25,12 @@ SKETCH_SPLATS = 40_000
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
 
+CLEARANCE = 2
+"""Cells that an eye inside the box keeps away from all splats."""
+
+FREE_GRID = 32
+"""Cells along that side in which free space is looked for: coarse, so that the gaps between Gaussians are none."""
+
 ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
@@ -34,11 +40,11 @@ INSIDE_SHARPER = 3.0
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
 
-FEWEST_VIEWS = 12
-"""Sharp candidates without which the fuzzy ones are let in as well."""
-
 SHARP_ENOUGH = 1.5
 """A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth."""
+
+CHOICE = 0.75
+"""Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
 
 
 def bounds_of(splats):
@@ -57,7 +63,7 @@ def near_plane(bounds):
 def virtual_views(splats, count, pixels, up, seed=0, advance=lambda: None):
     """Choose `count` views of a splat.
 
-    splats: cleaned Splats. pixels: side of the square views returned.
+    splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
     advance: called once for each candidate looked at.
     Returns a list of View, best first: the first one is a good picture of the scene.
@@ -150,16 +156,18 @@ def _free_places(splats, bounds, count, rng):
     """
     from scipy.ndimage import binary_dilation, label
 
-    cell = np.ptp(bounds, axis=0).max() / COVER_GRID
+    cell = np.ptp(bounds, axis=0).max() / FREE_GRID
     shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
     inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
     cells = np.minimum(((splats.means[inside] - bounds[0]) / cell).astype(int), shape - 1)
     taken = np.zeros(shape, bool)
     taken[tuple(cells.T)] = True
-    regions, _ = label(~binary_dilation(np.pad(taken, 1), iterations=2))
-    roomy = np.bincount(regions.ravel()) > ROOM_SHARE * regions.size
+    # With enough space around it, the box's outside is one region that every window and skylight opens to.
+    margin = CLEARANCE + 1
+    regions, _ = label(~binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
+    roomy = np.bincount(regions.ravel()) > ROOM_SHARE * taken.size
     roomy[0], roomy[regions[0, 0, 0]] = False, True
-    free = np.argwhere(roomy[regions[1:-1, 1:-1, 1:-1]])
+    free = np.argwhere(roomy[regions[margin:-margin, margin:-margin, margin:-margin]])
     if len(free) == 0:
         return np.zeros((0, 3))
     points = bounds[0] + (free + rng.uniform(0.25, 0.75, free.shape)) * cell
@@ -204,9 +212,12 @@ def _what_is_seen(surface, view, bounds):
 
 def _cover(coverage, fuzziness, count):
     """Indices of `count` candidates: each one adds most to what the ones before it have seen least."""
-    usable = np.isfinite(fuzziness)
-    sharp = usable & (fuzziness <= SHARP_ENOUGH * np.percentile(fuzziness[usable], 10)) if usable.any() else ~usable
-    pool = np.flatnonzero(sharp if sharp.sum() >= FEWEST_VIEWS else usable)
+    usable = np.flatnonzero(np.isfinite(fuzziness))
+    if len(usable) == 0:
+        return []
+    ranked = np.sort(fuzziness[usable])
+    limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
+    pool = usable[fuzziness[usable] <= limit]
     sights = coverage[pool]
     seen = np.zeros(coverage.shape[1], np.float32)
     chosen = []

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from splat_samples import basis_oracle, make_splats, unit_vectors
 
 from splat2mesh.errors import DataWarning, InputError
-from splat2mesh.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, clean, sh_basis_3dgs
+from splat2mesh.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats, _bits_apart, clean, sh_basis_3dgs
 
 # A few float32 roundings (6e-8) of values of order one.
 ROUNDING = 1e-6
@@ -174,3 +174,43 @@ def test_the_fewest_splats():
     assert len(clean(make_splats(MIN_SPLATS, 0))[0]) == MIN_SPLATS
     with pytest.raises(InputError, match=r"none dropped.*at least 10"):
         clean(make_splats(MIN_SPLATS - 1, 0))
+
+
+def _random(n, rng):
+    return Splats(
+        rng.uniform(-1, 1, (n, 3)),
+        rng.uniform(0.1, 1, (n, 3)),
+        rng.normal(size=(n, 4)),
+        rng.random(n),
+        rng.random((n, 4, 3)),
+    )
+
+
+def test_spatial_order_does_not_depend_on_the_order_given():
+    rng = np.random.default_rng(5)
+    splats = _random(3000, rng)  # a cell of 1024^3 holds two of them with a probability of 0.4%
+    ordered, again = splats.in_spatial_order(), splats.take(rng.permutation(3000)).in_spatial_order()
+    rows = [
+        np.hstack([s.means, s.scales, s.quats_wxyz, s.opacities[:, None], s.sh.reshape(3000, -1)])
+        for s in (ordered, splats)
+    ]
+    assert np.array_equal(*(block[np.lexsort(block.T)] for block in rows))  # whole rows moved, none lost
+    middle = (np.abs(ordered.means) < 0.97).all(axis=1)  # the outermost hundredth is clipped to the border's cells
+    assert np.array_equal(ordered.means[middle], again.means[(np.abs(again.means) < 0.97).all(axis=1)])
+
+
+def test_spatial_order_is_a_z_order_curve():
+    values = np.random.default_rng(6).integers(0, 1024, 100)
+    spread = [sum(1 << 3 * bit for bit in range(10) if value >> bit & 1) for value in values.tolist()]
+    assert _bits_apart(values.astype(np.uint64)).tolist() == spread
+
+
+def test_spatial_order_brings_neighbours_together():
+    means = np.stack(np.meshgrid(*[np.arange(16.0)] * 3), axis=-1).reshape(-1, 3)
+    ordered = _random(4096, np.random.default_rng(7))
+    ordered = Splats(
+        np.random.default_rng(8).permutation(means), ordered.scales, ordered.quats_wxyz, ordered.opacities, ordered.sh
+    )
+    boxes = ordered.in_spatial_order().means.reshape(512, 8, 3)
+    # Eight at a time fill a cube of 2^3, wherever the octree's borders fall between the grid's planes.
+    assert np.median(np.ptp(boxes, axis=1).max(axis=1)) == 1

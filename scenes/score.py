@@ -1,0 +1,70 @@
+"""How near a mesh comes to the true one: F-scores and agreement of normals over what the capture saw.
+
+Source: Knapitsch et al., "Tanks and Temples" (2017), with distances in shares of the true mesh's diagonal.
+"""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+DISTANCES = (0.0025, 0.005, 0.01)
+"""Of the diagonal: a sample counts as right when the other surface is nearer than this."""
+
+SAMPLES = 100_000
+
+
+def score(found, true, centers=None, seed=0):
+    """Compare two triangle meshes, each (vertices (V, 3), faces (F, 3)), in one frame.
+
+    centers: (C, 3) capture camera positions; where given, only samples that two of them see count, on either mesh.
+    Returns a dict: F at each distance, mean |cosine| of normals ("normal") and with orientation ("signed").
+    """
+    rng = np.random.default_rng(seed)
+    sets = []
+    for vertices, faces in (found, true):
+        points, normals = _samples(vertices, faces, rng)
+        if centers is not None:
+            seen = _seen(vertices, faces, points, normals, centers) >= 2
+            points, normals = points[seen], normals[seen]
+        sets.append((points, normals))
+    (points, normals), (true_points, true_normals) = sets
+    diagonal = np.linalg.norm(np.ptp(true_points, axis=0))
+    to_true, nearest_true = cKDTree(true_points).query(points, workers=-1)
+    to_found, nearest_found = cKDTree(points).query(true_points, workers=-1)
+    result = {}
+    for distance in DISTANCES:
+        precision, recall = (to_true < distance * diagonal).mean(), (to_found < distance * diagonal).mean()
+        result[f"F@{distance}"] = float(2 * precision * recall / max(precision + recall, 1e-12))
+    forth = (normals * true_normals[nearest_true]).sum(axis=1)
+    back = (true_normals * normals[nearest_found]).sum(axis=1)
+    result["normal"] = float((np.abs(forth).mean() + np.abs(back).mean()) / 2)
+    result["signed"] = float((forth.mean() + back.mean()) / 2)
+    return result
+
+
+def _samples(vertices, faces, rng):
+    """Points spread evenly over the area, and the normals of their faces."""
+    a, b, c = (np.asarray(vertices, np.float64)[faces[:, corner]] for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    area = np.linalg.norm(normals, axis=1)
+    pick = rng.choice(len(faces), SAMPLES, p=area / area.sum())
+    u, v = rng.random((2, SAMPLES, 1))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    points = a[pick] + u * (b[pick] - a[pick]) + v * (c[pick] - a[pick])
+    return points, normals[pick] / np.maximum(area[pick], 1e-300)[:, None]
+
+
+def _seen(vertices, faces, points, normals, centers):
+    """How many of the cameras see each point, the mesh itself in the way."""
+    import open3d as o3d
+
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces).astype(np.uint32))
+    offset = 2e-3 * np.linalg.norm(np.ptp(points, axis=0))
+    count = np.zeros(len(points), int)
+    for center in centers:
+        towards = center - points
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        side = np.sign((towards * normals).sum(axis=1, keepdims=True))
+        rays = np.concatenate([points + offset * side * normals, towards], axis=1).astype(np.float32)
+        count += caster.test_occlusions(rays).numpy() == 0
+    return count

@@ -1,0 +1,108 @@
+"""From splats to a raw surface, both ways: near the truth of generated scenes, and facing outwards."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+from generated import UP, caster, dilated_splats, scene, seen_points
+from test_opacityfield import discs, plain
+
+from scenes.cameras import FLIP
+from splat2mesh.errors import InputError
+from splat2mesh.stages import Stages
+from splat2mesh.surface import (
+    EFFORTS,
+    SCALES_PER_PIXEL,
+    TRAINING_DILATION,
+    WAYS,
+    Effort,
+    dilated,
+    extract,
+    training_pixel,
+)
+from splat2mesh.viewpoints import fibonacci_sphere, virtual_views
+
+SMALL = Effort(views=16, pixels=128, cells=128, depth=6, points=30_000)
+
+
+def raw_surface(way, kind, count):
+    """Vertices and faces of the raw surface in the scene frame, its pictures, and the size of a training pixel."""
+    pixel, splats = training_pixel(scene(kind, count)[2]), dilated_splats(kind, count)
+    views = virtual_views(splats, SMALL.views, SMALL.pixels, UP)
+    mesh, pictures = extract(way, splats, views, pixel=pixel, effort=SMALL, vertices=3000, stages=Stages())
+    return np.asarray(mesh.vertices) * FLIP, np.asarray(mesh.triangles), pictures, pixel
+
+
+def distances(tracer, points):
+    return tracer.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+
+
+def caster_of(vertices, faces):
+    tracer = o3d.t.geometry.RaycastingScene()
+    tracer.add_triangles(vertices.astype(np.float32), faces.astype(np.uint32))
+    return tracer
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
+    truth, seen, _ = scene("object")
+    vertices, faces, pictures, pixel = raw_surface(way, "object", 20_000)
+    points, normals = seen_points(truth, seen)
+    # Training fits photos, so nothing finer than its pixel is to be had; most is, for many Gaussians average.
+    for error in (distances(caster(truth), vertices), distances(caster_of(vertices, faces), points)):
+        assert np.median(error) < 0.4 * pixel and np.percentile(error, 99) < pixel
+    # Faces look outwards: the nearest face's normal agrees with the truth's.
+    found = caster_of(vertices, faces).compute_closest_points(o3d.core.Tensor(points.astype(np.float32)))
+    cosine = (found["primitive_normals"].numpy() * normals).sum(axis=1)
+    assert np.median(cosine) > 0.97 and (cosine > 0).mean() > 0.99
+    assert len(pictures) == SMALL.views
+    assert all(picture.color.shape == (*picture.depth.shape, 3) for picture in pictures)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_tabletop_comes_back_where_it_was_seen(way):
+    truth, seen, _ = scene("tabletop", 30_000)
+    vertices, faces, _, pixel = raw_surface(way, "tabletop", 30_000)
+    voxel = np.linalg.norm(np.ptp(truth.vertices, axis=0)) / SMALL.cells
+    to_truth = distances(caster(truth), vertices)
+    to_found = distances(caster_of(vertices, faces), seen_points(truth, seen)[0])
+    # Few small views: what stands close together is joined, and undersides stay open. The rest is as good as above.
+    assert np.median(to_truth) < pixel and np.median(to_found) < pixel
+    assert (to_truth < voxel).mean() > 0.8 and (to_found < voxel).mean() > 0.8
+
+
+def test_the_training_pixel_is_read_off_the_smallest_solid_gaussians():
+    rng = np.random.default_rng(0)
+    long = rng.permutation(np.linspace(0.1, 1.1, 1001))
+    solid = plain(np.zeros((1001, 3)), np.stack([long, 0.5 * long, 0.01 * long], axis=1), opacity=0.9)
+    assert training_pixel(solid) == pytest.approx(0.2 / SCALES_PER_PIXEL, rel=1e-5)  # the tenth percentile is 0.2
+    opacities = np.where(long < 0.6, 0.1, 0.9)  # the faint half does not count
+    mixed = plain(np.zeros((1001, 3)), solid.scales, opacity=opacities)
+    assert training_pixel(mixed) == pytest.approx((0.6 + 0.1 * 0.5) / SCALES_PER_PIXEL, rel=0.01)
+    faint = plain(np.zeros((1001, 3)), solid.scales, opacity=0.2)  # but where all are faint, all do
+    assert training_pixel(faint) == training_pixel(solid)
+
+
+def test_dilation_adds_the_variance_of_the_training_pixel():
+    splats = scene("object")[2]
+    wide = dilated(splats, 0.05)
+    np.testing.assert_allclose(wide.scales**2 - splats.scales**2, TRAINING_DILATION * 0.05**2, rtol=1e-3)
+    assert wide.scales.dtype == np.float32
+    np.testing.assert_array_equal(dilated(splats, 0.0).scales, splats.scales)
+    for name in ("means", "quats_wxyz", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(wide, name), getattr(splats, name))
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_nothing_solid_is_refused(way):
+    fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
+    ball = discs(fibonacci_sphere(2000), fibonacci_sphere(2000), 0.06, 1e-3)
+    views = virtual_views(ball, 4, 64, UP)
+    with pytest.raises(InputError, match="solid object"):
+        extract(way, fog, views, pixel=0.01, effort=SMALL, vertices=3000, stages=Stages())
+
+
+def test_more_detail_means_more_work():
+    draft, normal, fine = (EFFORTS[name] for name in ("draft", "normal", "fine"))
+    for less, more in ((draft, normal), (normal, fine)):
+        assert less.views < more.views and less.pixels < more.pixels
+        assert less.cells <= more.cells and less.depth < more.depth and less.points < more.points
