@@ -6,6 +6,7 @@ import pytest
 from generated import UP, caster, dilated_splats, scene, seen_points
 from test_opacityfield import discs, plain
 
+from scenes import capture_views
 from scenes.cameras import FLIP
 from splat2mesh.errors import InputError
 from splat2mesh.stages import Stages
@@ -21,13 +22,13 @@ from splat2mesh.surface import (
 )
 from splat2mesh.viewpoints import fibonacci_sphere, virtual_views
 
-SMALL = Effort(views=16, pixels=128, cells=128, depth=6, points=30_000)
+SMALL = Effort(views=24, pixels=128, cells=128, depth=6, points=30_000)
 
 
 def raw_surface(way, kind, count):
     """Vertices and faces of the raw surface in the scene frame, its pictures, and the size of a training pixel."""
     pixel, splats = training_pixel(scene(kind, count)[2]), dilated_splats(kind, count)
-    views = virtual_views(splats, SMALL.views, SMALL.pixels, UP)
+    views = capture_views(scene(kind, count)[0], SMALL.views, SMALL.pixels)
     mesh, pictures = extract(way, splats, views, pixel=pixel, effort=SMALL, vertices=3000, stages=Stages())
     return np.asarray(mesh.vertices) * FLIP, np.asarray(mesh.triangles), pictures, pixel
 

@@ -92,7 +92,7 @@ def coverage(kind, count, times):
 
 def test_an_object_is_seen_everywhere_twice_and_from_all_around():
     (once, twice), views = coverage("object", 20_000, [1, 2])
-    assert once > 0.995 and twice > 0.97
+    assert once > 0.995 and twice > 0.95
     eyes = eyes_of(views) * FLIP
     middle = scene("object")[0].vertices.mean(axis=0)
     around = (eyes - middle) / np.linalg.norm(eyes - middle, axis=1, keepdims=True)
@@ -103,7 +103,7 @@ def test_an_object_is_seen_everywhere_twice_and_from_all_around():
 
 
 @pytest.mark.parametrize(
-    ("kind", "count", "least"), [("tabletop", 30_000, (0.92, 0.87)), ("room", 40_000, (0.84, 0.72))]
+    ("kind", "count", "least"), [("tabletop", 30_000, (0.92, 0.87)), ("room", 40_000, (0.82, 0.65))]
 )
 def test_most_of_a_crowded_scene_is_seen(kind, count, least):
     # What no candidate sees, between solids and under shelves, keeps this from 1.
