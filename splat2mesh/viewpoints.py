@@ -43,6 +43,13 @@ WANTED_VIEWS = 4
 SHARP_ENOUGH = 1.5
 """A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth."""
 
+RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
+"""Views, over those wanted, that may be added for what no sharp view shows, the cells that each of them must add, and
+the sight of a cell that counts there."""
+
+TOLERABLE = 1.5
+"""How much fuzzier than the sharp ones such a view may be as a whole: undersides that nobody saw are fuzzier."""
+
 CHOICE = 0.75
 """Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
 
@@ -61,7 +68,7 @@ def near_plane(bounds):
 
 
 def virtual_views(splats, count, pixels, up, seed=0, advance=lambda: None):
-    """Choose `count` views of a splat.
+    """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
@@ -211,23 +218,30 @@ def _what_is_seen(surface, view, bounds):
 
 
 def _cover(coverage, fuzziness, count):
-    """Indices of `count` candidates: each one adds most to what the ones before it have seen least."""
+    """Indices of the candidates chosen: each one adds most to what the ones before it have seen least."""
     usable = np.flatnonzero(np.isfinite(fuzziness))
     if len(usable) == 0:
         return []
     ranked = np.sort(fuzziness[usable])
     limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
-    pool = usable[fuzziness[usable] <= limit]
-    sights = coverage[pool]
+    pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= TOLERABLE * limit]
     seen = np.zeros(coverage.shape[1], np.float32)
     chosen = []
     for _ in range(min(count, len(pool))):
-        need = np.maximum(1 - seen / WANTED_VIEWS, 0.02)
-        gain = sights @ need
-        gain[chosen] = -1
-        chosen.append(int(gain.argmax()))
-        seen += sights[chosen[-1]]
-    return pool[chosen]
+        gain = coverage[pool] @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
+        gain[np.isin(pool, chosen)] = -1
+        chosen.append(int(pool[gain.argmax()]))
+        seen += coverage[chosen[-1]]
+    # What only fuzzier views show, such as a foot seen past an edge, is seen now where it looks sharp itself.
+    sights = np.where(coverage[tolerable] > SHARP_CELL, coverage[tolerable], 0)
+    for _ in range(round(RESCUE_SHARE * count)):
+        gain = sights @ np.maximum(1 - seen, 0)
+        gain[np.isin(tolerable, chosen)] = -1
+        if gain.max() < RESCUE_CELLS:
+            break
+        chosen.append(int(tolerable[gain.argmax()]))
+        seen += coverage[chosen[-1]]
+    return chosen
 
 
 def _random_rotation(rng):

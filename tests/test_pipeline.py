@@ -106,7 +106,7 @@ def test_what_was_done_is_recorded(converted, files):
     }
     statistics = converted.statistics
     assert statistics["splats"] == 20_000 and statistics["splats_non_finite"] == 0
-    assert statistics["views"] == EFFORTS["draft"].views
+    assert 0.7 * EFFORTS["draft"].views <= statistics["views"] <= 1.25 * EFFORTS["draft"].views
     assert statistics["faces"] == sum(len(chunk.faces) for chunk in converted.chunks)
     assert 0.8 * VERTICES < statistics["vertices"] <= 1.05 * VERTICES
     assert 0 <= statistics["vertices_unseen"] < 0.05 * statistics["vertices"]

@@ -84,7 +84,7 @@ def coverage(kind, count, times):
     truth, seen, _ = scene(kind, count)
     splats = dilated_splats(kind, count)
     views = virtual_views(splats, VIEWS, PIXELS, UP)
-    assert 0.7 * VIEWS < len(views) <= VIEWS  # fewer where fewer candidates are sharp
+    assert 0.7 * VIEWS < len(views) <= 1.25 * VIEWS  # fewer where few candidates are sharp, more for what they miss
     near = near_plane(bounds_of(splats))
     points, normals = seen_points(truth, seen)
     return (times_seen(truth, points, normals, views, near)[:, None] >= times).mean(axis=0), views
@@ -165,7 +165,7 @@ def test_views_are_the_same_every_time_and_as_large_as_wanted():
         again = virtual_views(splats, 12, 100, UP)
     finally:
         numba.set_num_threads(before)
-    assert same(first, again) and len(first) == 12
+    assert same(first, again) and 9 <= len(first) <= 15
     assert not same(first, virtual_views(splats, 12, 100, UP, seed=1))
     assert {max(view.width, view.height) for view in first} == {100}
     assert len(calls) == len(candidate_views(splats, 12, UP))
