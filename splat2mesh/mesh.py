@@ -1,4 +1,4 @@
-"""From a raw surface to a clean triangle mesh of a wanted size: components, smoothing, decimation."""
+"""From a raw surface to a clean triangle mesh of a wanted size: components, holes, decimation, smoothing."""
 
 import numpy as np
 from scipy.sparse import csr_matrix

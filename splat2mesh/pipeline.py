@@ -133,8 +133,12 @@ def preview_camera(splats, rotation):
 
 
 def fingerprint(path):
-    """SHA-256, as a hex string, of a file, or of all files of a folder in the order of their names."""
+    """SHA-256, as a hex string, of a file, or of all files of a folder in the order of their names.
+
+    The meta.json of an unbundled .sog stands for its folder.
+    """
     path = Path(path)
+    path = path.parent if path.name == "meta.json" else path
     digest = hashlib.sha256()
     for part in sorted(path.iterdir()) if path.is_dir() else [path]:
         if part.is_file():

@@ -20,13 +20,11 @@ TRAINING_DILATION = 0.3
 SCALES_PER_PIXEL = 1.4
 """The smallest tenth of the solid Gaussians' largest scales, in training pixels: what training lets shrink."""
 
-
 THICKNESSES, LEVELS = (0.7, 1.5), (0.38, 0.5)
 """Median thickness of the surfaces in training pixels, and the opacity at which the surface lies; held outside."""
 
 LEVEL_PROBES, LEVEL_PROBE_PIXELS = 8, 128
 """Views, and their pixels, in which the thickness is measured."""
-
 
 FINEST_VOXEL = 0.5
 """Smallest voxel in training pixels: there is nothing finer in a splat."""

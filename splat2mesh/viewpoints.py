@@ -67,13 +67,12 @@ def near_plane(bounds):
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
-def virtual_views(splats, count, pixels, up, seed=0, advance=lambda: None):
+def virtual_views(splats, count, pixels, up, seed=0):
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
-    advance: called once for each candidate looked at.
-    Returns a list of View, best first: the first one is a good picture of the scene.
+    Returns a list of View, the ones that show most first.
     """
     bounds = bounds_of(splats)
     near = near_plane(bounds)
@@ -84,7 +83,6 @@ def virtual_views(splats, count, pixels, up, seed=0, advance=lambda: None):
         cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
         coverage.append(cells)
         fuzziness.append(fuzz)
-        advance()
     chosen = _cover(np.array(coverage), np.array(fuzziness), count)
     return [candidates[index].resized(pixels) for index in chosen]
 
