@@ -69,7 +69,8 @@ class Relighter:
         """The function (chunk, its slice of the vertices) -> transfer; the calls are independent."""
         if self.method == "analytic":
             return lambda chunk, part: analytic(chunk.normals, self.bands)
-        from .transfer.raytraced import Occluder, raytraced
+        from .transfer.occluder import Occluder
+        from .transfer.raytraced import raytraced
 
         occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
         return lambda chunk, part: raytraced(occluder, part, self.bands, self.rays, self.seed, advance)

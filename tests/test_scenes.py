@@ -12,7 +12,8 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from relight import Environment
-from relight.transfer.raytraced import Occluder, raytraced
+from relight.transfer.occluder import Occluder
+from relight.transfer.raytraced import raytraced
 from scenes import KINDS, SceneTruth, bake, build, capture_views, exposure, seen_faces, shapes, splats_from
 from scenes.cameras import FLIP, SCENE_FROM_SPLAT, write_colmap
 from scenes.splat import _from_z_to, _then_about_axis

@@ -7,7 +7,8 @@ from scipy.special import sph_harm_y
 
 from relight.transfer import sampling
 from relight.transfer.analytic import analytic, unit_normals
-from relight.transfer.raytraced import Occluder, raytraced
+from relight.transfer.occluder import Occluder
+from relight.transfer.raytraced import raytraced
 from splat2mesh.errors import DataWarning, InputError
 
 EVERY = slice(None)

@@ -1,0 +1,96 @@
+"""Everything that can hide light, as one Embree scene (through open3d), and where its rays begin."""
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from .analytic import unit_normals
+
+MAX_OFFSET = 1e-4
+"""Ray origins stand off the surface by at most this part of the scene's diagonal: no shadow shows it."""
+
+EDGE_OFFSET = 0.05
+"""... and by at most this part of the vertex's shortest edge: fine detail in a wide scene keeps contact."""
+
+MIN_OFFSET_ULPS = 16
+"""... but by this many roundings of the coordinates at least: Embree's intersections are good to a few."""
+
+MIN_OPENNESS = 0.1
+"""Least cosine between a normal and the common direction of all normals at its place for that to be used."""
+
+
+class Occluder:
+    """Everything that can hide light, ready for ray tracing, with the ray origins of its own vertices.
+
+    origins: (V, 3) float32, in the occluder's unit frame: centred, diagonal 1, whatever the scene's size.
+    normals: (V, 3) float32, unit, as `unit_normals` repairs them.
+    """
+
+    def __init__(
+        self,
+        vertices,  # (V, 3) scene frame
+        normals,  # (V, 3) scene frame
+        faces,  # (F, 3) integers, opaque from both sides
+    ):
+        """Build the Embree scene. Raises InputError for arrays that do not make a mesh with an extent."""
+        vertices, faces = np.asarray(vertices), np.asarray(faces)
+        _check(vertices, np.asarray(normals), faces)
+        import open3d as o3d
+
+        low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+        diagonal = np.linalg.norm(high - low)
+        if not 0.0 < diagonal < np.inf:
+            raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
+        centered = ((vertices - (low + high) / 2.0) / diagonal).astype(np.float32)
+        rounding = np.spacing(np.float32(max(np.abs([low, high]).max() / diagonal, 1.0)))
+        self.normals = unit_normals(normals)
+        self.origins = _origins(centered, self.normals, faces, MIN_OFFSET_ULPS * rounding)
+        self._scene = o3d.t.geometry.RaycastingScene()
+        triangles = np.ascontiguousarray(faces, np.uint32)
+        self._scene.add_triangles(o3d.core.Tensor.from_numpy(centered), o3d.core.Tensor.from_numpy(triangles))
+
+    def occluded(self, rays):
+        """Whether anything hides the rays: (..., 6) float32 origin, direction, unit frame -> (...) bool."""
+        import open3d as o3d
+
+        return self._scene.test_occlusions(o3d.core.Tensor.from_numpy(rays)).numpy()
+
+
+def _check(vertices, normals, faces):
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or normals.shape != vertices.shape:
+        raise InputError(f"expected vertices and normals of shape (V, 3), found {vertices.shape} and {normals.shape}")
+    if faces.ndim != 2 or faces.shape[1:] != (3,) or len(faces) == 0:
+        raise InputError(f"expected faces of shape (F, 3) with F > 0, found {faces.shape}: light needs a surface")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"faces name vertices {faces.min()} to {faces.max()}, the mesh has {len(vertices)}")
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
+
+
+def _origins(vertices, normals, faces, min_offset):
+    """Ray origins a little off the surface, (V, 3) float32, unit frame.
+
+    Where faces meet at a hard edge, each with vertices of its own, a step along one face's normal can stay
+    in its neighbour's plane, where rays slip through. So the step goes along the sum of the distinct normals
+    at the position, away from all of them; and along the vertex's own normal where they oppose each other.
+    A vertex that lies exactly in a face which has no vertex there is taken to be behind it, that is dark.
+    """
+    order = np.lexsort((*normals.T, *vertices.T))
+    position, normal = vertices[order], normals[order]
+    new_position = np.append(True, (position[1:] != position[:-1]).any(axis=1))
+    distinct = new_position | np.append(True, (normal[1:] != normal[:-1]).any(axis=1))
+    group = np.zeros(len(vertices), np.int64)
+    group[order] = np.cumsum(new_position) - 1
+    common = np.add.reduceat(np.where(distinct[:, None], normal, 0.0), np.flatnonzero(new_position), axis=0)
+    common /= np.maximum(np.linalg.norm(common, axis=1, keepdims=True), 1e-12)
+    step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
+
+    shortest = np.full(len(common), np.inf)
+    for corner in range(3):
+        ends = faces[:, [corner, corner - 1]]
+        length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+        length[length == 0.0] = np.inf
+        np.minimum.at(shortest, group[ends].ravel(), np.repeat(length, 2))
+    offset = np.clip(EDGE_OFFSET * shortest, min_offset, MAX_OFFSET)[group]
+    return (vertices + offset[:, None] * step).astype(np.float32)
