@@ -10,18 +10,20 @@ DISTANCES = (0.0025, 0.005, 0.01)
 """Of the diagonal: a sample counts as right when the other surface is nearer than this."""
 
 SAMPLES = 100_000
+"""Of each mesh, evenly over its area. Sparse on large ones: score the truth against itself to know the ceiling."""
 
 
-def score(found, true, centers=None, seed=0):
+def score(found, true, centers=None, samples=SAMPLES, seed=0):
     """Compare two triangle meshes, each (vertices (V, 3), faces (F, 3)), in one frame.
 
     centers: (C, 3) capture camera positions; where given, only samples that two of them see count, on either mesh.
+    samples: points on each mesh.
     Returns a dict: F at each distance, mean |cosine| of normals ("normal") and with orientation ("signed").
     """
     rng = np.random.default_rng(seed)
     sets = []
     for vertices, faces in (found, true):
-        points, normals = _samples(vertices, faces, rng)
+        points, normals = _samples(vertices, faces, samples, rng)
         if centers is not None:
             seen = _seen(vertices, faces, points, normals, centers) >= 2
             points, normals = points[seen], normals[seen]
@@ -41,13 +43,13 @@ def score(found, true, centers=None, seed=0):
     return result
 
 
-def _samples(vertices, faces, rng):
+def _samples(vertices, faces, count, rng):
     """Points spread evenly over the area, and the normals of their faces."""
     a, b, c = (np.asarray(vertices, np.float64)[faces[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     area = np.linalg.norm(normals, axis=1)
-    pick = rng.choice(len(faces), SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, SAMPLES, 1))
+    pick = rng.choice(len(faces), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     points = a[pick] + u * (b[pick] - a[pick]) + v * (c[pick] - a[pick])
     return points, normals[pick] / np.maximum(area[pick], 1e-300)[:, None]
@@ -62,9 +64,8 @@ def _seen(vertices, faces, points, normals, centers):
     offset = 2e-3 * np.linalg.norm(np.ptp(points, axis=0))
     count = np.zeros(len(points), int)
     for center in centers:
-        towards = center - points
-        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        towards = center - points  # not unit: what hides a point lies at less than 1 of it, before the camera
         side = np.sign((towards * normals).sum(axis=1, keepdims=True))
         rays = np.concatenate([points + offset * side * normals, towards], axis=1).astype(np.float32)
-        count += caster.test_occlusions(rays).numpy() == 0
+        count += caster.test_occlusions(rays, tnear=0.0, tfar=1.0).numpy() == 0
     return count

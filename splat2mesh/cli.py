@@ -51,6 +51,12 @@ def parser():
         metavar="WAY",
         help="field, or sugar: the SuGaR paper's way (default: %(default)s)",
     )
+    add(
+        "--background",
+        default="cut",
+        metavar="WHAT",
+        help="far background of an open scene: cut, or keep, which hides the light's sky (default: %(default)s)",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
     add("--plan", action="store_true", help="print what would be done, and do nothing")
@@ -93,6 +99,7 @@ def _command(options):
             up=options.up,
             detail=options.detail,
             surface=options.surface,
+            background=options.background,
             seed=options.seed,
             stages=stages,
         )
@@ -121,7 +128,8 @@ def _command(options):
 def _plan(options):
     from .pipeline import plan
 
-    result = plan(options.input, cameras=options.cameras, up=options.up, detail=options.detail, surface=options.surface)
+    settings = {name: getattr(options, name) for name in ("cameras", "up", "detail", "surface", "background")}
+    result = plan(options.input, **settings)
     return [f"{label:<22}{value}" for label, value in result.items()], result
 
 

@@ -1,25 +1,33 @@
 """The pipeline of splat2mesh: a trained splat file in, a scene out."""
 
 import hashlib
+import warnings
 from pathlib import Path
 
 import numpy as np
 
+from .background import far_background, views_from_within
 from .cameras import read_colmap, spread_out
 from .chunks import DEFAULT_MAX_VERTICES
-from .errors import InputError
+from .errors import DataWarning, InputError
 from .formats import read_splats
 from .frames import UP_CHOICES, scene_from_splat
 from .meshfile import Mesh
 from .scene import Scene
 from .splats import clean
 from .stages import Stages
-from .surface import EFFORTS, WAYS, dilated, extract, training_pixel
+from .surface import EFFORTS, WAYS, as_trained, extract, training_pixel
 from .viewpoints import bounds_of, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
 
-LONGEST_HOLE = 0.2
+BACKGROUNDS = ("cut", "keep")
+"""What becomes of a far background: a shell of it around the scene would keep all new light out."""
+
+BACKGROUND_SHARE = 0.15
+"""Of the vertices, for a background that is kept: it is far away from everyone who looks."""
+
+LONGEST_HOLE = 0.5
 """Border of the largest hole that is closed, in units of the scene's diagonal."""
 
 
@@ -32,6 +40,7 @@ def convert(
     up="auto",
     detail="normal",
     surface="field",
+    background="cut",
     seed=0,
     stages=None,
 ):
@@ -39,47 +48,55 @@ def convert(
 
     path: splat file. cameras: folder of a COLMAP model, or None for virtual views. vertices: wanted size of the mesh.
     max_chunk_vertices: limit of each sub-mesh. up: one of frames.UP_CHOICES. detail: a key of surface.EFFORTS.
-    surface: one of surface.WAYS. seed: of the virtual views. stages: Stages that times the work.
+    surface: one of surface.WAYS. background: one of BACKGROUNDS, for the far background of open scenes.
+    seed: of the virtual views. stages: Stages that times the work.
     Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
     """
-    from .coloring import vertex_colors
-    from .mesh import decimate, drop_small_components, fill_holes
-
-    check_settings(vertices, max_chunk_vertices, up, detail, surface)
+    check_settings(vertices, max_chunk_vertices, up, detail, surface, background)
     stages = stages or Stages()
     with stages.stage("read"):
         splats, counts = clean(read_splats(path))
         trained = read_colmap(cameras) if cameras else []
     rotation = scene_from_splat(up, trained)
-    pixel = training_pixel(splats)
-    splats = dilated(splats.in_spatial_order(), pixel)
-    views = choose_views(splats, trained, rotation[1, :3], EFFORTS[detail], seed, stages)
-    raw, pictures = extract(surface, splats, views, pixel, EFFORTS[detail], vertices, stages)
-    with stages.stage("clean"):
-        dropped = drop_small_components(raw)
-        filled = fill_holes(raw, LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0))))
-    with stages.stage("decimate"):
-        points, normals, faces = decimate(raw, vertices)
-    if len(faces) == 0:
+    total, splats = len(splats), splats.in_spatial_order()
+    far = far_background(splats)
+    parts, effort = [as_trained(splats.take(np.flatnonzero(~far)))], EFFORTS[detail]
+    views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, seed, stages)]
+    shares = [vertices]
+    if far.any() and background == "cut":
+        message = f"{far.sum()} of {total} splats are far background and were cut; --background keep meshes them too"
+        warnings.warn(message, DataWarning, stacklevel=2)
+    elif far.any():
+        parts.append(as_trained(splats.take(np.flatnonzero(far))))
+        views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
+        shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
+    meshes, statistics = [], dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
+    for part, seen_from, share in zip(parts, views, shares, strict=True):
+        try:
+            meshes.append(_reconstruct(part, seen_from, surface, effort, share, stages, statistics))
+        except InputError:
+            if part is parts[0]:
+                raise
+            warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=2)
+    mesh = _joined(meshes)
+    if len(mesh.faces) == 0:
         raise InputError(f"{path}: no surface is left after cleaning: is this a splat of a solid object?")
-    with stages.stage("color"):
-        colors, unseen = vertex_colors(points, normals, pictures)
     with stages.stage("picture"):
-        camera = preview_camera(splats, rotation)
+        camera = preview_camera(parts[0].splats, rotation)
     turn = rotation[:3, :3].astype(np.float32)
     statistics = {
-        "splats": len(splats) + sum(counts.values()),
+        "splats": total + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
-        "views": len(views),
-        "components_dropped": dropped,
-        "holes_filled": filled,
-        "vertices": len(points),
-        "faces": len(faces),
-        "vertices_unseen": unseen,
+        "splats_background": int(far.sum()),
+        "views": sum(map(len, views)),
+        **statistics,
+        "vertices": len(mesh.vertices),
+        "faces": len(mesh.faces),
     }
     settings = {
         "detail": detail,
         "surface": surface,
+        "background": background,
         "vertices": vertices,
         "max_chunk_vertices": max_chunk_vertices,
         "up": up,
@@ -88,7 +105,7 @@ def convert(
     }
     with stages.stage("chunks"):
         return Scene.from_mesh(
-            Mesh(points @ turn.T, normals @ turn.T, faces, colors),
+            Mesh(mesh.vertices @ turn.T, mesh.normals @ turn.T, mesh.faces, mesh.colors_srgb),
             max_chunk_vertices,
             scene_from_splat=rotation,
             preview_camera=camera,
@@ -98,7 +115,45 @@ def convert(
         )
 
 
-def check_settings(vertices, max_chunk_vertices, up, detail, surface):
+def _reconstruct(part, views, surface, effort, vertices, stages, statistics):
+    """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
+    from .coloring import vertex_colors, vertex_thickness
+    from .fairing import fair
+    from .mesh import decimate, drop_small_components, fill_holes, trim_borders, vertex_normals
+
+    splats, pixel = part
+    raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)
+    with stages.stage("clean"):
+        statistics["components_dropped"] += drop_small_components(raw)
+    with stages.stage("decimate"):
+        points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
+    with stages.stage("fair"):
+        thickness = vertex_thickness(points, vertex_normals(points, faces), pictures, pixel)
+        used, faces = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
+        points, faces = points[used], faces.reshape(-1, 3).astype(np.int32)
+        longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
+        points, faces, filled = fill_holes(points, faces, longest)
+        statistics["holes_filled"] += filled
+        thickness = np.append(thickness[used], np.full(filled, np.inf))
+        if len(faces):
+            points = fair(points, faces, thickness / pixel, pixel)
+        points, normals = points.astype(np.float32), vertex_normals(points, faces)
+    with stages.stage("color"):
+        colors, unseen = vertex_colors(points, normals, pictures)
+        statistics["vertices_unseen"] += unseen
+    return Mesh(points, normals, faces, colors)
+
+
+def _joined(meshes):
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return Mesh(
+        *(np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("vertices", "normals")),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+        np.concatenate([mesh.colors_srgb for mesh in meshes]),
+    )
+
+
+def check_settings(vertices, max_chunk_vertices, up, detail, surface, background="cut"):
     """Raise InputError for a setting that makes no sense."""
     if vertices < 4:
         raise InputError(f"--vertices {vertices}: a mesh needs at least 4")
@@ -110,6 +165,8 @@ def check_settings(vertices, max_chunk_vertices, up, detail, surface):
         raise InputError(f"--detail {detail}: expected one of {' '.join(EFFORTS)}")
     if surface not in WAYS:
         raise InputError(f"--surface {surface}: expected one of {' '.join(WAYS)}")
+    if background not in BACKGROUNDS:
+        raise InputError(f"--background {background}: expected one of {' '.join(BACKGROUNDS)}")
 
 
 def choose_views(splats, trained, up, effort, seed, stages):
@@ -148,21 +205,25 @@ def fingerprint(path):
     return digest.hexdigest()
 
 
-def plan(path, *, cameras=None, up="auto", detail="normal", surface="field"):
-    """What `convert` would do, from the file alone: a dict of counts, bounds, frame and settings."""
-    check_settings(DEFAULT_VERTICES, DEFAULT_MAX_VERTICES, up, detail, surface)
+def plan(path, *, cameras=None, up="auto", detail="normal", surface="field", background="cut"):
+    """What `convert` would do, from the file alone: a dict of counts, the foreground's bounds, frame and settings."""
+    check_settings(DEFAULT_VERTICES, DEFAULT_MAX_VERTICES, up, detail, surface, background)
     splats, counts = clean(read_splats(path))
     trained = read_colmap(cameras) if cameras else []
     effort = EFFORTS[detail]
     views = min(len(trained), effort.views) if trained else effort.views
+    total, far = len(splats), far_background(splats)
+    splats = splats.take(np.flatnonzero(~far))
     return {
-        "splats": len(splats) + sum(counts.values()),
+        "splats": total + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
+        "splats_background": int(far.sum()),
         "sh_degree": splats.degree,
         "bounds_in_splat_frame": bounds_of(splats).tolist(),
         "scene_from_splat": scene_from_splat(up, trained).tolist(),
         "training_pixel": training_pixel(splats),
         "surface": surface,
+        "background": background,
         "views": f"{views} of {len(trained)} trained" if trained else f"{views} virtual",
         "view_pixels": effort.pixels,
     }

@@ -5,11 +5,13 @@ sugar   points on a level of the density field, Poisson: the way of the SuGaR pa
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .coloring import Picture
 from .errors import InputError
+from .splats import Splats
 from .viewpoints import bounds_of, near_plane
 
 WAYS = ("field", "sugar")
@@ -73,6 +75,19 @@ def dilated(splats, pixel):
     return replace(splats, scales=scales.astype(np.float32))
 
 
+class Trained(NamedTuple):
+    """Splats as training saw them, that is dilated, and the size of a training pixel, in their unit."""
+
+    splats: Splats
+    pixel: float
+
+
+def as_trained(splats):
+    """The splats of a file, dilated for the pixel that they tell of themselves: a Trained."""
+    pixel = training_pixel(splats)
+    return Trained(dilated(splats, pixel), pixel)
+
+
 def surface_level(splats, views, pixel, near):
     """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
 
@@ -84,14 +99,17 @@ def surface_level(splats, views, pixel, near):
     thickness = [np.zeros(0)]
     for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
         view = view.resized(LEVEL_PROBE_PIXELS)
-        seen = field_depth(splats, view, near)
-        there = np.isfinite(seen.depth)
-        slant = -(view.ray_directions()[there] * seen.normal[there]).sum(axis=1)
-        thickness.append(seen.spread[there] * slant / pixel)
+        thickness.append(_thickness(field_depth(splats, view, near), view).ravel() / pixel)
     thickness = np.concatenate(thickness)
+    thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
         return LEVELS[1]
     return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
+
+
+def _thickness(seen, view):
+    """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
+    return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
 
 def extract(way, splats, views, pixel, effort, vertices, stages):
@@ -115,7 +133,7 @@ def _field(splats, views, pixel, effort, vertices, stages):
         for view in views:
             seen = field_depth(splats, view, near, level)
             maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
-            pictures.append(Picture.of(view, seen.color, seen.depth))
+            pictures.append(Picture.of(view, seen.color, seen.depth, _thickness(seen, view)))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
     voxel = diagonal / effort.cells
@@ -141,7 +159,8 @@ def _sugar(splats, views, pixel, effort, vertices, stages):
             covered = np.isfinite(rendering.depth_median).sum() * len(views)
             found.append(surface_points(field, view, rendering, max(1, int(np.sqrt(covered / effort.points)))))
             color = rendering.color / np.maximum(rendering.alpha, 1e-3)[..., None]
-            pictures.append(Picture.of(view, color, rendering.depth_median))
+            thickness = np.where(np.isfinite(rendering.depth_median), pixel, np.nan)  # unknown: alike everywhere
+            pictures.append(Picture.of(view, color, rendering.depth_median, thickness))
             advance()
     points, normals = (np.concatenate([getattr(part, name) for part in found]) for name in ("points", "normals"))
     _require_surface(len(points))

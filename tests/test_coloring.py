@@ -1,10 +1,10 @@
-"""Vertex colours from pictures: who sees a vertex colours it, nobody else does."""
+"""Vertex colours and thicknesses from pictures: who sees a vertex tells of it, nobody else does."""
 
 import numpy as np
 import open3d as o3d
 import pytest
 
-from splat2mesh.coloring import Picture, vertex_colors
+from splat2mesh.coloring import Picture, vertex_colors, vertex_thickness
 from splat2mesh.view import View
 
 RED, GREEN = np.array([200, 10, 30]), np.array([20, 180, 60])
@@ -24,10 +24,11 @@ def hit_depth(view, center, radius):
         return (-b - np.sqrt(b * b - a * c)) / a
 
 
-def picture_of(view, depth, paint):
-    """A picture with color paint(points) / 255 where depth is finite."""
+def picture_of(view, depth, paint=None, thickness=0.1):
+    """A picture with color paint(points) / 255, else black, and a thickness (broadcast) where depth is finite."""
     points = view.center + view.ray_directions() * np.nan_to_num(depth)[..., None]
-    return Picture.of(view, paint(points) / 255, depth.astype(np.float32))
+    color = paint(points) / 255 if paint else np.zeros_like(points)
+    return Picture.of(view, color, depth.astype(np.float32), np.where(np.isfinite(depth), thickness, np.nan))
 
 
 def halves(points):
@@ -131,6 +132,88 @@ def test_colours_do_not_depend_on_the_unit_of_length(scale):
 
 def test_a_picture_keeps_bytes_and_clips():
     view = around(1)[0]
-    picture = Picture.of(view, np.array([[[0.5, -1.0, 2.0]]]), np.zeros((1, 1), np.float32))
-    assert picture.color.dtype == np.uint8
+    picture = Picture.of(view, np.array([[[0.5, -1.0, 2.0]]]), np.zeros((1, 1), np.float32), np.full((1, 1), 0.25))
+    assert picture.color.dtype == np.uint8 and picture.thickness.dtype == np.float32
     np.testing.assert_array_equal(picture.color, [[[128, 0, 255]]])
+    np.testing.assert_array_equal(picture.thickness, [[0.25]])
+
+
+# -- thickness
+
+
+def two_views(thickness, angles_deg=(0, 60)):
+    """Three vertices of a plane, their normals, and pictures of it from these angles with these thicknesses."""
+    vertices, normals = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.float32([[0, 0, 1]] * 3)
+    pictures = []
+    for angle, value in zip(np.radians(angles_deg), thickness, strict=True):
+        view = View.look_at([0, 5 * np.sin(angle), 5 * np.cos(angle)], [0, 0, 0], [1, 0, 0], 40.0, 513)
+        depth = -view.center[2] / view.ray_directions()[..., 2]  # of the plane z = 0
+        pictures.append(picture_of(view, depth, thickness=value))
+    return vertices, normals, pictures
+
+
+def test_each_half_of_a_sphere_has_its_own_thickness():
+    vertices, normals = sphere()
+    pictures = []
+    for view in around():
+        depth = hit_depth(view, (0, 0, 0), 1)
+        points = view.center + view.ray_directions() * np.nan_to_num(depth)[..., None]
+        pictures.append(picture_of(view, depth, thickness=np.where(points[..., 0] < 0, 0.02, 0.5)))
+    thickness = vertex_thickness(vertices, normals, pictures, 0.1)
+    assert thickness.shape == (len(vertices),) and thickness.dtype == np.float64
+    clear = np.abs(vertices[:, 0]) > 0.1
+    # Kept as float32: 6e-8 of it.
+    np.testing.assert_allclose(thickness[clear], np.where(vertices[clear, 0] < 0, 0.02, 0.5), rtol=2e-7)
+
+
+@pytest.mark.parametrize("pixel", [0.05, 20.0])
+def test_the_thinnest_and_most_frontal_pictures_count_most(pixel):
+    values = np.array([0.3, 0.05])
+    vertices, normals, pictures = two_views(values)
+    found = vertex_thickness(vertices, normals, pictures, pixel)
+    towards = [picture.view.center / np.linalg.norm(picture.view.center) for picture in pictures]
+    weights = np.array([toward[2] ** 2 for toward in towards]) / (values / pixel + 0.1) ** 2
+    assert found[0] == pytest.approx((weights * values).sum() / weights.sum(), rel=1e-6)
+    # In small training pixels the thin one wins though it looks from the side, in large ones the frontal one.
+    assert (found[0] < 0.1) == (pixel == 0.05)
+
+
+def test_a_thickness_that_is_unknown_does_not_count():
+    vertices, normals, pictures = two_views([0.3, np.nan])
+    np.testing.assert_allclose(vertex_thickness(vertices, normals, pictures, 0.1), 0.3, rtol=1e-6)
+    assert vertex_colors(vertices, normals, pictures[1:])[1] == 0  # though it is seen
+    assert np.isposinf(vertex_thickness(vertices, normals, pictures[1:], 0.1)).all()
+
+
+def test_what_no_picture_sees_is_infinitely_thick():
+    vertices, normals = sphere()
+    view = View.look_at([-4, 0, 0], [0, 0, 0], [0, 1, 0], 40.0, 128)
+    pictures = [picture_of(view, hit_depth(view, (0, 0, 0), 1))]
+    thickness = vertex_thickness(vertices, normals, pictures, 0.1)
+    unseen = vertex_colors(vertices, normals, pictures)[1]
+    assert np.isposinf(thickness).sum() == unseen > len(vertices) / 2 and not np.isnan(thickness).any()
+    assert np.isposinf(thickness[(normals * (view.center - vertices)).sum(axis=1) < 0]).all()
+    assert np.isposinf(vertex_thickness(vertices, normals, [], 0.1)).all()
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_thickness_scales_with_everything_else(scale):
+    vertices, normals = sphere()
+    found = []
+    for size in (1.0, scale):
+        pictures = []
+        for count, view in enumerate(around()):
+            pose = view.camera_from_world.copy()
+            pose[:3, 3] *= size
+            view = View(view.width, view.height, view.fx, view.fy, view.cx, view.cy, pose)
+            pictures.append(picture_of(view, hit_depth(view, (0, 0, 0), size), thickness=0.02 * (1 + count) * size))
+        found.append(vertex_thickness(vertices * np.float32(size), normals, pictures, 0.1 * size) / size)
+    # Vertices are float32: a few that project between two pixels may fall into the other one.
+    assert np.isclose(found[0], found[1], rtol=1e-5).mean() > 0.99 and np.ptp(found[0]) > 0.01
+
+
+def test_no_vertices_have_no_colours():
+    nothing, pictures = np.zeros((0, 3), np.float32), two_views([0.1, 0.1])[2]
+    colors, unseen = vertex_colors(nothing, nothing, pictures)
+    assert colors.shape == (0, 3) and unseen == 0
+    assert vertex_thickness(nothing, nothing, pictures, 0.1).shape == (0,)

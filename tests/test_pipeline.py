@@ -4,6 +4,7 @@ from dataclasses import asdict
 
 import numba
 import numpy as np
+import open3d as o3d
 import pytest
 from generated import UP, scene, seen_points
 from scipy.spatial import cKDTree
@@ -12,6 +13,7 @@ from test_opacityfield import plain
 from scenes import capture_views
 from scenes.cameras import FLIP, write_colmap
 from splat2mesh import convert
+from splat2mesh.coloring import Picture
 from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.formats import write_inria_ply
 from splat2mesh.frames import UP_CHOICES
@@ -19,6 +21,7 @@ from splat2mesh.pipeline import fingerprint, plan
 from splat2mesh.scene import Scene
 from splat2mesh.stages import Stages
 from splat2mesh.surface import EFFORTS, Effort
+from splat2mesh.view import View
 
 VERTICES, LIMIT = 6000, 1500
 
@@ -98,6 +101,7 @@ def test_what_was_done_is_recorded(converted, files):
     assert converted.settings == {
         "detail": "draft",
         "surface": "field",
+        "background": "cut",
         "vertices": VERTICES,
         "max_chunk_vertices": LIMIT,
         "up": "auto",
@@ -106,6 +110,7 @@ def test_what_was_done_is_recorded(converted, files):
     }
     statistics = converted.statistics
     assert statistics["splats"] == 20_000 and statistics["splats_non_finite"] == 0
+    assert statistics["splats_background"] == 0
     assert 0.7 * EFFORTS["draft"].views <= statistics["views"] <= 1.25 * EFFORTS["draft"].views
     assert statistics["faces"] == sum(len(chunk.faces) for chunk in converted.chunks)
     assert 0.8 * VERTICES < statistics["vertices"] <= 1.05 * VERTICES
@@ -218,6 +223,23 @@ def test_the_plan_says_what_convert_does(files, converted):
     assert with_cameras["views"] == "32 of 48 trained"
 
 
+@pytest.mark.parametrize("kind", ["empty", "unseen"])
+def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch, kind):
+    def nothing(*_):
+        """An empty mesh that some view looked at, or an open one that none did."""
+        view = View.look_at((0, 0, 5), (0, 0, 0), (0, 1, 0), 40.0, 8)
+        depth = np.full((8, 8), np.float32(5 if kind == "empty" else np.nan))
+        mesh = o3d.geometry.TriangleMesh()
+        if kind == "unseen":
+            mesh = o3d.geometry.TriangleMesh.create_sphere(1.0, 20)
+            mesh.remove_triangles_by_index([100, 101])
+        return mesh, [Picture.of(view, np.zeros((8, 8, 3)), depth, depth)]
+
+    monkeypatch.setattr("splat2mesh.pipeline.extract", nothing)
+    with pytest.raises(InputError, match="no surface is left"):
+        convert(files / "object.ply", detail="draft")
+
+
 def test_fog_is_refused(tmp_path, quick):
     fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
     write_inria_ply(tmp_path / "fog.ply", fog)
@@ -233,6 +255,7 @@ def test_fog_is_refused(tmp_path, quick):
         ({"up": "+x"}, "expected one of auto"),
         ({"detail": "finest"}, "expected one of draft"),
         ({"surface": "magic"}, "expected one of field"),
+        ({"background": "blur"}, "--background blur: expected one of cut keep"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_before_the_file_is_read(setting, message):

@@ -198,6 +198,8 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--up", "sideways"], r"--up sideways: expected one of auto \+y -y \+z -z"),
         (["--detail", "perfect"], "--detail perfect: expected one of draft normal fine"),
         (["--surface", "magic"], "--surface magic: expected one of field sugar"),
+        (["--background", "blur"], "--background blur: expected one of cut keep"),
+        (["--background", "blur", "--plan"], "--background blur: expected one of cut keep"),
         (["--vertices", "0"], "--vertices 0"),
         (["--vertices", "-5"], "--vertices -5"),
         (["--max-chunk-vertices", "2"], "--max-chunk-vertices 2"),
@@ -286,7 +288,8 @@ def test_help_and_version_import_nothing_heavy(flag):
 
 def test_help_names_every_flag_with_a_word_about_it():
     process = run("--help")
-    for flag in ("--output", "--cameras", "--vertices", "--max-chunk-vertices", "--up", "--detail", "--surface"):
+    flags = ("--output", "--cameras", "--vertices", "--max-chunk-vertices", "--up", "--detail", "--surface")
+    for flag in (*flags, "--background", "--seed"):
         assert re.search(rf"{flag} [A-Z]+\s+\S+", process.stdout), flag
     for flag in ("--overwrite", "--plan", "--json", "--quiet", "--verbose"):
         assert re.search(rf"{flag}\s+\S+", process.stdout), flag

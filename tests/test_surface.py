@@ -16,10 +16,12 @@ from splat2mesh.surface import (
     TRAINING_DILATION,
     WAYS,
     Effort,
+    as_trained,
     dilated,
     extract,
     training_pixel,
 )
+from splat2mesh.view import View
 from splat2mesh.viewpoints import fibonacci_sphere, virtual_views
 
 SMALL = Effort(views=24, pixels=128, cells=128, depth=6, points=30_000)
@@ -56,7 +58,14 @@ def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
     cosine = (found["primitive_normals"].numpy() * normals).sum(axis=1)
     assert np.median(cosine) > 0.97 and (cosine > 0).mean() > 0.99
     assert len(pictures) == SMALL.views
-    assert all(picture.color.shape == (*picture.depth.shape, 3) for picture in pictures)
+    for picture in pictures:
+        assert picture.color.shape == (*picture.depth.shape, 3) and picture.thickness.shape == picture.depth.shape
+        known = np.isfinite(picture.thickness)
+        np.testing.assert_array_equal(known, np.isfinite(picture.depth))
+        assert (picture.thickness[known] > 0).all()
+    # Of the order of a training pixel, the thickness that generated splats have; without a field, exactly that.
+    thickness = np.concatenate([picture.thickness[np.isfinite(picture.thickness)] for picture in pictures])
+    assert 0.5 * pixel < np.median(thickness) < 2 * pixel if way == "field" else (thickness == np.float32(pixel)).all()
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -91,6 +100,31 @@ def test_dilation_adds_the_variance_of_the_training_pixel():
     np.testing.assert_array_equal(dilated(splats, 0.0).scales, splats.scales)
     for name in ("means", "quats_wxyz", "opacities", "sh"):
         np.testing.assert_array_equal(getattr(wide, name), getattr(splats, name))
+
+
+def test_splats_as_trained_are_dilated_by_their_own_pixel():
+    splats = scene("object")[2]
+    trained = as_trained(splats)
+    assert trained.pixel == training_pixel(splats)
+    np.testing.assert_array_equal(trained.splats.scales, dilated(splats, trained.pixel).scales)
+    np.testing.assert_array_equal(trained.splats.means, splats.means)
+
+
+@pytest.mark.parametrize("thickness", [0.003, 0.01])
+def test_thickness_is_that_of_the_surface_whichever_way_it_is_looked_at(thickness):
+    x, y = (part.ravel() for part in np.meshgrid(np.arange(-1.5, 1.5, 0.05), np.arange(-1.5, 1.5, 0.05)))
+    points = np.stack([x, y, 0 * x], axis=1)
+    splats = discs(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), 0.05, thickness)
+    found = []
+    for angle in np.radians([0, 30, 60]):
+        eye = 5 * np.array([np.sin(angle), 0, np.cos(angle)])
+        (picture,) = extract("field", splats, [View.look_at(eye, [0, 0, 0], UP, 15.0, 64)], 0.05, SMALL, 100, Stages())[
+            1
+        ]
+        found.append(np.nanmedian(picture.thickness))
+    # Between the opacities 0.2 and 0.6 of a stack of Gaussians: a part of their standard deviation.
+    np.testing.assert_allclose(found, found[0], rtol=0.15)
+    assert 0.3 * thickness < found[0] < 2 * thickness
 
 
 @pytest.mark.parametrize("way", WAYS)

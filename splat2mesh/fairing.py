@@ -1,0 +1,58 @@
+"""Fairing: the noise of the depth maps taken out of a mesh, most where the surface was seen least sharply."""
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags_array, eye_array
+from scipy.sparse.linalg import cg
+
+STRENGTH = 300.0
+"""Weight of smoothness where edges are one training pixel long. Noise has the size of Gaussians, so it counts in
+pixels: longer edges have averaged it already, with the fourth power of their length."""
+
+MAX_STRENGTH = 200.0
+"""Most smoothness at any length of edge: beyond, the equations take long to solve and folds go."""
+
+LEAST_THICKNESS, MOST_THICKNESS = 0.3, 2.5
+"""Thickness in training pixels that is added to every vertex's, and the most that counts: even fuzz keeps its place."""
+
+TOLERANCE, MAX_ITERATIONS = 1e-4, 300
+"""Relative residual at which the solution counts as found, and iterations at most."""
+
+
+def fair(
+    points,  # (V, 3) float64
+    faces,  # (F, 3)
+    thickness,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
+    pixel,  # size of a training pixel, in the points' unit
+):
+    """Smooth a mesh: (V, 3) float64, the points that minimise trust x displacement^2 + strength x Laplacian^2.
+
+    Trust falls with the square of the thickness. The Laplacian has equal weights, which also evens out the triangles;
+    on borders it is 0. Source: Botsch et al., "Polygon Mesh Processing" (2010), chapter 4.
+    """
+    smoothness = _laplacian(faces, len(points))
+    edge = np.median(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1))
+    strength = min(STRENGTH * (pixel / max(edge, 1e-300)) ** 4, MAX_STRENGTH)
+    bending = (strength * (smoothness.T @ smoothness)).tocsr()
+    trust = 1.0 / (LEAST_THICKNESS + np.minimum(thickness, MOST_THICKNESS)) ** 2
+    system = (diags_array(trust) + bending).tocsr()
+    preconditioner = diags_array(1.0 / system.diagonal())
+    faired = points.astype(np.float64)
+    for axis in range(3):
+        pull = -(bending @ points[:, axis])
+        step, _ = cg(system, pull, rtol=TOLERANCE, maxiter=MAX_ITERATIONS, M=preconditioner)
+        faired[:, axis] += step
+    return faired
+
+
+def _laplacian(faces, count):
+    """(V, V) sparse: a vertex less the mean of its neighbours; rows of border vertices are 0."""
+    corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([corners, corners[:, ::-1]])
+    uses = csr_matrix((np.ones(len(ends)), ends.T), (count, count))
+    uses.sum_duplicates()
+    inner = np.ones(count)
+    inner[np.diff(uses.indptr) == 0] = 0.0  # in no face: it would be drawn to the origin
+    inner[np.repeat(np.arange(count), np.diff(uses.indptr))[uses.data == 1]] = 0.0
+    neighbors = csr_matrix((np.ones_like(uses.data), uses.indices, uses.indptr), uses.shape)
+    mean = diags_array(inner / np.maximum(np.diff(uses.indptr), 1)) @ neighbors
+    return (diags_array(inner) @ eye_array(count) - mean).tocsr()
