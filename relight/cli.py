@@ -8,6 +8,7 @@ import warnings
 from pathlib import Path
 
 from . import __version__
+from .effects import EFFECTS
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, METHODS
 
 EXAMPLES = """examples:
@@ -51,8 +52,10 @@ def parser():
     add = parser.add_argument_group("surface and accuracy").add_argument
     albedo = "captured (the scene's colours), white, or FILE.npy, (V, 3) linear (default: %(default)s)"
     add("--albedo", default="captured", metavar="WHICH", help=albedo)
-    method = f"{', '.join(METHODS)}; analytic leaves shadows out, auto is raytraced (default: %(default)s)"
+    method = f"{', '.join(METHODS)}; the last two have no shadows, auto is raytraced (default: %(default)s)"
     add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
+    effects = f"auto, none, or some of {','.join(EFFECTS)}; auto is all, but no bounces on a white scene"
+    add("--effects", default="auto", metavar="LIST", help=effects)
     add("--bands", type=int, default=DEFAULT_BANDS, metavar="1..10", help="SH bands (default: %(default)s)")
     add("--rays", type=int, default=DEFAULT_RAYS, metavar="N", help="rays per vertex (default: %(default)s)")
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
@@ -163,12 +166,15 @@ def _relight(options, source, outputs, stages, messages):
     from .engine import Relighter
     from .preview import Preview
 
-    relighter = Relighter(scene, options.method, options.bands, options.rays, options.seed, stages)
+    relighter = Relighter(scene, options.method, options.bands, options.rays, options.seed, options.effects, stages)
     lights = [(environment.rotated(angle), folder) for angle, folder in outputs]
-    exposure = _exposure(options.exposure, relighter, albedo, [light for light, _ in lights])
+    # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
+    first = relighter.shading(lights[0][0], albedo)
+    exposure = _exposure(options.exposure, relighter, albedo, first, [light for light, _ in lights[1:]])
     preview = None
     for light, folder in lights:
-        radiance = relighter.shade(light, albedo)
+        shading = first if light is lights[0][0] else relighter.shading(light, albedo)
+        radiance = shading.radiance
         if "png" in options.format:
             with stages.stage("preview"):
                 preview = preview or Preview(scene, None, *PICTURE_SIZE)
@@ -185,6 +191,9 @@ def _relight(options, source, outputs, stages, messages):
             "method": relighter.method,
             "bands": relighter.bands,
             "rays": relighter.rays if relighter.method == "raytraced" else 0,
+            "effects": sorted(relighter.effects),
+            "suns": shading.suns,
+            "bounces": [round(share, 6) for share in shading.bounces],
             "seed": relighter.seed,
             "exposure": exposure,
             "files": [FILES[kind] for kind in FILES if kind in options.format],
@@ -232,13 +241,14 @@ def _albedo(choice, scene):
     return albedo.astype(np.float32)
 
 
-def _exposure(exposure_ev, relighter, albedo, lights):
-    """Display value per unit of radiance: 2^EV, else what the brightest of the lights calls for."""
+def _exposure(exposure_ev, relighter, albedo, first, lights):
+    """Display value per unit of radiance: 2^EV, else what the brightest of the lights calls for, the `first` shaded."""
     if exposure_ev is not None:
         return 2.0**exposure_ev
     from .tonemap import auto_exposure
 
-    return min(auto_exposure(relighter.shade(light, albedo)) for light in lights)
+    exposures = (auto_exposure(relighter.shade(light, albedo)) for light in lights)
+    return min([auto_exposure(first.radiance), *exposures])
 
 
 def _plain(number):

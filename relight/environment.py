@@ -13,10 +13,15 @@ import numpy as np
 from splat2mesh.color import luminance
 from splat2mesh.errors import DataWarning, InputError
 
-from . import layouts, sh, skies
+from . import layouts, rotors, sh, skies
 
 _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
+
+
+def turned_about_y(coefficients, angle_deg):
+    """Radiance coefficients (K, 3) float64 of light turned by an active Ry(+angle): +z towards +x."""
+    return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
 
 
 class Environment:
@@ -38,7 +43,7 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
-        self._projections = {}  # bands -> coefficients of the unrotated image, shared with every rotated copy
+        self._derived = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
 
     @classmethod
     def load(cls, source):
@@ -80,9 +85,14 @@ class Environment:
 
     def sh(self, bands):
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh`, rotation included."""
-        if bands not in self._projections:
-            self._projections[bands] = sh.project_latlong(self.radiance, bands)
-        return sh.rotate_y(self._projections[bands], math.radians(self.rotation_deg))
+        unrotated = self.derived(("sh", bands), lambda: sh.project_latlong(self.radiance, bands))
+        return turned_about_y(unrotated, self.rotation_deg)
+
+    def derived(self, key, compute):
+        """What `compute()` returns, computed once for the image and all its rotated copies under this key."""
+        if key not in self._derived:
+            self._derived[key] = compute()
+        return self._derived[key]
 
     def lookup(
         self,

@@ -115,20 +115,6 @@ def rotate(coefficients, rotation):
     return rotation_matrix(rotation, bands_of(coefficients)) @ coefficients
 
 
-def rotate_y(coefficients, angle_rad):
-    """Coefficients, same shape, of the environment turned by an active Ry(+angle): +z towards +x.
-
-    In the basis whose polar axis is y this turns the pairs (m, -m); the change of basis is constant.
-    """
-    bands = bands_of(coefficients)
-    degree, order = degrees_and_orders(bands)
-    basis = _y_polar_basis(bands)
-    polar = basis @ coefficients
-    mirrored = np.take(polar, degree * (degree + 1) - order, axis=-2 if polar.ndim > 1 else -1)
-    turned = _scaled(polar, np.cos(order * angle_rad)) - _scaled(mirrored, np.sin(order * angle_rad))
-    return basis.T @ turned
-
-
 def lambert_coefficients(bands):
     """Lambert's lobe A_l, (B,) float64: pi, 2 pi / 3, pi / 4, 0 ... (Ramamoorthi & Hanrahan 2001)."""
     lobe = np.zeros(check_bands(bands))

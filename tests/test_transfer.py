@@ -141,21 +141,78 @@ def test_rays_are_unit_cosine_distributed_and_start_at_their_origin():
 
 
 @pytest.mark.parametrize("bands", range(1, 11))
-def test_gather_is_the_control_variate_formula(bands):
+def test_gather_is_a_ridge_fit_and_what_it_leaves(bands):
     rng = np.random.default_rng(3)
     normals = random_normals(20).astype(np.float32)
     rays = np.zeros((20, 64, 6), np.float32)
     sampling.shoot(normals, normals, sampling.fibonacci_azimuths(64), 0, rays)
     occluded = rng.random((20, 64)) < rng.random((20, 1))
-    unshadowed = analytic(normals, bands)
-    transfer = unshadowed.copy()
-    sampling.gather(rays, occluded, transfer)
+    model, rest = np.zeros((20, 4), np.float32), np.zeros((20, bands**2), np.float32)
+    sampling.gather(rays, occluded, normals, model, rest)
 
     for v in range(20):
-        basis = scipy_basis(rays[v, :, 3:].astype(np.float64), bands)
-        a, b = basis[~occluded[v]].sum(axis=0) / 64, basis[occluded[v]].sum(axis=0) / 64
-        expected = a + (~occluded[v]).mean() * (unshadowed[v] - a - b)
-        np.testing.assert_allclose(transfer[v], expected, atol=3e-6)  # 64 float32 terms of size 1/64
+        directions, visible = rays[v, :, 3:].astype(np.float64), ~occluded[v]
+        n = normals[v].astype(np.float64)
+        # Moments of the cosine lobe: mean d = 2/3 n, mean d d' = (1 + n n') / 4; those of the set replaced by them.
+        moment = ((visible - visible.mean())[:, None] * directions).mean(axis=0) + visible.mean() * 2 / 3 * n
+        along = np.outer(n, n)
+        ridge = float(sampling.RIDGE_NORMAL) * along + float(sampling.RIDGE_TANGENT) * (np.eye(3) - along)
+        gram = np.block([[np.ones((1, 1)), 2 / 3 * n[None]], [2 / 3 * n[:, None], (np.eye(3) + along) / 4 + ridge]])
+        fit = np.linalg.solve(gram, np.append(visible.mean(), moment))
+        np.testing.assert_allclose(model[v], fit, atol=2e-5)  # 1 / 0.066 times the rounding of a sum of 64
+        left = visible - fit[0] - directions @ fit[1:]
+        np.testing.assert_allclose(rest[v], left @ scipy_basis(directions, bands) / 64, atol=1e-5)
+
+
+def test_gather_of_rays_that_agree_is_exact():
+    normals = random_normals(30).astype(np.float32)
+    rays = np.zeros((30, 13, 6), np.float32)
+    sampling.shoot(normals, normals, sampling.fibonacci_azimuths(13), 0, rays)
+    for occluded, fraction in ((False, 1.0), (True, 0.0)):
+        model, rest = np.full((30, 4), 7, np.float32), np.full((30, 9), 7, np.float32)
+        sampling.gather(rays, np.full((30, 13), occluded), normals, model, rest)
+        np.testing.assert_array_equal(model, np.tile([fraction, 0, 0, 0], (30, 1)))
+        assert not rest.any()
+
+
+@pytest.mark.parametrize("bands", range(1, 11))
+def test_transfer_of_a_linear_visibility_is_its_cosine_integral(bands):
+    rng = np.random.default_rng(8)
+    normals = np.concatenate([random_normals(4, seed=9), np.eye(3), -np.eye(3)]).astype(np.float32)
+    model = rng.normal(size=(len(normals), 4)).astype(np.float32)
+    rest = rng.normal(size=(len(normals), bands**2)).astype(np.float32)
+    transfer = analytic(normals, bands)
+    sampling.add_model(normals, model, rest, transfer)
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    for row, normal, (a, *b), extra in zip(transfer, normals.astype(np.float64), model, rest, strict=True):
+        # Exact rule: Gauss in u = cos over 0..1 with weight 2 u, 24 azimuths; degree 9 + 1, times u.
+        u, turn = np.meshgrid((nodes + 1) / 2, 2 * np.pi * np.arange(24) / 24)
+        flat = np.sqrt(1 - u * u)
+        local = np.stack([flat * np.cos(turn), flat * np.sin(turn), u], axis=-1).reshape(-1, 3)
+        tangents = np.linalg.svd(normal[None])[2][1:]
+        directions = local @ np.stack([*tangents, normal])
+        weight = (np.tile(weights, 24) * u.ravel() / 24) * (a + directions @ np.array(b, np.float64))
+        expected = weight @ scipy_basis(directions / np.linalg.norm(directions, axis=1, keepdims=True), bands) + extra
+        np.testing.assert_allclose(row, expected, atol=3e-6 * bands)  # float32 recurrences, values up to 3
+
+
+def test_hashed_offsets_are_uniform_and_independent():
+    normals = random_normals(4096).astype(np.float32)
+    offsets = sampling.hashed_offsets(np.roll(normals, 1, axis=1), normals, 5)
+    counts = np.histogram2d(*offsets.T, bins=8, range=[[0, 1], [0, 1]])[0]
+    assert offsets.min() >= 0 and offsets.max() < 1 and counts.sum() == 4096
+    chi_square = ((counts - 64) ** 2 / 64).sum()
+    assert 30 < chi_square < 110  # 63 degrees of freedom: 63 +- 11
+
+
+def test_ranked_offsets_fill_the_square_evenly_in_every_run():
+    offsets = sampling.ranked_offsets(10**6, 10**6 + 4096, seed=5)
+    assert offsets.dtype == np.float32 and offsets.min() >= 0 and offsets.max() < 1
+    np.testing.assert_array_equal(sampling.ranked_offsets(10**6 + 100, 10**6 + 164, seed=5), offsets[100:164])
+    for start in range(0, 4096, 256):
+        counts = np.histogram2d(*offsets[start : start + 256].T, bins=8, range=[[0, 1], [0, 1]])[0]
+        assert counts.min() >= 2 and counts.max() <= 7  # 4 expected; independent ones: 0 and 11
+    assert (sampling.ranked_offsets(0, 64, seed=6) != sampling.ranked_offsets(0, 64, seed=7)).all()
 
 
 # -- closed forms of visibility

@@ -5,9 +5,45 @@ import numpy as np
 from .. import sh
 from . import check_rays, sampling
 from .analytic import analytic
+from .filtering import average, steps_for
+from .neighbors import Neighbors
 
 BATCH_RAYS = 2**20
 """Rays in memory at once: 24 MiB."""
+
+
+def raytraced_scene(
+    occluder,  # Occluder
+    bands,
+    rays,  # per vertex
+    seed=0,
+    advance=lambda count: None,  # called with the number of vertices done
+):
+    """Transfer of all white vertices in the shadow of everything: (V, K) float32.
+
+    As `raytraced`, with the noise of the rays averaged over neighbouring vertices whose shadows agree
+    (`filtering`): at 8 rays the error is 2.5 times smaller, at 64 rays 1.6 times, for the time of a few rays more.
+    Still exact for what nothing hides, and exactly 0 where a vertex and all around it see no sky.
+    Vertices of equal position and normal get equal rows. A row depends on the vertex, the seed and the scene, but
+    on no order of vertices or faces and on no division into chunks.
+    Raises InputError for bands outside 1..10 and rays outside 1..65536.
+    """
+    bands, rays = sh.check_bands(bands), check_rays(rays)
+    neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+    vertices = neighbors.vertices
+    origins, normals = occluder.origins[vertices], occluder.normals[vertices]
+    model, transfer = np.zeros((len(vertices), 4), np.float32), np.zeros((len(occluder.origins), bands**2), np.float32)
+    copies = np.bincount(neighbors.node, minlength=len(vertices))
+    for part, traced in _traced(occluder, origins, normals, bands, rays, lambda part: _ranked(part, seed)):
+        model[part], transfer[vertices[part]] = traced
+        advance(int(copies[part].sum()))
+    average(neighbors, normals, model, transfer, rays, steps_for(rays, bands))
+    others = np.flatnonzero(vertices[neighbors.node] != np.arange(len(transfer)))
+    transfer[others] = transfer[vertices[neighbors.node[others]]]
+    for start in range(0, len(transfer), BATCH_RAYS // 32):
+        part = slice(start, start + BATCH_RAYS // 32)
+        transfer[part] = _completed(occluder.normals[part], model[neighbors.node[part]], transfer[part])
+    return transfer
 
 
 def raytraced(
@@ -18,25 +54,48 @@ def raytraced(
     seed=0,
     advance=lambda count: None,  # called with the number of vertices done
 ):
-    """Transfer of white vertices in the shadow of everything: (V, K) float32.
+    """Transfer of some white vertices in the shadow of everything: (V, K) float32, unfiltered.
 
-    Cosine-distributed rays about the vertex normal, with the unoccluded transfer as control variate: exact
-    for what nothing hides, exactly 0 for what sees no sky. Surfaces hide light from both sides, so a vertex
-    whose normal points into a closed body is black. Its own faces count like any others: they hide what a
-    fold hides, and nothing at a convex vertex, above whose normal plane no face rises.
+    Cosine-distributed rays about the vertex normal, with a linear model of the visibility as control variate
+    (`sampling.gather`): exact for what nothing hides, exactly 0 for what sees no sky. Surfaces hide light from both
+    sides, so a vertex whose normal points into a closed body is black. Its own faces count like any others: they
+    hide what a fold hides, and nothing at a convex vertex, above whose normal plane no face rises.
     A vertex's row depends on its position, its normal, the seed and the occluder, and on nothing else.
     Raises InputError for bands outside 1..10 and rays outside 1..65536.
     """
-    sh.check_bands(bands)
+    bands, rays = sh.check_bands(bands), check_rays(rays)
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
-    transfer = analytic(normals, bands)
-    azimuths = sampling.fibonacci_azimuths(check_rays(rays))
-    batch = max(1, BATCH_RAYS // len(azimuths))
-    buffer = np.zeros((min(batch, len(origins)), len(azimuths), 6), np.float32)
+    transfer = np.zeros((len(origins), bands**2), np.float32)
+
+    def offsets(part):
+        return sampling.hashed_offsets(origins[part], normals[part], seed)
+
+    for part, (model, rest) in _traced(occluder, origins, normals, bands, rays, offsets):
+        transfer[part] = _completed(normals[part], model, rest)
+        advance(len(rest))
+    return transfer
+
+
+def _ranked(part, seed):
+    return sampling.ranked_offsets(part.start, part.stop, seed)
+
+
+def _traced(occluder, origins, normals, bands, rays, offsets):
+    """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` tells them apart."""
+    azimuths = sampling.fibonacci_azimuths(rays)
+    batch = max(1, BATCH_RAYS // rays)
+    buffer = np.zeros((min(batch, len(origins)), rays, 6), np.float32)
     for start in range(0, len(origins), batch):
-        part = slice(start, start + batch)
-        shot = buffer[: len(origins[part])]
-        sampling.shoot(origins[part], normals[part], azimuths, seed, shot)
-        sampling.gather(shot, occluder.occluded(shot), transfer[part])
-        advance(len(shot))
+        part = slice(start, min(start + batch, len(origins)))
+        shot = buffer[: part.stop - start]
+        sampling.shoot_at(origins[part], normals[part], azimuths, offsets(part), shot)
+        model, rest = np.zeros((len(shot), 4), np.float32), np.zeros((len(shot), bands**2), np.float32)
+        sampling.gather(shot, occluder.occluded(shot), normals[part], model, rest)
+        yield part, (model, rest)
+
+
+def _completed(normals, model, rest):
+    """Transfer (V, K) of what `_traced` found."""
+    transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
+    sampling.add_model(normals, model, rest, transfer)
     return transfer

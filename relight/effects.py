@@ -1,0 +1,31 @@
+"""The effects of light transport that a scene can be lit with, and which of them a choice names."""
+
+from splat2mesh.errors import InputError
+
+SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
+"""shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
+directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
+
+
+def chosen_effects(choice, method):
+    """(effects, auto): the set of effects of "auto", "none" or a list of names, and whether it was "auto".
+
+    "auto" stays with all that `method` can do, "none" and an empty list with nothing. A list is text with spaces or
+    commas, or names. Sun and bounces are traced among shadows, and all three need rays. Raises InputError for
+    anything else.
+    """
+    names = choice.replace(",", " ").split() or [""] if isinstance(choice, str) else list(map(str, choice))
+    able = frozenset(EFFECTS if method in ("auto", "raytraced") else ())
+    if names == ["auto"]:
+        return able, True
+    effects = frozenset(() if names == ["none"] else names)
+    listed = " ".join(sorted(effects))
+    if effects - set(EFFECTS):
+        raise InputError(f"effects {listed!r}: expected auto or none alone, or some of {' '.join(EFFECTS)}")
+    if effects - {SHADOWS} and SHADOWS not in effects:
+        raise InputError(f"effects {listed}: sun and bounces need shadows too")
+    if effects - able:
+        raise InputError(f"effects {listed}: the method {method} has none; leave it at auto")
+    if method == "raytraced" and not effects:
+        raise InputError("effects none: the method raytraced has shadows at least; use analytic, or leave it at auto")
+    return effects, False

@@ -1,0 +1,338 @@
+"""Suns: light too concentrated for spherical harmonics, taken out as single directions that are ray traced.
+
+    rest, suns = split(environment)
+    radiance = transfer @ rest.sh(bands) + sunlight(occluder, rows, suns)
+
+The coefficients of light split in this way are exact, SH(rest) + SH(suns as points) = SH(environment). Only what the
+bands do not hold can be wrong: contrast that stays in the rest, and the width of what now shines as points. Both are
+estimated for walls that may stand anywhere, and `split` looks for the fewest suns within a tolerance.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from splat2mesh.color import luminance
+from splat2mesh.errors import InputError
+
+from . import layouts, sh
+from .environment import Environment, turned_about_y
+from .transfer import DEFAULT_BANDS
+
+DEFAULT_TOLERANCE = 0.01
+"""Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
+on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench_light)."""
+
+DEFAULT_LIMIT = 128
+"""Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""
+
+_LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
+_OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
+_FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
+_POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
+_PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
+_PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
+_POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
+_LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
+_ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
+_GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
+_PROBES = 256  # vertices beside walls, for the estimate
+_EDGE_ERROR = (math.sqrt(2.0) - 1.0) / (2.0 * math.sqrt(math.pi)) / (6.0 * math.pi**2)
+"""Mean squared error of exit radiance, per squared weight and radian of spread, when a spot shines as a point: vertices
+face anywhere, so that their cosine squared has mean 1/6; a wall's edge, a great circle of any direction, passes at a
+distance of density 1/2; and at a distance x the error of a normal distribution of spread s is Q(|x| / s), whose square
+integrates to s (sqrt 2 - 1) / sqrt pi."""
+
+_SPREAD_HELD = 1.36  # over B: a wider spot is as wrong as one of this spread, since the bands hold what is smoother
+
+
+@dataclass(frozen=True, eq=False)
+class Suns:
+    """Light from S single directions, in a fixed order.
+
+    directions: (S, 3) float64 unit vectors toward the light, scene frame.
+    weights: (S, 3) float64 linear, radiance times solid angle: the irradiance of a surface that faces the sun.
+    """
+
+    directions: np.ndarray
+    weights: np.ndarray
+
+    def __len__(self):
+        return len(self.directions)
+
+    def rotated(self, angle_deg):
+        """These suns turned by an active Ry(+angle), as `Environment.rotated` turns."""
+        angle = math.radians(angle_deg)
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        return Suns(self.directions @ turn.T, self.weights)
+
+    def sh(self, bands):
+        """Radiance coefficients (B^2, 3) float64 of the suns as points."""
+        return sh.evaluate(self.directions, bands).T @ self.weights
+
+
+class Rest(Environment):
+    """An environment without its suns. Its image has them cut off; its coefficients hold in addition what makes up
+    for their shining as points, so that with the suns' own they are those of the whole, in any number of bands."""
+
+    def __init__(self, whole, image, suns):
+        """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
+        super().__init__(image, whole.name)
+        self.repaired = whole.repaired
+        self._whole, self._suns = whole, suns
+
+    def sh(self, bands):
+        """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh`, rotation included."""
+        unrotated = self.derived(("sh", bands), lambda: self._whole.sh(bands) - self._suns.sh(bands))
+        return turned_about_y(unrotated, self.rotation_deg)
+
+
+def split(environment, bands=DEFAULT_BANDS, tolerance=DEFAULT_TOLERANCE, limit=DEFAULT_LIMIT):
+    """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.
+
+    tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.
+    limit: most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
+    What exceeds a level of luminance is cut off and gathered into suns. Level and number are found once for an image
+    and all its rotations. Light that the bands hold well enough comes back itself, with no suns. Raises InputError
+    for bands outside 1..10, and for a tolerance or a limit that is not positive.
+    """
+    sh.check_bands(bands)
+    if not tolerance > 0.0:
+        raise InputError(f"the tolerance of the sun split must be above 0, found {tolerance}")
+    if limit != int(limit) or limit < 1:
+        raise InputError(f"the limit of suns must be a whole number above 0, found {limit}")
+    turned = environment.rotation_deg
+    rest, suns = environment.derived(
+        ("split", bands, tolerance, limit), lambda: _split(environment.rotated(-turned), bands, tolerance, limit)
+    )
+    return (rest.rotated(turned), suns.rotated(turned)) if len(suns) else (environment, suns)
+
+
+def fibonacci_sphere(count):
+    """Unit directions (N, 3) float64 that share the sphere evenly.
+
+    Source: Swinbank, Purser, "Fibonacci grids: a novel approach to global modelling", 2006.
+    """
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn = np.arange(count) * math.pi * (3.0 - math.sqrt(5.0))
+    radius = np.sqrt(1.0 - height * height)
+    return np.stack([radius * np.cos(turn), height, radius * np.sin(turn)], axis=1)
+
+
+def texel_parts(row, column, height, width, parts):
+    """Directions (T, P^2, 3) and solid angles (T, P^2) of T texels' parts, P = `parts` along each side."""
+    step = np.arange(parts)
+    fine_row = row[:, None] * parts + step
+    longitude = np.pi * (1.0 - 2.0 * (column[:, None] * parts + step + 0.5) / (width * parts))
+    edge = np.cos(np.pi * np.stack([fine_row, fine_row + 1]) / (height * parts))
+    latitude = np.pi * (0.5 - (fine_row + 0.5) / (height * parts))[:, :, None]
+    x, z = np.cos(latitude) * np.sin(longitude)[:, None], np.cos(latitude) * np.cos(longitude)[:, None]
+    toward = np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
+    area = np.broadcast_to(((edge[0] - edge[1]) * (2.0 * np.pi / (width * parts)))[:, :, None], x.shape)
+    return toward.reshape(len(row), parts * parts, 3), area.reshape(len(row), parts * parts)
+
+
+def _split(environment, bands, tolerance, limit):
+    """Rest (or the environment itself) and Suns of an unrotated environment."""
+    image = _square_texels(environment.radiance)
+    brightness = luminance(image)
+    coarse = _Coarse(image, bands)
+    if coarse.contrast() <= tolerance:
+        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+    around = _around(brightness)
+    power = 4.0 * np.pi * environment.mean_luminance
+    best = chosen = None
+    for level in _LEVELS * environment.mean_luminance:
+        row, column = np.nonzero(brightness > level)
+        if not len(row):
+            continue
+        over = brightness[row, column] / level
+        # Narrow patches drop to what is around them, but not at once: texels beside them stay just below the level.
+        stays = np.maximum(np.minimum(level, around[row, column]) / brightness[row, column], over**-_FALL)
+        excess = image[row, column] * (1.0 - stays)[:, None]
+        contrast = coarse.contrast(row, column, excess)
+        spots = _spots(row, column, excess, brightness.shape, power * _PART_ENERGY)
+        most = limit if best is None or best[0] else min(limit, best[1])
+        label, count, width = _clusters(spots, bands, coarse.scale, tolerance**2 - contrast**2, most)
+        error = math.hypot(contrast, width)
+        # Within the tolerance the fewest suns win, beyond it the smallest error.
+        found = (error > tolerance, count if error <= tolerance else 0, error)
+        if best is None or found < best:
+            best, chosen = found, (row, column, stays, spots, label)
+    if chosen is None:
+        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+    if best[0]:
+        return _split(environment, bands, best[2] * _ENOUGH, limit)
+    row, column, stays, spots, label = chosen
+    rest, suns = image.copy(), _suns(spots, label)
+    rest[row, column] *= stays[:, None].astype(np.float32)
+    return Rest(environment, rest, suns), suns
+
+
+def _square_texels(image):
+    """The same patches of radiance in about square texels: rows or columns repeated, to 0.35 degrees at the finest.
+
+    What follows takes a texel to be as wide as it is high. Images about twice as wide as high come back themselves.
+    """
+    height, width, _ = image.shape
+    down = round(min(width, 2 * _POOL_HEIGHT) / (2 * height))
+    right = round(min(2 * height, 2 * _POOL_HEIGHT) / width)
+    if max(down, right) <= 1:
+        return image
+    return np.repeat(np.repeat(image, max(1, down), axis=0), max(1, right), axis=1)
+
+
+class _Coarse:
+    """An image in cells of 2.8 degrees, and what imagined vertices see of it in full and in a few bands.
+
+    Each vertex faces a direction of a Fibonacci sphere; a wall beside it hides a half of all directions at random.
+    """
+
+    def __init__(self, image, bands):
+        height, width, _ = image.shape
+        self._rows = _overlap(_GRID[0], height, lambda share: -np.cos(np.pi * share))
+        self._columns = _overlap(_GRID[1], width, lambda share: share)
+        self._full, self._banded = _probes(bands)
+        cells = [(self._columns @ (self._rows @ image[..., color]).T).T for color in range(3)]
+        self._cells = np.stack(cells, axis=-1).reshape(-1, 3).astype(np.float64)
+        self._shape = height, width
+        self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
+
+    def contrast(self, row=(), column=(), excess=None):
+        """Relative error, root mean square, of the banded light of the image less the `excess` (T, 3) of texels."""
+        cells = self._cells.copy()
+        if excess is not None:
+            for color in range(3):
+                less = csr_array((excess[:, color], (row, column)), self._shape)
+                cells[:, color] -= (self._rows @ less @ self._columns.T).toarray().ravel()
+        error = (self._full - self._banded) @ cells
+        return math.sqrt(np.square(error).sum(axis=1).mean()) / self.scale if self.scale > 0.0 else 0.0
+
+
+@lru_cache(sh.MAX_BANDS)
+def _probes(bands):
+    """Exit radiance of the imagined vertices from the cells' radiance: in full and through SH, (P, cells) each."""
+    normals = fibonacci_sphere(_PROBES)
+    walls = np.random.default_rng(0).normal(size=normals.shape)
+    cells = layouts.texel_directions(*_GRID).reshape(-1, 3)
+    areas = np.repeat(layouts.row_solid_angles(*_GRID).ravel(), _GRID[1])
+    full = np.maximum(normals @ cells.T, 0.0) * (walls @ cells.T > 0.0) * (areas / np.pi)
+    # Projection by least squares: what the bands hold is exact in spite of the cells.
+    basis = sh.evaluate(cells, bands)
+    weighted = (basis * areas[:, None]).T
+    return full, (full @ basis) @ np.linalg.solve(weighted @ basis, weighted)
+
+
+def _overlap(cells, texels, measure):
+    """Sparse (cells, texels): the share of each cell's extent, as `measure` maps 0..1, that a texel takes."""
+    edges = np.union1d(np.arange(cells + 1) / cells, np.arange(texels + 1) / texels)
+    middle, extent = 0.5 * (edges[1:] + edges[:-1]), np.diff(measure(edges))
+    cell = np.minimum((middle * cells).astype(int), cells - 1)
+    texel = np.minimum((middle * texels).astype(int), texels - 1)
+    whole = np.diff(measure(np.arange(cells + 1) / cells))
+    return csr_array((extent / whole[cell], (cell, texel)), (cells, texels))
+
+
+def _around(brightness):
+    """Luminance (H, W) of what surrounds bright patches narrower than `_OPENING_DEG`: a morphological opening."""
+    height, width = brightness.shape
+    size = 2 * math.ceil(0.5 * _OPENING_DEG / 180.0 * height) + 1
+    size = min(size, height, width), min(size, width)
+    mode = "nearest", "wrap"
+    return maximum_filter(minimum_filter(brightness, size, mode=mode), size, mode=mode)
+
+
+def _spots(row, column, excess, shape, part_energy):
+    """What the suns are gathered from: directions (P, 3), weights (P, 3) and variances (P,) in rad^2 of their width.
+
+    A texel is divided until a part holds at most `part_energy`; texels of fine images are pooled instead.
+    """
+    height, width = shape
+    weights = excess * layouts.row_solid_angles(height, width)[row]
+    if height > _POOL_HEIGHT:
+        toward = texel_parts(row, column, height, width, 1)[0][:, 0]
+        block = (row * _POOL_HEIGHT // height) * 2 * _POOL_HEIGHT + column * 2 * _POOL_HEIGHT // width
+        label = np.unique(block, return_inverse=True)[1]
+        toward, weights = _gathered(toward, weights, label)
+        return toward, weights, np.full(len(toward), _variance(np.pi / _POOL_HEIGHT))
+    bright = np.zeros((height + 2, width), np.int8)  # dark rows beyond the poles, the seam closed by rolling
+    bright[row + 1, column] = 1
+    steps = (-1, 0, 1)
+    near = sum(np.roll(bright, (down, right), axis=(0, 1)) for down in steps for right in steps)
+    alone = near[row + 1, column] == 1
+    alone &= height * _POINT_DEG >= 180.0
+    parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, _PARTS).astype(int)
+    parts[alone] = 1
+    found = []
+    for count in np.unique(parts):
+        of = parts == count
+        toward, area = texel_parts(row[of], column[of], height, width, count)
+        part = excess[of][:, None] * area[..., None]
+        # A square as wide as the part is high; texels toward the poles are narrower than that.
+        variance = np.where(alone[of], 0.0, _variance(np.pi / height / count))
+        found.append((toward.reshape(-1, 3), part.reshape(-1, 3), np.repeat(variance, count * count)))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+
+
+def _variance(side):
+    """Of the distance from its centre over a square of this side."""
+    return side * side / 6.0
+
+
+def _clusters(spots, bands, scale, allowed, most):
+    """Label (P,) of each spot, and the relative error of the clusters' shining as points.
+
+    The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
+    to `allowed` or there are `most`.
+    """
+    toward, weights, variance = spots
+    bright = luminance(weights)
+    held = _SPREAD_HELD / bands
+
+    def error(part):
+        energy = bright[part]
+        offset = toward[part] - energy @ toward[part] / energy.sum()
+        square = energy @ ((offset * offset).sum(axis=1) + variance[part]) / energy.sum()
+        spread = min(math.sqrt(0.5 * square), held)
+        return _EDGE_ERROR * spread * np.square(weights[part].sum(axis=0)).sum() / scale**2
+
+    parts = [np.arange(len(toward))]
+    errors = [error(parts[0])]
+    while sum(errors) > allowed and len(parts) < most:
+        worst = int(np.argmax(errors))
+        part = parts[worst]
+        offset = toward[part] - bright[part] @ toward[part] / bright[part].sum()
+        axis = np.linalg.eigh((offset * bright[part, None]).T @ offset)[1][:, -1]
+        ahead = offset @ axis > 0.0
+        if ahead.all() or not ahead.any():  # a single spot, or several in one place
+            break
+        parts[worst : worst + 1] = [part[ahead], part[~ahead]]
+        errors[worst : worst + 1] = [error(parts[worst]), error(parts[worst + 1])]
+    label = np.zeros(len(toward), np.intp)
+    for index, part in enumerate(parts):
+        label[part] = index
+    return label, len(parts), math.sqrt(sum(errors))
+
+
+def _suns(spots, label):
+    """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun."""
+    toward, weights, _ = spots
+    for _ in range(_LLOYD_ROUNDS):
+        centers, _ = _gathered(toward, weights, label)
+        label = np.unique(cKDTree(centers).query(toward)[1], return_inverse=True)[1]
+    directions, gathered = _gathered(toward, weights, label)
+    order = np.argsort(-luminance(gathered), kind="stable")
+    return Suns(directions[order], gathered[order])
+
+
+def _gathered(toward, weights, label):
+    """Directions (S, 3) to the centroids of luminance, and summed weights (S, 3), of spots by label 0..S - 1."""
+    moment = toward * luminance(weights)[:, None]
+    total = np.stack([np.bincount(label, values) for values in (*moment.T, *weights.T)], axis=1)
+    return total[:, :3] / np.linalg.norm(total[:, :3], axis=1, keepdims=True), total[:, 3:]

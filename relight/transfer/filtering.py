@@ -1,0 +1,152 @@
+"""Neighbours share their rays: the noise of traced transfer is averaged away along the surface, what differs stays.
+
+What is averaged is the visibility, not the transfer: the line a + b . d of `sampling.gather` and what it leaves
+are taken over from the neighbours, in world space, and the cosine about the vertex's own normal is applied afterwards.
+A neighbour counts less the further its shadow differs from the vertex's own, measured by the noise that the
+number of rays and the visible fraction lead one to expect. Every step is of one ring.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .. import sh
+from .sampling import _in_slices, add_lobes, legendre_factors, squared_lobe
+
+NOISE = 0.078
+NOISE_POWER = -1.48
+"""Variance of a coefficient = 0.078 R^-1.48 f (1 - f) for R rays, f the visible fraction: mean over six meshes
+(scripts/bench_noise prints it), within a quarter for each of them, for each degree below 3 and for 8 to 256 rays."""
+
+TOLERANCE = 4.0
+STRICT_RAYS = 20
+"""Weight 1 / (1 + (q / t)^2) at a squared difference of q times the expected one; t = 4 (3 to 8 differ by 2%) up
+to 20 B rays, then falling with the square root of the rays: for a coarse mesh in low bands their bias is too much."""
+
+FLOOR = np.float32(0.01)
+"""Least f (1 - f) assumed: a shadow of less than a ray or two is not to be told from none."""
+
+GUIDE_BANDS = 3
+"""Degrees below this are compared; more cost time, and find the same shadows."""
+
+TWO_STEPS_RAYS = 8
+MAX_RAYS = 512
+"""Two steps while rays <= 8 B, one up to 512, none beyond: above it the bias outweighs the noise in low bands."""
+
+_COLUMNS = 16  # averaged at a time: a cache line of each neighbour, and a small copy of all
+
+
+def steps_for(rays, bands):
+    """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench_noise)."""
+    if rays > MAX_RAYS:
+        return 0
+    return 2 if rays <= TWO_STEPS_RAYS * bands else 1
+
+
+def average(
+    neighbors,  # Neighbors, N nodes of V vertices
+    normals,  # (N, 3) float32, unit
+    model,  # (N, 4) float32 of `sampling.gather`, changed
+    rest,  # (V, K) float32 of the same, changed; only the rows of the vertices that stand for nodes count
+    rays,  # per node, of which they were made
+    steps,
+):
+    """Average the model and the rest of every node over its ring, `steps` times, in place.
+
+    Where all nodes of a ring see everything, or nothing, not a bit changes. Sums run over sorted rows: the result
+    does not depend on the order of vertices or faces, nor on the number of threads.
+    """
+    count, bands = len(model), min(GUIDE_BANDS, math.isqrt(rest.shape[1]))
+    noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, but for f (1 - f)
+    strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
+    accepted = np.float32(noise * TOLERANCE * strict)
+    lobe = (sh.lambert_coefficients(bands) / np.pi).astype(np.float32)
+    tables = legendre_factors(bands), lobe, squared_lobe(bands)
+    rows = neighbors.starts, neighbors.columns
+    guide, old = np.zeros((count, bands**2), np.float32), np.zeros((count, _COLUMNS), np.float32)
+    spread, new_spread = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    weights, own = np.zeros_like(neighbors.weights), np.zeros(count, np.float32)
+    for step in range(steps):
+        _in_slices(_guides, count, normals, model, rest, neighbors.vertices, *tables, guide)
+        if step == 0:
+            _in_slices(_partial_shadow, count, *rows, neighbors.weights, guide, spread)
+        _in_slices(_weigh, count, *rows, neighbors.weights, guide, spread, accepted, weights, own, new_spread)
+        spread, new_spread = new_spread, spread
+        for first in range(0, 4 + rest.shape[1], _COLUMNS):
+            _in_slices(_take, count, model, rest, neighbors.vertices, first, old)
+            _in_slices(_blend, count, *rows, weights, own, old, model, rest, neighbors.vertices, first)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _guides(begin, end, normals, model, rest, vertices, norms, lobe, squared, guide):
+    """What shadows take from the transfer, T - A, in the lowest degrees."""
+    for i in range(begin, end):
+        for k in range(guide.shape[1]):
+            guide[i, k] = rest[vertices[i], k]
+        add_lobes(i, normals, model[i, 0] - np.float32(1), model, norms, lobe, squared, guide)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _partial_shadow(begin, end, starts, columns, base, guide, spread):
+    """f (1 - f) of the visible fraction f, averaged over the ring since f of a few rays says little; see FLOOR."""
+    scale = np.float32(math.sqrt(4.0 * math.pi))
+    for i in range(begin, end):
+        weight, total = np.float32(1), guide[i, 0]
+        for at in range(starts[i], starts[i + 1]):
+            weight += base[at]
+            total += base[at] * guide[columns[at], 0]
+        hidden = min(max(-total / weight * scale, np.float32(0)), np.float32(1))
+        spread[i] = hidden * (np.float32(1) - hidden) + FLOOR
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh(begin, end, starts, columns, base, guide, spread, accepted, weights, own, new_spread):
+    """Weights of the neighbours and of the node itself, which sum to 1, and the variance of what they make."""
+    for i in range(begin, end):
+        total = np.float32(1)
+        for at in range(starts[i], starts[i + 1]):
+            j, square = columns[at], np.float32(0)
+            for k in range(guide.shape[1]):
+                difference = guide[i, k] - guide[j, k]
+                square += difference * difference
+            excess = square / (accepted * (spread[i] + spread[j]))
+            weights[at] = base[at] / (np.float32(1) + excess * excess)
+            total += weights[at]
+        own[i] = np.float32(1) / total
+        new_spread[i] = spread[i] * own[i] * own[i]
+        for at in range(starts[i], starts[i + 1]):
+            share = weights[at] * own[i]
+            new_spread[i] += spread[columns[at]] * share * share
+
+
+@njit(cache=True, nogil=True)
+def _take(begin, end, model, rest, vertices, first, old):
+    """Copy _COLUMNS columns of the model and the rest side by side, from column `first` on; zeros beyond the end."""
+    width = rest.shape[1] + 4
+    for i in range(begin, end):
+        for k in range(_COLUMNS):
+            column = first + k
+            if column < 4:
+                old[i, k] = model[i, column]
+            else:
+                old[i, k] = rest[vertices[i], column - 4] if column < width else np.float32(0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _blend(begin, end, starts, columns, weights, own, old, model, rest, vertices, first):
+    """Add the weighted differences to the neighbours: where they agree, not a bit changes."""
+    width = rest.shape[1] + 4
+    change = np.zeros(_COLUMNS, np.float32)
+    for i in range(begin, end):
+        change[:] = np.float32(0)
+        for at in range(starts[i], starts[i + 1]):
+            share, j = weights[at] * own[i], columns[at]
+            for k in range(_COLUMNS):
+                change[k] += share * (old[j, k] - old[i, k])
+        for k in range(min(_COLUMNS, width - first)):
+            column, value = first + k, old[i, k] + change[k]
+            if column < 4:
+                model[i, column] = value
+            else:
+                rest[vertices[i], column - 4] = value

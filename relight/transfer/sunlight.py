@@ -1,0 +1,90 @@
+"""Light from single directions with hard shadows: one ray for every vertex and every sun before it."""
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.errors import InputError
+
+from .sampling import _in_slices
+
+BATCH_RAYS = 2**20
+"""Rays in memory at once, at most: 24 MiB."""
+
+
+def sunlight(
+    occluder,  # Occluder
+    rows,  # slice or (V,) indices into the occluder's vertices
+    suns,  # Suns
+    advance=lambda count: None,  # called with the number of vertices done
+):
+    """Exit radiance of white vertices under suns alone: (V, 3) float32, sum of weight / pi max(0, n d) visible.
+
+    Exact but for float32: a ray is shot wherever n d > 0, and what faces away takes none. Rays begin at the
+    occluder's origins, off the surface. A vertex's own faces count like any others: they hide a sun that the
+    vertex normal sees and a face that rises above the normal's plane does not, as in `raytraced`.
+    A vertex's row depends on its position, its normal, the suns in their order and the occluder alone: its sum runs
+    over the suns as they stand, in float64. Raises InputError for directions that are not unit vectors.
+    """
+    origins, normals = occluder.origins[rows], occluder.normals[rows]
+    radiance = np.zeros((len(origins), 3), np.float32)
+    lit = (suns.weights > 0.0).any(axis=1)
+    directions = np.ascontiguousarray(suns.directions[lit], np.float32)
+    weights = np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
+    length = np.linalg.norm(directions, axis=1)
+    if not (np.abs(length - 1.0) < 1e-5).all():
+        found = length[~(np.abs(length - 1.0) < 1e-5)][0]
+        raise InputError(f"directions of suns must be unit vectors, found one of length {found}")
+    batch = max(1, BATCH_RAYS // max(1, len(directions)))
+    for start in range(0, len(origins), batch):
+        part = slice(start, start + batch)
+        count = len(normals[part])
+        ends = np.zeros(count + 1, np.int64)
+        _in_slices(_count, count, normals[part], directions, ends)
+        np.cumsum(ends, out=ends)
+        rays = np.zeros((ends[-1], 6), np.float32)
+        sun = np.zeros(ends[-1], np.int32)
+        _in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
+        if len(rays):
+            hidden = occluder.occluded(rays)
+            _in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, radiance[part])
+        advance(count)
+    return radiance
+
+
+@njit(cache=True, nogil=True)
+def _count(begin, end, normals, directions, ends):
+    """Number of suns before each vertex v, into ends[v + 1]."""
+    for v in range(begin, end):
+        nx, ny, nz = normals[v]
+        before = 0
+        for s in range(len(directions)):
+            before += nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2] > np.float32(0)
+        ends[v + 1] = before
+
+
+@njit(cache=True, nogil=True)
+def _aim(begin, end, origins, normals, directions, ends, rays, sun):
+    for v in range(begin, end):
+        nx, ny, nz = normals[v]
+        ray = ends[v]
+        for s in range(len(directions)):
+            dx, dy, dz = directions[s]
+            if nx * dx + ny * dy + nz * dz > np.float32(0):
+                rays[ray, 0], rays[ray, 1], rays[ray, 2] = origins[v]
+                rays[ray, 3], rays[ray, 4], rays[ray, 5] = dx, dy, dz
+                sun[ray] = s
+                ray += 1
+
+
+@njit(cache=True, nogil=True)
+def _sum(begin, end, normals, weights, ends, rays, sun, hidden, radiance):
+    for v in range(begin, end):
+        nx, ny, nz = normals[v]
+        red, green, blue = 0.0, 0.0, 0.0
+        for ray in range(ends[v], ends[v + 1]):
+            if not hidden[ray]:
+                cosine = np.float64(nx * rays[ray, 3] + ny * rays[ray, 4] + nz * rays[ray, 5])
+                red += weights[sun[ray], 0] * cosine
+                green += weights[sun[ray], 1] * cosine
+                blue += weights[sun[ray], 2] * cosine
+        radiance[v, 0], radiance[v, 1], radiance[v, 2] = red, green, blue
