@@ -17,7 +17,7 @@ from numba import njit
 from splat2mesh.errors import InputError
 
 from . import rotors
-from .transfer.analytic import unit_normals
+from .normals import unit_normals
 
 BLADES = tuple(blade for grade in range(6) for blade in combinations((1, 2, 3, 4, 5), grade))
 """Basis blades as tuples of the indices of their vectors: the meaning of the last axis of a multivector."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from . import __version__
 from .effects import EFFECTS
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, METHODS
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, METHODS, NEURAL_RAYS, SHADOWING
 
 EXAMPLES = """examples:
   relight garden                                   under the built-in studio: garden/relit/studio_0/
@@ -52,12 +52,13 @@ def parser():
     add = parser.add_argument_group("surface and accuracy").add_argument
     albedo = "captured (the scene's colours), white, or FILE.npy, (V, 3) linear (default: %(default)s)"
     add("--albedo", default="captured", metavar="WHICH", help=albedo)
-    method = f"{', '.join(METHODS)}; the last two have no shadows, auto is raytraced (default: %(default)s)"
+    method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
     add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
     effects = f"auto, none, or some of {','.join(EFFECTS)}; auto is all, but no bounces on a white scene"
     add("--effects", default="auto", metavar="LIST", help=effects)
     add("--bands", type=int, default=DEFAULT_BANDS, metavar="1..10", help="SH bands (default: %(default)s)")
-    add("--rays", type=int, default=DEFAULT_RAYS, metavar="N", help="rays per vertex (default: %(default)s)")
+    rays = f"rays per vertex (default: {DEFAULT_RAYS}; {NEURAL_RAYS} with neural)"
+    add("--rays", type=int, metavar="N", help=rays)
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
 
     add = parser.add_argument_group("results").add_argument
@@ -115,7 +116,8 @@ def _command(options):
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
         raise InputError(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
-    check_rays(options.rays)
+    if options.rays is not None:
+        check_rays(options.rays)
     angles = angles_from(options.rotate)
     folders = _output_folders(options, source, angles)
     messages = _recorded_warnings()
@@ -190,7 +192,7 @@ def _relight(options, source, outputs, stages, messages):
             "albedo": options.albedo,
             "method": relighter.method,
             "bands": relighter.bands,
-            "rays": relighter.rays if relighter.method == "raytraced" else 0,
+            "rays": relighter.rays if relighter.method in SHADOWING else 0,
             "effects": sorted(relighter.effects),
             "suns": shading.suns,
             "bounces": [round(share, 6) for share in shading.bounces],

@@ -2,6 +2,8 @@
 
 from splat2mesh.errors import InputError
 
+from .transfer import SHADOWING
+
 SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
 directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
@@ -15,7 +17,7 @@ def chosen_effects(choice, method):
     anything else.
     """
     names = choice.replace(",", " ").split() or [""] if isinstance(choice, str) else list(map(str, choice))
-    able = frozenset(EFFECTS if method in ("auto", "raytraced") else ())
+    able = frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
     if names == ["auto"]:
         return able, True
     effects = frozenset(() if names == ["none"] else names)
@@ -26,6 +28,6 @@ def chosen_effects(choice, method):
         raise InputError(f"effects {listed}: sun and bounces need shadows too")
     if effects - able:
         raise InputError(f"effects {listed}: the method {method} has none; leave it at auto")
-    if method == "raytraced" and not effects:
-        raise InputError("effects none: the method raytraced has shadows at least; use analytic, or leave it at auto")
+    if method in SHADOWING and not effects:
+        raise InputError(f"effects none: the method {method} has shadows at least; use analytic, or leave it at auto")
     return effects, False

@@ -9,7 +9,7 @@ from splat2mesh.stages import Stages
 
 from . import sh
 from .effects import BOUNCES, SHADOWS, SUN, chosen_effects
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, METHODS, check_rays
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, check_rays
 from .transfer.analytic import analytic
 
 
@@ -27,17 +27,18 @@ class Shading(NamedTuple):
 class Relighter:
     """Light on one scene: what depends on the geometry alone is computed on first use, for the whole scene.
 
-    method: "raytraced", "analytic" (no shadows), "blinn-phong" (lamps without shadows, the baseline) or "auto":
-        raytraced, or analytic where no effects are wanted; the attribute holds the method in use.
-    bands, rays, seed: SH bands 1..10; rays per vertex and the seed of their directions, for "raytraced".
+    method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
+        normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
+        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted. The attribute holds the
+        one in use.
+    bands, rays, seed: SH bands 1..10; rays per vertex, by default as many as suit the method, and the seed of their
+        directions, where rays are traced.
     effects: "auto", "none", or some of `relight.effects.EFFECTS`. With "auto" light bounces where an albedo says how:
         in a scene all white it would never fade.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
-    def __init__(
-        self, scene, method="auto", bands=DEFAULT_BANDS, rays=DEFAULT_RAYS, seed=0, effects="auto", stages=None
-    ):
+    def __init__(self, scene, method="auto", bands=DEFAULT_BANDS, rays=None, seed=0, effects="auto", stages=None):
         if method not in METHODS:
             raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
         if seed != int(seed) or not 0 <= seed < 2**64:
@@ -45,7 +46,9 @@ class Relighter:
         self.scene = scene
         self.effects, self._only_fading = chosen_effects(effects, method)
         self.method = ("raytraced" if self.effects else "analytic") if method == "auto" else method
-        self.bands, self.rays, self.seed = sh.check_bands(bands), check_rays(rays), int(seed)
+        self.bands, self.seed = sh.check_bands(bands), int(seed)
+        self.bands = min(self.bands, GASH_BANDS) if method == "neural-gash" else self.bands
+        self.rays = check_rays((NEURAL_RAYS if method == "neural" else DEFAULT_RAYS) if rays is None else rays)
         self._stages = Stages() if stages is None else stages
         self._occluder = self._transfer = self._interreflection = None
 
@@ -53,16 +56,7 @@ class Relighter:
     def transfer(self):
         """Transfer of every vertex as if white, without bounces: (V, K) float32; see `relight.transfer`."""
         if self._transfer is None:
-            count = sum(len(chunk.vertices) for chunk in self.scene.chunks)
-            if SHADOWS in self.effects:
-                from .transfer.raytraced import raytraced_scene
-
-                occluder = self._everything()
-                with self._stages.stage("transfer", count) as advance:
-                    self._transfer = raytraced_scene(occluder, self.bands, self.rays, self.seed, advance)
-            else:
-                with self._stages.stage("transfer"):
-                    self._transfer = analytic(self.scene.normals, self.bands)
+            self._transfer = self._computed()
         return self._transfer
 
     def shade(self, environment, albedo_linear=None):
@@ -95,10 +89,28 @@ class Relighter:
             radiance, bounces = with_bounces(direct, np.broadcast_to(albedo, direct.shape), interreflection)
         return Shading(radiance, suns, bounces)
 
+    def _computed(self):
+        count = sum(len(chunk.vertices) for chunk in self.scene.chunks)
+        if SHADOWS in self.effects:
+            from .transfer.neural import neural
+            from .transfer.raytraced import raytraced_scene
+
+            trace, occluder = neural if self.method == "neural" else raytraced_scene, self._everything()
+            with self._stages.stage("transfer", count) as advance:
+                return trace(occluder, self.bands, self.rays, self.seed, advance)
+        if self.method == "neural-gash":
+            from .transfer.neuralgash import neural_gash
+
+            with self._stages.stage("transfer", count) as advance:
+                guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
+                return np.ascontiguousarray(guess[:, : self.bands**2])
+        with self._stages.stage("transfer"):
+            return analytic(self.scene.normals, self.bands)
+
     def _direct(self, environment):
         """Direct light on the white scene, (V, 3) float32 and never negative, and the number of suns traced."""
         if self.method == "blinn-phong":
-            from .transfer.blinnphong import blinn_phong
+            from .blinnphong import blinn_phong
 
             with self._stages.stage("shade"):
                 return blinn_phong(self.scene.normals, environment), 0

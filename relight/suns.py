@@ -22,9 +22,8 @@ from splat2mesh.errors import InputError
 
 from . import layouts, sh
 from .environment import Environment, turned_about_y
-from .transfer import DEFAULT_BANDS
 
-DEFAULT_TOLERANCE = 0.01
+DEFAULT_TOLERANCE = 0.007
 """Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
 on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench_light)."""
 
@@ -93,7 +92,7 @@ class Rest(Environment):
         return turned_about_y(unrotated, self.rotation_deg)
 
 
-def split(environment, bands=DEFAULT_BANDS, tolerance=DEFAULT_TOLERANCE, limit=DEFAULT_LIMIT):
+def split(environment, bands=sh.MAX_BANDS, tolerance=DEFAULT_TOLERANCE, limit=DEFAULT_LIMIT):
     """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.
 
     tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from relight import Environment
+from relight.blinnphong import blinn_phong, lamps
 from relight.layouts import row_solid_angles
 from relight.suns import Suns
-from relight.transfer.blinnphong import blinn_phong, lamps
 from splat2mesh.errors import InputError
 
 NO_SUNS = Suns(np.zeros((0, 3)), np.zeros((0, 3)))

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from relight import cga, rotors
-from relight.transfer.analytic import unit_normals
+from relight.normals import unit_normals
 from splat2mesh.errors import DataWarning, InputError
 
 EPS = np.finfo(np.float64).eps

@@ -7,11 +7,11 @@ import open3d as o3d
 import pytest
 
 from relight import Environment, Relighter, cli
+from relight.blinnphong import blinn_phong
 from relight.effects import EFFECTS, chosen_effects
 from relight.reference import reference
 from relight.suns import split
 from relight.transfer import bounces, occluder, raytraced
-from relight.transfer.blinnphong import blinn_phong
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene

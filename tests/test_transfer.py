@@ -5,8 +5,9 @@ import open3d as o3d
 import pytest
 from scipy.special import sph_harm_y
 
+from relight.normals import unit_normals
 from relight.transfer import sampling
-from relight.transfer.analytic import analytic, unit_normals
+from relight.transfer.analytic import analytic
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced
 from splat2mesh.errors import DataWarning, InputError

@@ -7,12 +7,21 @@ a constant sky of radiance 1 an unoccluded vertex gives exactly 1. Here: what ne
 
 from splat2mesh.errors import InputError
 
-METHODS = ("auto", "raytraced", "analytic", "blinn-phong")
+METHODS = ("auto", "raytraced", "neural", "neural-gash", "analytic", "blinn-phong")
+
+SHADOWING = ("raytraced", "neural")
+"""Methods that trace rays, and so know shadows."""
 
 DEFAULT_BANDS = 8
 DEFAULT_RAYS = 128
 """With suns split off, errors against the full HDRI of .3 to .8% on two meshes under four lights; 10 bands and 256 rays
 are at .2 to .7% for more than twice the time, 5 bands and 64 rays at .4 to 1.1% for half of it (docs/light.md)."""
+
+GASH_BANDS = 3
+"""Bands of the method "neural-gash", at most: the paper's network has no more."""
+
+NEURAL_RAYS = 32
+"""Rays per vertex of the method "neural", where it gains most over rays alone (docs/networks.md)."""
 
 MAX_RAYS = 2**16
 """Rays per vertex beyond which float32 sums, not the rays, limit the accuracy."""

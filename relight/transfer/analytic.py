@@ -1,15 +1,9 @@
 """Transfer without visibility: the closed form from the normal alone."""
 
-import warnings
-
 import numpy as np
 
-from splat2mesh.errors import DataWarning
-
 from .. import sh
-
-DEGENERATE_LENGTH = 1e-6
-"""A normal shorter than this (files store them with length 1) carries no direction."""
+from ..normals import unit_normals
 
 
 def analytic(
@@ -24,19 +18,3 @@ def analytic(
     degree, _ = sh.degrees_and_orders(sh.check_bands(bands))
     lobe = (sh.lambert_coefficients(bands) / np.pi).astype(np.float32)
     return sh.evaluate(unit_normals(normals), bands) * lobe[degree]
-
-
-def unit_normals(normals):
-    """(V, 3) float32 unit normals; a degenerate one (too short, not finite) becomes +y, as in Neural-GASh.
-
-    One DataWarning tells how many were.
-    """
-    normals = np.asarray(normals, np.float64)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        unit = normals / length
-    valid = np.isfinite(length) & (length > DEGENERATE_LENGTH)
-    if not valid.all():
-        message = f"{np.sum(~valid)} of {len(valid)} vertices have no normal: lit as if they faced up"
-        warnings.warn(message, DataWarning, stacklevel=3)
-    return np.where(valid, unit, [0.0, 1.0, 0.0]).astype(np.float32)

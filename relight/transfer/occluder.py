@@ -4,11 +4,11 @@ import numpy as np
 
 from splat2mesh.errors import InputError
 
-from .analytic import unit_normals
+from ..normals import unit_normals
 
 MAX_OFFSET = 1e-4
-"""Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that cast
-no shadow on each other: with 1e-5 fine meshes change by up to 2%, in dents that are noise of their making."""
+"""Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that
+cast no shadow on each other: with 1e-5 fine meshes change by up to 2%, in dents that are noise of their making."""
 
 EDGE_OFFSET = 0.05
 """... and by at most this part of the vertex's shortest edge: fine detail in a wide scene keeps contact."""

@@ -4,8 +4,8 @@ import numpy as np
 
 from splat2mesh.errors import InputError
 
-from ..suns import split
-from .analytic import unit_normals
+from .normals import unit_normals
+from .suns import split
 
 LAMPS = 16
 """Most lamps taken from an environment: a shader's loop of that time."""

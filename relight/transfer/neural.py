@@ -1,0 +1,103 @@
+"""Transfer with shadows from few rays: a small network mixes several averages of what they saw.
+
+The network sees numbers that no rotation changes and answers with weights, degree by degree (`features`), so its
+transfer turns with the scene; and with the error that it expects. One network serves all numbers of bands and rays.
+Where nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+import numpy as np
+
+from .. import sh
+from . import check_rays
+from .analytic import analytic
+from .features import describe, differing, estimate, mix
+from .filtering import GUIDE_BANDS
+from .neighbors import Neighbors
+from .raytraced import _completed, _ranked, _traced
+from .sessions import open_session
+
+MODEL = "neural"
+
+BLOCK = 8192
+"""Nodes the network is shown at once. Always the same ones, whatever the number of threads: not a bit changes."""
+
+
+def neural(
+    occluder,  # Occluder
+    bands,
+    rays,  # per vertex
+    seed=0,
+    advance=lambda count: None,  # called with the number of vertices done
+):
+    """Transfer of all white vertices in the shadow of everything: (V, K) float32, as `raytraced_scene`.
+
+    Vertices of equal position and normal get equal rows; no order of vertices or faces and no division into chunks
+    changes a bit. The transfer of fewer bands is the first part of that of more, but for the roundings.
+    Raises InputError for bands outside 1..10, rays outside 1..65536, and without onnxruntime.
+    """
+    return neural_with_confidence(occluder, bands, rays, seed, advance)[0]
+
+
+def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: None):
+    """The transfer of `neural`, and the error that it expects of every vertex: (V,) float32, relative.
+
+    That is the root of the expected squared error over a vertex's coefficients, over the norm of the transfer that
+    an unoccluded vertex has: on that scale, because a vertex in the dark has next to none of its own. It is 0 where
+    no ray within four rings met anything, or all did: the network knows no more than that.
+    """
+    bands, rays = sh.check_bands(bands), check_rays(rays)
+    session = _session()
+    inner = max(bands, GUIDE_BANDS)
+    neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+    vertices = neighbors.vertices
+    origins, normals = occluder.origins[vertices], occluder.normals[vertices]
+    model, rest = np.zeros((len(vertices), 4), np.float32), np.zeros((len(vertices), inner**2), np.float32)
+    copies = np.bincount(neighbors.node, minlength=len(vertices))
+    for part, traced in _traced(occluder, origins, normals, inner, rays, lambda part: _ranked(part, seed)):
+        model[part], rest[part] = traced
+        advance(int(copies[part].sum()))
+    estimates = estimate(neighbors, normals, model, rest, rays)
+    transfer, error = mixed(session, estimates, normals, bands)
+    return transfer[neighbors.node], error[neighbors.node]
+
+
+def mixed(
+    session,  # onnxruntime session of the network
+    estimates,  # Estimates of N nodes
+    normals,  # (N, 3) float32, unit
+    bands,  # at most those of the estimates
+):
+    """Transfer (N, K) and expected relative error (N,), both float32, of the estimates as the network mixes them."""
+    transfer, error = np.zeros((len(normals), bands**2), np.float32), np.zeros(len(normals), np.float32)
+    open_norm = np.linalg.norm(analytic(np.float32([[0.0, 1.0, 0.0]]), bands))
+
+    def work(begin):
+        end = min(begin + BLOCK, len(normals))
+        part = slice(begin, end)
+        complete = _completed(normals[part], estimates.model[part], estimates.rest[part])
+        chosen = differing(estimates, begin, end)
+        if len(chosen):
+            vertex, band = describe(estimates, begin, end, sh.evaluate(normals[part], _bands(estimates)), chosen)
+            weights, squares = session.run(None, {"vertex": vertex, "band": np.ascontiguousarray(band[:, :bands])})
+            mix(estimates, begin, chosen, weights, complete)
+            variance = (2 * np.arange(bands) + 1) * squares * estimates.noise[begin + chosen, None]
+            error[begin + chosen] = np.sqrt(variance.sum(axis=1)) / open_norm
+        transfer[part] = complete[:, : bands**2]
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(work, range(0, len(normals), BLOCK)))
+    return transfer, error
+
+
+@lru_cache(1)
+def _session():
+    """Opened once: that takes as long as some thousand vertices. One thread; the blocks share it, each from its own."""
+    return open_session(MODEL, 1)
+
+
+def _bands(estimates):
+    return int(np.sqrt(estimates.shadows.shape[2]))
