@@ -16,8 +16,9 @@ from . import filtering
 from .sampling import _in_slices, legendre_factors, squared_lobe
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
-"""What a steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Four steps in agreement beside
-these, or weights taken from the averaged shadows, gain at most 2%."""
+"""What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with
+weights taken from the averaged shadows, gain 1 to 5% more; two and four smooth steps from the own rays, instead of
+the last two, up to 5% above 64 rays and nothing below. Neither is worth its time."""
 
 LOG_BAND = len(ESTIMATES)
 BAND_FEATURES = LOG_BAND + len(ESTIMATES) * (len(ESTIMATES) - 1) // 2 + len(ESTIMATES) + 2
