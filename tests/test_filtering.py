@@ -3,6 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from shadow_meshes import knobbed_torus, mesh_arrays
 
 from relight.transfer import filtering, sampling
 from relight.transfer.analytic import analytic
@@ -15,18 +16,10 @@ EVERY = slice(None)
 Y0 = np.sqrt(0.25 / np.pi)
 
 
-def mesh_arrays(mesh):
-    mesh.compute_vertex_normals()
-    normals = np.asarray(mesh.vertex_normals, np.float32)
-    return np.asarray(mesh.vertices, np.float32), normals, np.asarray(mesh.triangles, np.int32)
-
-
 @pytest.fixture(scope="module")
 def torus():
     """A torus with a knob in its hole, 1,900 vertices: (vertices, normals, faces), every degree of occlusion."""
-    mesh = o3d.geometry.TriangleMesh.create_torus(1.0, 0.5, 48, 32)
-    mesh += o3d.geometry.TriangleMesh.create_sphere(0.4, 14)
-    return mesh_arrays(mesh)
+    return knobbed_torus(48, 32, 0.4, 14)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import open3d as o3d
 import pytest
+from shadow_meshes import knobbed_torus, mesh_arrays
 
 from relight import sh
 from relight.transfer import features, neural, sessions
@@ -12,7 +13,7 @@ from relight.transfer.analytic import analytic
 from relight.transfer.features import Estimates, describe, differing, estimate
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import _completed, _ranked, _traced, raytraced, raytraced_scene
+from relight.transfer.raytraced import completed, offsets_by_rank, raytraced, raytraced_scene, trace
 from splat2mesh.errors import InputError
 
 pytest.importorskip("onnxruntime")
@@ -21,18 +22,10 @@ EVERY = slice(None)
 OTHERS = len(features.OTHERS)
 
 
-def mesh_arrays(mesh):
-    mesh.compute_vertex_normals()
-    normals = np.asarray(mesh.vertex_normals, np.float32)
-    return np.asarray(mesh.vertices, np.float32), normals, np.asarray(mesh.triangles, np.int32)
-
-
 @pytest.fixture(scope="module")
 def torus():
     """A torus with a knob in its hole, 1,900 vertices: (vertices, normals, faces), every degree of occlusion."""
-    mesh = o3d.geometry.TriangleMesh.create_torus(1.0, 0.5, 48, 32)
-    mesh += o3d.geometry.TriangleMesh.create_sphere(0.4, 14)
-    return mesh_arrays(mesh)
+    return knobbed_torus(48, 32, 0.4, 14)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +38,7 @@ def gathered(occluder, bands, rays, seed=0):
     neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
     origins, normals = occluder.origins[neighbors.vertices], occluder.normals[neighbors.vertices]
     model, rest = np.zeros((len(normals), 4), np.float32), np.zeros((len(normals), bands**2), np.float32)
-    for part, traced in _traced(occluder, origins, normals, bands, rays, lambda part: _ranked(part, seed)):
+    for part, traced in trace(occluder, origins, normals, bands, rays, lambda part: offsets_by_rank(part, seed)):
         model[part], rest[part] = traced
     return neighbors, normals, model, rest
 
@@ -139,7 +132,7 @@ def test_weight_one_takes_the_rays_own_estimate(torus):
     occluder = Occluder(*torus)
     found = gathered(occluder, 4, 8)
     transfer, _ = neural.mixed(Constant([1, 0, 0, 0]), estimate(*found, 8), found[1], 4)
-    np.testing.assert_allclose(transfer, _completed(*found[1:]), atol=1e-6)
+    np.testing.assert_allclose(transfer, completed(*found[1:]), atol=1e-6)
 
 
 def test_estimates_run_from_noisy_to_smooth(torus):

@@ -4,6 +4,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 from scipy.special import sph_harm_y
+from shadow_meshes import knobbed_torus, mesh_arrays
 
 from relight.normals import unit_normals
 from relight.transfer import sampling
@@ -42,18 +43,10 @@ def random_normals(count, seed=0):
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def mesh_arrays(mesh):
-    mesh.compute_vertex_normals()
-    normals = np.asarray(mesh.vertex_normals, np.float32)
-    return np.asarray(mesh.vertices, np.float32), normals, np.asarray(mesh.triangles, np.int32)
-
-
 @pytest.fixture(scope="module")
 def torus():
     """A torus with a knob in its hole: (vertices, normals, faces) with every degree of occlusion."""
-    mesh = o3d.geometry.TriangleMesh.create_torus(1.0, 0.5, 24, 16)
-    mesh += o3d.geometry.TriangleMesh.create_sphere(0.3, 8)
-    return mesh_arrays(mesh)
+    return knobbed_torus(24, 16, 0.3, 8)
 
 
 @pytest.fixture(scope="module")

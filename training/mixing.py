@@ -11,6 +11,7 @@ of fields has an error quadratic in the weights), so the fields themselves need 
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from relight.transfer.features import (
 )
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import _ranked, _traced, raytraced
+from relight.transfer.raytraced import offsets_by_rank, raytraced, trace
 
 from .meshes import TrainingMesh, from_folder, generated
 
@@ -169,7 +170,8 @@ def samples(mesh, rays, vertices, seed=0):
     for number in rays:
         model, rest = np.zeros((len(origins), 4), np.float32), np.zeros((len(origins), BANDS**2), np.float32)
         turn = seed + number
-        for part, traced in _traced(occluder, origins, normals, BANDS, number, lambda p, turn=turn: _ranked(p, turn)):
+        offsets = partial(offsets_by_rank, seed=turn)
+        for part, traced in trace(occluder, origins, normals, BANDS, number, offsets):
             model[part], rest[part] = traced
         estimates = estimate(neighbors, normals, model, rest, number)
         differ = np.isin(drawn, differing(estimates, 0, len(origins)))

@@ -23,8 +23,8 @@ from numba import njit
 from splat2mesh.errors import InputError
 
 from . import check_rays, sampling
-from .neighbors import _ranked
-from .sampling import _in_slices
+from .neighbors import ranked_nodes
+from .sampling import in_slices
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench_bounces`):
@@ -80,7 +80,7 @@ class Interreflection:
         buffer = np.zeros((min(batch, count), self.rays, 6), np.float32)
         columns = np.zeros((len(buffer), 3 * self.rays), np.int32)
         weights = np.zeros(columns.shape, np.float32)
-        order, new_node, _ = _ranked(occluder.origins, occluder.normals)
+        order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
         node, back = np.zeros(count, np.int32), 0
         node[order] = np.cumsum(new_node) - 1
         copies = np.bincount(node).astype(np.int32)[node]
@@ -93,8 +93,8 @@ class Interreflection:
             used, behind = np.zeros((2, len(shot)), np.int32)
             hits = occluder.first_hits(shot)
             mesh = occluder.faces, occluder.normals
-            _in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, self.hits[part], behind)
-            _in_slices(_join, len(shot), used, node, copies, columns, weights)
+            in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, self.hits[part], behind)
+            in_slices(_join, len(shot), used, node, copies, columns, weights)
             back += int(behind.sum())
             self._blocks.append(_packed(columns, weights, used))
             advance(len(shot))
@@ -236,7 +236,7 @@ def _packed(columns, weights, used):
     """The used beginnings of the rows as row starts (N + 1,), columns and weights, end to end."""
     starts = np.append(0, np.cumsum(used, dtype=np.int64))
     packed = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
-    _in_slices(_pack, len(used), columns, weights, starts, *packed)
+    in_slices(_pack, len(used), columns, weights, starts, *packed)
     return starts, *packed
 
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from .. import sh
 from . import filtering
-from .sampling import _in_slices, legendre_factors, squared_lobe
+from .sampling import in_slices, legendre_factors, squared_lobe
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
 """What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with
@@ -68,29 +68,29 @@ def estimate(
 
     def keep(name, model, rest):
         shadow = shadows[ESTIMATES.index(name)]
-        _in_slices(filtering._guides, count, normals, model, rest, nodes, *tables(bands), shadow)
+        in_slices(filtering._guides, count, normals, model, rest, nodes, *tables(bands), shadow)
         return shadow
 
     def step(model, rest, weights, own):
         for first in range(0, 4 + rest.shape[1], filtering._COLUMNS):
-            _in_slices(filtering._take, count, model, rest, nodes, first, old)
-            _in_slices(filtering._blend, count, *rows, weights, own, old, model, rest, nodes, first)
+            in_slices(filtering._take, count, model, rest, nodes, first, old)
+            in_slices(filtering._blend, count, *rows, weights, own, old, model, rest, nodes, first)
 
     old = np.zeros((count, filtering._COLUMNS), np.float32)
     guide_columns = filtering.GUIDE_BANDS**2
     guide = np.ascontiguousarray(keep("own", model, rest)[:, :guide_columns])
     partial, spread, left = np.zeros((3, count), np.float32)
-    _in_slices(filtering._partial_shadow, count, *rows, neighbors.weights, guide, partial)
+    in_slices(filtering._partial_shadow, count, *rows, neighbors.weights, guide, partial)
     noise = filtering.NOISE * rays**filtering.NOISE_POWER
     accepted = np.float32(noise * guide_columns * filtering.TOLERANCE)
     vertex = np.zeros((count, VERTEX_FEATURES), np.float32)
     weights, own, level = np.zeros_like(neighbors.weights), np.zeros(count, np.float32), np.zeros(count, np.float32)
 
-    _in_slices(_level, count, *rows, neighbors.weights, level)
+    in_slices(_level, count, *rows, neighbors.weights, level)
     model, rest, spread = model.copy(), rest.copy(), partial.copy()
     for number in (1, 2):
         compared = guide, spread, accepted, weights, own, left
-        _in_slices(filtering._weigh, count, *rows, neighbors.weights, *compared)
+        in_slices(filtering._weigh, count, *rows, neighbors.weights, *compared)
         step(model, rest, weights, own)
         guide = np.ascontiguousarray(keep(f"agreeing {number}", model, rest)[:, :guide_columns])
         vertex[:, number] = left / partial

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from .. import sh
-from .sampling import _in_slices, add_lobes, legendre_factors, squared_lobe
+from .sampling import add_lobes, in_slices, legendre_factors, squared_lobe
 
 NOISE = 0.078
 NOISE_POWER = -1.48
@@ -68,14 +68,14 @@ def average(
     spread, new_spread = np.zeros(count, np.float32), np.zeros(count, np.float32)
     weights, own = np.zeros_like(neighbors.weights), np.zeros(count, np.float32)
     for step in range(steps):
-        _in_slices(_guides, count, normals, model, rest, neighbors.vertices, *tables, guide)
+        in_slices(_guides, count, normals, model, rest, neighbors.vertices, *tables, guide)
         if step == 0:
-            _in_slices(_partial_shadow, count, *rows, neighbors.weights, guide, spread)
-        _in_slices(_weigh, count, *rows, neighbors.weights, guide, spread, accepted, weights, own, new_spread)
+            in_slices(_partial_shadow, count, *rows, neighbors.weights, guide, spread)
+        in_slices(_weigh, count, *rows, neighbors.weights, guide, spread, accepted, weights, own, new_spread)
         spread, new_spread = new_spread, spread
         for first in range(0, 4 + rest.shape[1], _COLUMNS):
-            _in_slices(_take, count, model, rest, neighbors.vertices, first, old)
-            _in_slices(_blend, count, *rows, weights, own, old, model, rest, neighbors.vertices, first)
+            in_slices(_take, count, model, rest, neighbors.vertices, first, old)
+            in_slices(_blend, count, *rows, weights, own, old, model, rest, neighbors.vertices, first)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -8,7 +8,7 @@ along a curve through space by their own bits, so that nothing here depends on t
 import numpy as np
 from numba import njit
 
-from .sampling import _in_slices
+from .sampling import in_slices
 
 SHARPNESS = np.float32(8.0)
 """The weight of a neighbour falls by exp(-8 (1 - n.n')): light does not bleed over edges. 4 to 12 do as well."""
@@ -35,7 +35,7 @@ class Neighbors:
         normals,  # (V, 3) float32, unit
         faces,  # (F, 3) integers; faces of no area and faces given twice do no harm
     ):
-        order, new_node, new_place = _ranked(origins, normals)
+        order, new_node, new_place = ranked_nodes(origins, normals)
         node_ranked = np.cumsum(new_node) - 1
         self.vertices = order[new_node]
         self.node = np.zeros(len(order), np.int64)
@@ -45,25 +45,25 @@ class Neighbors:
         corners = place[self.node][faces].astype(np.int32)
         starts, columns = _rings(len(first) - 1, np.ascontiguousarray(corners))
         counts = np.zeros(len(first) - 1, np.int64)
-        _in_slices(_sort_rows, len(counts), starts, columns, counts)
+        in_slices(_sort_rows, len(counts), starts, columns, counts)
         self._expand(np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts)
 
     def _expand(self, normals, place, first, starts, columns, counts):
         """From places beside places to nodes beside nodes."""
         args = normals, place, first, starts, columns, counts
         used, nothing = np.zeros(len(normals) + 1, np.int64), np.zeros(0, np.int32)
-        _in_slices(_node_rows, len(normals), *args, used[1:], nothing, np.zeros(0, np.float32))
+        in_slices(_node_rows, len(normals), *args, used[1:], nothing, np.zeros(0, np.float32))
         self.starts = np.cumsum(used)
         self.columns = np.zeros(self.starts[-1], np.int32)
         self.weights = np.zeros(self.starts[-1], np.float32)
-        _in_slices(_node_rows, len(normals), *args, self.starts[:-1], self.columns, self.weights)
+        in_slices(_node_rows, len(normals), *args, self.starts[:-1], self.columns, self.weights)
 
 
-def _ranked(origins, normals):
+def ranked_nodes(origins, normals):
     """Vertices by their place on the Z-order curve, then by their bits: order (V,) and, in that order, where the
     content and where the position differs from the one before, (V,) bool each."""
     keys = np.zeros(len(origins), np.uint64)
-    _in_slices(_curve_keys, len(keys), origins, keys)
+    in_slices(_curve_keys, len(keys), origins, keys)
     order = np.argsort(keys)
     ranked = keys[order]
     same = ranked[1:] == ranked[:-1]

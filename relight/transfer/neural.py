@@ -17,7 +17,7 @@ from .analytic import analytic
 from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
 from .neighbors import Neighbors
-from .raytraced import _completed, _ranked, _traced
+from .raytraced import completed, offsets_by_rank, trace
 from .sessions import open_session
 
 MODEL = "neural"
@@ -57,7 +57,7 @@ def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: 
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     model, rest = np.zeros((len(vertices), 4), np.float32), np.zeros((len(vertices), inner**2), np.float32)
     copies = np.bincount(neighbors.node, minlength=len(vertices))
-    for part, traced in _traced(occluder, origins, normals, inner, rays, lambda part: _ranked(part, seed)):
+    for part, traced in trace(occluder, origins, normals, inner, rays, lambda part: offsets_by_rank(part, seed)):
         model[part], rest[part] = traced
         advance(int(copies[part].sum()))
     estimates = estimate(neighbors, normals, model, rest, rays)
@@ -78,7 +78,7 @@ def mixed(
     def work(begin):
         end = min(begin + BLOCK, len(normals))
         part = slice(begin, end)
-        complete = _completed(normals[part], estimates.model[part], estimates.rest[part])
+        complete = completed(normals[part], estimates.model[part], estimates.rest[part])
         chosen = differing(estimates, begin, end)
         if len(chosen):
             vertex, band = describe(estimates, begin, end, sh.evaluate(normals[part], _bands(estimates)), chosen)

@@ -34,7 +34,7 @@ def raytraced_scene(
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     model, transfer = np.zeros((len(vertices), 4), np.float32), np.zeros((len(occluder.origins), bands**2), np.float32)
     copies = np.bincount(neighbors.node, minlength=len(vertices))
-    for part, traced in _traced(occluder, origins, normals, bands, rays, lambda part: _ranked(part, seed)):
+    for part, traced in trace(occluder, origins, normals, bands, rays, lambda part: offsets_by_rank(part, seed)):
         model[part], transfer[vertices[part]] = traced
         advance(int(copies[part].sum()))
     average(neighbors, normals, model, transfer, rays, steps_for(rays, bands))
@@ -42,7 +42,7 @@ def raytraced_scene(
     transfer[others] = transfer[vertices[neighbors.node[others]]]
     for start in range(0, len(transfer), BATCH_RAYS // 32):
         part = slice(start, start + BATCH_RAYS // 32)
-        transfer[part] = _completed(occluder.normals[part], model[neighbors.node[part]], transfer[part])
+        transfer[part] = completed(occluder.normals[part], model[neighbors.node[part]], transfer[part])
     return transfer
 
 
@@ -70,17 +70,18 @@ def raytraced(
     def offsets(part):
         return sampling.hashed_offsets(origins[part], normals[part], seed)
 
-    for part, (model, rest) in _traced(occluder, origins, normals, bands, rays, offsets):
-        transfer[part] = _completed(normals[part], model, rest)
+    for part, (model, rest) in trace(occluder, origins, normals, bands, rays, offsets):
+        transfer[part] = completed(normals[part], model, rest)
         advance(len(rest))
     return transfer
 
 
-def _ranked(part, seed):
+def offsets_by_rank(part, seed):
+    """Ray offsets of a slice of nodes, by their ranks along the curve."""
     return sampling.ranked_offsets(part.start, part.stop, seed)
 
 
-def _traced(occluder, origins, normals, bands, rays, offsets):
+def trace(occluder, origins, normals, bands, rays, offsets):
     """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` tells them apart."""
     azimuths = sampling.fibonacci_azimuths(rays)
     batch = max(1, BATCH_RAYS // rays)
@@ -94,8 +95,8 @@ def _traced(occluder, origins, normals, bands, rays, offsets):
         yield part, (model, rest)
 
 
-def _completed(normals, model, rest):
-    """Transfer (V, K) of what `_traced` found."""
+def completed(normals, model, rest):
+    """Transfer (V, K) of what `trace` found."""
     transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
     sampling.add_model(normals, model, rest, transfer)
     return transfer

@@ -42,7 +42,7 @@ def hashed_offsets(
 ):
     """Offset in the stratum and azimuth of every vertex, (V, 2) float32 in [0, 1), hashed from its own bits."""
     offsets = np.zeros((len(origins), 2), np.float32)
-    _in_slices(_hashed_offsets, len(origins), origins, normals, np.uint64(seed), offsets)
+    in_slices(_hashed_offsets, len(origins), origins, normals, np.uint64(seed), offsets)
     return offsets
 
 
@@ -70,7 +70,7 @@ def shoot(
 
 def shoot_at(origins, normals, azimuths, offsets, rays):
     """As `shoot`, with the given offsets (V, 2): part of a stratum, part of a full turn."""
-    _in_slices(_shoot, len(origins), origins, normals, azimuths, offsets, rays)
+    in_slices(_shoot, len(origins), origins, normals, azimuths, offsets, rays)
 
 
 def gather(
@@ -86,7 +86,7 @@ def gather(
     leans, f (mean d - 2/3 n)) by the normal equations under the cosine lobe, with a ridge on b. Where all rays agree
     b and the rest are exactly 0, and a is exactly 0 or 1.
     """
-    _in_slices(_gather, len(rays), rays, occluded, normals, legendre_factors(math.isqrt(rest.shape[1])), model, rest)
+    in_slices(_gather, len(rays), rays, occluded, normals, legendre_factors(math.isqrt(rest.shape[1])), model, rest)
 
 
 def add_model(
@@ -101,7 +101,7 @@ def add_model(
     cos^2 along the normal and, across it, of the gradient of cos^2 / 2 (Funk-Hecke).
     """
     bands = math.isqrt(rest.shape[1])
-    _in_slices(_add_model, len(normals), normals, model, rest, legendre_factors(bands), squared_lobe(bands), transfer)
+    in_slices(_add_model, len(normals), normals, model, rest, legendre_factors(bands), squared_lobe(bands), transfer)
 
 
 def squared_lobe(bands):
@@ -114,7 +114,7 @@ def squared_lobe(bands):
     )
 
 
-def _in_slices(kernel, count, *arrays):
+def in_slices(kernel, count, *arrays):
     """Run a kernel over the vertices 0..count, a slice for each core: the kernels release the GIL."""
     cuts = np.linspace(0, count, (os.cpu_count() or 1) + 1).astype(int)
     spans = [span for span in pairwise(cuts) if span[0] < span[1]]

@@ -5,7 +5,7 @@ from numba import njit
 
 from splat2mesh.errors import InputError
 
-from .sampling import _in_slices
+from .sampling import in_slices
 
 BATCH_RAYS = 2**20
 """Rays in memory at once, at most: 24 MiB."""
@@ -39,14 +39,14 @@ def sunlight(
         part = slice(start, start + batch)
         count = len(normals[part])
         ends = np.zeros(count + 1, np.int64)
-        _in_slices(_count, count, normals[part], directions, ends)
+        in_slices(_count, count, normals[part], directions, ends)
         np.cumsum(ends, out=ends)
         rays = np.zeros((ends[-1], 6), np.float32)
         sun = np.zeros(ends[-1], np.int32)
-        _in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
+        in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
         if len(rays):
             hidden = occluder.occluded(rays)
-            _in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, radiance[part])
+            in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, radiance[part])
         advance(count)
     return radiance
 
