@@ -20,7 +20,7 @@ FATAL = 4
 
 def open_session(
     model_name,  # such as "neural-gash"
-    threads,  # of this session
+    threads,  # that it may use
 ):
     """An onnxruntime InferenceSession of a model of this package.
 
