@@ -92,12 +92,14 @@ class Relighter:
     def _computed(self):
         count = sum(len(chunk.vertices) for chunk in self.scene.chunks)
         if SHADOWS in self.effects:
-            from .transfer.neural import neural
-            from .transfer.raytraced import raytraced_scene
+            if self.method == "neural":
+                from .transfer.neural import neural as of_scene
+            else:
+                from .transfer.raytraced import raytraced_scene as of_scene
 
-            trace, occluder = neural if self.method == "neural" else raytraced_scene, self._everything()
+            occluder = self._everything()
             with self._stages.stage("transfer", count) as advance:
-                return trace(occluder, self.bands, self.rays, self.seed, advance)
+                return of_scene(occluder, self.bands, self.rays, self.seed, advance)
         if self.method == "neural-gash":
             from .transfer.neuralgash import neural_gash
 
@@ -144,8 +146,7 @@ class Relighter:
         if self._interreflection is None:
             from .transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 
-            # Two or three rays leave it up to 0.16 outside [0, 1]: noise, not an error.
-            occluder, visible = self._everything(), np.clip(visible_fraction(self.transfer), 0.0, 1.0)
+            occluder, visible = self._everything(), visible_fraction(self.transfer)
             with self._stages.stage("bounce rays", len(visible)) as advance:
                 self._interreflection = Interreflection(occluder, DEFAULT_BOUNCE_RAYS, self.seed, visible, advance)
         return self._interreflection

@@ -56,6 +56,9 @@ class Constant:
     def __init__(self, weights):
         self.weights = np.float32(weights)
 
+    def get_providers(self):
+        return ["CPUExecutionProvider"]
+
     def run(self, _, inputs):
         shape = inputs["band"].shape[:2]
         return np.broadcast_to(self.weights, (*shape, OTHERS)), np.ones(shape, np.float32)

@@ -39,8 +39,8 @@ DEFAULT_MAX_BOUNCES = 16
 BATCH_RAYS = 2**18
 """Rays in memory at once, 84 bytes each with what they hit and the rows they make; cores share a bounce by batches."""
 
-MAX_OVERSHOOT = 0.1
-"""Fractions may be this far outside [0, 1] for the noise of their estimate; beyond, they are something else."""
+ROUNDING = 1e-5
+"""Fractions may be this far outside [0, 1]: sums of float32."""
 
 BLOCK_COEFFICIENTS = 8
 """Transfer coefficients carried through all bounces at once: in three colours three whole vectors of 8 float32.
@@ -133,7 +133,7 @@ class Interreflection:
         if visible is None:
             return np.full(len(self.hits), 1.0 / self.rays, np.float32)
         visible = np.asarray(visible, np.float64)
-        if visible.shape != self.hits.shape or not (np.abs(visible - 0.5) < 0.5 + MAX_OVERSHOOT).all():
+        if visible.shape != self.hits.shape or not (np.abs(visible - 0.5) < 0.5 + ROUNDING).all():
             raise InputError(f"visible fractions must be ({len(self.hits)},) in [0, 1], found {_described(visible)}")
         hidden = np.clip(1.0 - visible, 0.0, 1.0)
         return (hidden / np.maximum(self.hits, 1)).astype(np.float32)
@@ -142,8 +142,11 @@ class Interreflection:
 def visible_fraction(
     transfer,  # (V, K) of a white scene
 ):
-    """Visible fraction of every vertex's cosine lobe, (V,): the answer to a constant sky, exact as the transfer."""
-    return np.asarray(transfer)[:, 0] * math.sqrt(4.0 * math.pi)
+    """Visible fraction of every vertex's cosine lobe, (V,): the answer to a constant sky, as exact as the transfer.
+
+    In [0, 1]: a transfer of two or three rays, averaged, lies up to 0.16 outside, which is noise.
+    """
+    return np.clip(np.asarray(transfer)[:, 0] * math.sqrt(4.0 * math.pi), 0.0, 1.0)
 
 
 def with_bounces(

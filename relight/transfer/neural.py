@@ -5,7 +5,6 @@ transfer turns with the scene; and with the error that it expects. One network s
 Where nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
 """
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
@@ -18,7 +17,7 @@ from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
 from .neighbors import Neighbors
 from .raytraced import completed, offsets_by_rank, trace
-from .sessions import open_session
+from .sessions import open_session, workers_of
 
 MODEL = "neural"
 
@@ -88,7 +87,7 @@ def mixed(
             error[begin + chosen] = np.sqrt(variance.sum(axis=1)) / open_norm
         transfer[part] = complete[:, : bands**2]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers_of(session)) as pool:
         list(pool.map(work, range(0, len(normals), BLOCK)))
     return transfer, error
 
