@@ -11,8 +11,10 @@ estimated for walls that may stand anywhere, and `split` looks for the fewest su
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
@@ -140,13 +142,35 @@ def texel_parts(row, column, height, width, parts):
 def _split(environment, bands, tolerance, limit):
     """Rest (or the environment itself) and Suns of an unrotated environment."""
     image = _square_texels(environment.radiance)
-    brightness = luminance(image)
     coarse = _Coarse(image, bands)
     if coarse.contrast() <= tolerance:
         return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+    cuts = list(_cuts(environment, image, coarse))
+    if not cuts:
+        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+    (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
+    if missed:
+        _, cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
+    suns, rest = _suns(cut.spots, label), image.copy()
+    rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
+    return Rest(environment, rest, suns), suns
+
+
+class _Cut(NamedTuple):
+    """What cutting off a level leaves: texels, the share of each that stays, and the spots taken out."""
+
+    row: np.ndarray
+    column: np.ndarray
+    stays: np.ndarray
+    spots: tuple  # as `_spots` says
+    contrast: float  # that the rest has, relative
+
+
+def _cuts(environment, image, coarse):
+    """A _Cut for every level that anything exceeds."""
+    brightness = luminance(image)
     around = _around(brightness)
     power = 4.0 * np.pi * environment.mean_luminance
-    best = chosen = None
     for level in _LEVELS * environment.mean_luminance:
         row, column = np.nonzero(brightness > level)
         if not len(row):
@@ -155,23 +179,21 @@ def _split(environment, bands, tolerance, limit):
         # Narrow patches drop to what is around them, but not at once: texels beside them stay just below the level.
         stays = np.maximum(np.minimum(level, around[row, column]) / brightness[row, column], over**-_FALL)
         excess = image[row, column] * (1.0 - stays)[:, None]
-        contrast = coarse.contrast(row, column, excess)
         spots = _spots(row, column, excess, brightness.shape, power * _PART_ENERGY)
-        most = limit if best is None or best[0] else min(limit, best[1])
-        label, count, width = _clusters(spots, bands, coarse.scale, tolerance**2 - contrast**2, most)
-        error = math.hypot(contrast, width)
-        # Within the tolerance the fewest suns win, beyond it the smallest error.
-        found = (error > tolerance, count if error <= tolerance else 0, error)
-        if best is None or found < best:
-            best, chosen = found, (row, column, stays, spots, label)
-    if chosen is None:
-        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
-    if best[0]:
-        return _split(environment, bands, best[2] * _ENOUGH, limit)
-    row, column, stays, spots, label = chosen
-    rest, suns = image.copy(), _suns(spots, label)
-    rest[row, column] *= stays[:, None].astype(np.float32)
-    return Rest(environment, rest, suns), suns
+        yield _Cut(row, column, stays, spots, coarse.contrast(row, column, excess))
+
+
+def _cheapest(cuts, bands, scale, tolerance, limit):
+    """((missed, number, error), cut, labels of its spots): fewest suns within the tolerance, else the least error."""
+    best = None
+    for cut in cuts:
+        most = limit if best is None or best[0][0] else min(limit, best[0][1])
+        label, count, width = _clusters(cut.spots, bands, scale, tolerance**2 - cut.contrast**2, most)
+        error = math.hypot(cut.contrast, width)
+        found = error > tolerance, count if error <= tolerance else 0, error
+        if best is None or found < best[0]:
+            best = found, cut, label
+    return best
 
 
 def _square_texels(image):
@@ -195,11 +217,9 @@ class _Coarse:
 
     def __init__(self, image, bands):
         height, width, _ = image.shape
-        self._rows = _overlap(_GRID[0], height, lambda share: -np.cos(np.pi * share))
-        self._columns = _overlap(_GRID[1], width, lambda share: share)
-        self._full, self._banded = _probes(bands)
-        cells = [(self._columns @ (self._rows @ image[..., color]).T).T for color in range(3)]
-        self._cells = np.stack(cells, axis=-1).reshape(-1, 3).astype(np.float64)
+        self._rows, self._columns = _pooling((height, width), _GRID)
+        self._full, self._lost = _probes(bands)
+        self._cells = pooled(image, _GRID).reshape(-1, 3)
         self._shape = height, width
         self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
 
@@ -210,13 +230,13 @@ class _Coarse:
             for color in range(3):
                 less = csr_array((excess[:, color], (row, column)), self._shape)
                 cells[:, color] -= (self._rows @ less @ self._columns.T).toarray().ravel()
-        error = (self._full - self._banded) @ cells
+        error = self._lost @ cells.astype(np.float32)
         return math.sqrt(np.square(error).sum(axis=1).mean()) / self.scale if self.scale > 0.0 else 0.0
 
 
 @lru_cache(sh.MAX_BANDS)
 def _probes(bands):
-    """Exit radiance of the imagined vertices from the cells' radiance: in full and through SH, (P, cells) each."""
+    """Exit radiance of the imagined vertices from the cells' radiance: in full and what SH lose, (P, cells) each."""
     normals = fibonacci_sphere(_PROBES)
     walls = np.random.default_rng(0).normal(size=normals.shape)
     cells = layouts.texel_directions(*_GRID).reshape(-1, 3)
@@ -225,7 +245,21 @@ def _probes(bands):
     # Projection by least squares: what the bands hold is exact in spite of the cells.
     basis = sh.evaluate(cells, bands)
     weighted = (basis * areas[:, None]).T
-    return full, (full @ basis) @ np.linalg.solve(weighted @ basis, weighted)
+    lost = full - (full @ basis) @ np.linalg.solve(weighted @ basis, weighted)
+    return full.astype(np.float32), lost.astype(np.float32)
+
+
+def pooled(image, grid):
+    """Mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
+    rows, columns = _pooling(image.shape[:2], grid)
+    cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]
+    return np.stack(cells, axis=-1).astype(np.float64)
+
+
+def _pooling(shape, grid):
+    """Sparse (rows, H) and (columns, W): what shares of their solid angle the cells of a grid take from an image."""
+    rows = _overlap(grid[0], shape[0], lambda share: -np.cos(np.pi * share))
+    return rows, _overlap(grid[1], shape[1], lambda share: share)
 
 
 def _overlap(cells, texels, measure):
@@ -285,38 +319,78 @@ def _variance(side):
 
 
 def _clusters(spots, bands, scale, allowed, most):
-    """Label (P,) of each spot, and the relative error of the clusters' shining as points.
+    """Label (P,) of each spot, their number, and the relative error of the clusters' shining as points.
 
     The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
     to `allowed` or there are `most`.
     """
     toward, weights, variance = spots
-    bright = luminance(weights)
-    held = _SPREAD_HELD / bands
+    label = np.zeros(len(toward), np.int64)
+    held, factor = _SPREAD_HELD / bands, _EDGE_ERROR / scale**2
+    count, square = _halved(toward, weights, luminance(weights), variance, held, factor, allowed, int(most), label)
+    return label, count, math.sqrt(square)
 
-    def error(part):
-        energy = bright[part]
-        offset = toward[part] - energy @ toward[part] / energy.sum()
-        square = energy @ ((offset * offset).sum(axis=1) + variance[part]) / energy.sum()
-        spread = min(math.sqrt(0.5 * square), held)
-        return _EDGE_ERROR * spread * np.square(weights[part].sum(axis=0)).sum() / scale**2
 
-    parts = [np.arange(len(toward))]
-    errors = [error(parts[0])]
-    while sum(errors) > allowed and len(parts) < most:
-        worst = int(np.argmax(errors))
-        part = parts[worst]
-        offset = toward[part] - bright[part] @ toward[part] / bright[part].sum()
-        axis = np.linalg.eigh((offset * bright[part, None]).T @ offset)[1][:, -1]
-        ahead = offset @ axis > 0.0
-        if ahead.all() or not ahead.any():  # a single spot, or several in one place
+@njit(cache=True, nogil=True)
+def _halved(toward, weights, bright, variance, held, factor, allowed, most, label):
+    """Fill in the labels; returns the number of clusters and the sum of their squared errors."""
+    order = np.arange(len(toward))  # spots, cluster by cluster
+    starts, ends, errors = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros(most)
+    ends[0], errors[0], count = len(toward), _point_error(order, toward, weights, bright, variance, held, factor), 1
+    side = np.zeros(len(toward), np.int64)
+    while errors[:count].sum() > allowed and count < most:
+        worst = np.argmax(errors[:count])
+        part = order[starts[worst] : ends[worst]]
+        center, total = np.zeros(3), 0.0
+        for i in part:
+            center += bright[i] * toward[i]
+            total += bright[i]
+        center /= total
+        spread = np.zeros((3, 3))
+        for i in part:
+            offset = toward[i] - center
+            for row in range(3):
+                for column in range(3):
+                    spread[row, column] += bright[i] * offset[row] * offset[column]
+        axis = np.ascontiguousarray(np.linalg.eigh(spread)[1][:, 2])
+        ahead, behind = 0, 0
+        for i in part:
+            offset = toward[i] - center
+            if offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2] > 0.0:
+                part[ahead] = i
+                ahead += 1
+            else:
+                side[behind] = i
+                behind += 1
+        if ahead == 0 or behind == 0:  # a single spot, or several in one place
+            part[ahead:] = side[:behind]
             break
-        parts[worst : worst + 1] = [part[ahead], part[~ahead]]
-        errors[worst : worst + 1] = [error(parts[worst]), error(parts[worst + 1])]
-    label = np.zeros(len(toward), np.intp)
-    for index, part in enumerate(parts):
-        label[part] = index
-    return label, len(parts), math.sqrt(sum(errors))
+        part[ahead:] = side[:behind]
+        starts[count], ends[count] = starts[worst] + ahead, ends[worst]
+        ends[worst] = starts[count]
+        for at in (worst, count):
+            part = order[starts[at] : ends[at]]
+            errors[at] = _point_error(part, toward, weights, bright, variance, held, factor)
+        count += 1
+    for at in range(count):
+        label[order[starts[at] : ends[at]]] = at
+    return count, errors[:count].sum()
+
+
+@njit(cache=True, nogil=True)
+def _point_error(part, toward, weights, bright, variance, held, factor):
+    """Squared relative error of a cluster that shines as one point."""
+    center, weight, total = np.zeros(3), np.zeros(3), 0.0
+    for i in part:
+        center += bright[i] * toward[i]
+        weight += weights[i]
+        total += bright[i]
+    square = 0.0
+    for i in part:
+        offset = toward[i] - center / total
+        square += bright[i] * (offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2 + variance[i])
+    spread = min(math.sqrt(0.5 * square / total), held)
+    return factor * spread * (weight[0] ** 2 + weight[1] ** 2 + weight[2] ** 2)
 
 
 def _suns(spots, label):

@@ -13,7 +13,8 @@ from relight.transfer.analytic import analytic
 from relight.transfer.features import Estimates, describe, differing, estimate
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
-from relight.transfer.raytraced import completed, offsets_by_rank, raytraced, raytraced_scene, trace
+from relight.transfer.raytraced import offsets_by_rank, raytraced, raytraced_scene, trace
+from relight.transfer.visibility import completed
 from splat2mesh.errors import InputError
 
 pytest.importorskip("onnxruntime")

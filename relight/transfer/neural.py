@@ -11,13 +11,11 @@ from functools import lru_cache
 import numpy as np
 
 from .. import sh
-from . import check_rays
 from .analytic import analytic
 from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
-from .neighbors import Neighbors
-from .raytraced import completed, offsets_by_rank, trace
 from .sessions import open_session, workers_of
+from .visibility import Visibility, completed
 
 MODEL = "neural"
 
@@ -48,20 +46,17 @@ def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: 
     an unoccluded vertex has: on that scale, because a vertex in the dark has next to none of its own. It is 0 where
     no ray within four rings met anything, or all did: the network knows no more than that.
     """
-    bands, rays = sh.check_bands(bands), check_rays(rays)
-    session = _session()
-    inner = max(bands, GUIDE_BANDS)
-    neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
-    vertices = neighbors.vertices
-    origins, normals = occluder.origins[vertices], occluder.normals[vertices]
-    model, rest = np.zeros((len(vertices), 4), np.float32), np.zeros((len(vertices), inner**2), np.float32)
-    copies = np.bincount(neighbors.node, minlength=len(vertices))
-    for part, traced in trace(occluder, origins, normals, inner, rays, lambda part: offsets_by_rank(part, seed)):
-        model[part], rest[part] = traced
-        advance(int(copies[part].sum()))
-    estimates = estimate(neighbors, normals, model, rest, rays)
-    transfer, error = mixed(session, estimates, normals, bands)
-    return transfer[neighbors.node], error[neighbors.node]
+    sh.check_bands(bands)
+    return from_visibility(Visibility(occluder, rays, seed, advance=advance), bands)
+
+
+def from_visibility(visibility, bands):
+    """Transfer (V, K) and expected error (V,) of rays that were traced before: see `neural_with_confidence`."""
+    session, inner, node = _session(), max(bands, GUIDE_BANDS), visibility.neighbors.node
+    model, rest = visibility.gathered(inner)
+    estimates = estimate(visibility.neighbors, visibility.normals, model, rest, visibility.rays)
+    transfer, error = mixed(session, estimates, visibility.normals, bands)
+    return transfer[node], error[node]
 
 
 def mixed(

@@ -4,12 +4,7 @@ import numpy as np
 
 from .. import sh
 from . import check_rays, sampling
-from .analytic import analytic
-from .filtering import average, steps_for
-from .neighbors import Neighbors
-
-BATCH_RAYS = 2**20
-"""Rays in memory at once: 24 MiB."""
+from .visibility import BATCH_RAYS, Visibility, completed
 
 
 def raytraced_scene(
@@ -28,22 +23,8 @@ def raytraced_scene(
     on no order of vertices or faces and on no division into chunks.
     Raises InputError for bands outside 1..10 and rays outside 1..65536.
     """
-    bands, rays = sh.check_bands(bands), check_rays(rays)
-    neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
-    vertices = neighbors.vertices
-    origins, normals = occluder.origins[vertices], occluder.normals[vertices]
-    model, transfer = np.zeros((len(vertices), 4), np.float32), np.zeros((len(occluder.origins), bands**2), np.float32)
-    copies = np.bincount(neighbors.node, minlength=len(vertices))
-    for part, traced in trace(occluder, origins, normals, bands, rays, lambda part: offsets_by_rank(part, seed)):
-        model[part], transfer[vertices[part]] = traced
-        advance(int(copies[part].sum()))
-    average(neighbors, normals, model, transfer, rays, steps_for(rays, bands))
-    others = np.flatnonzero(vertices[neighbors.node] != np.arange(len(transfer)))
-    transfer[others] = transfer[vertices[neighbors.node[others]]]
-    for start in range(0, len(transfer), BATCH_RAYS // 32):
-        part = slice(start, start + BATCH_RAYS // 32)
-        transfer[part] = completed(occluder.normals[part], model[neighbors.node[part]], transfer[part])
-    return transfer
+    sh.check_bands(bands)
+    return Visibility(occluder, rays, seed, advance=advance).transfer(bands)
 
 
 def raytraced(
@@ -93,10 +74,3 @@ def trace(occluder, origins, normals, bands, rays, offsets):
         model, rest = np.zeros((len(shot), 4), np.float32), np.zeros((len(shot), bands**2), np.float32)
         sampling.gather(shot, occluder.occluded(shot), normals[part], model, rest)
         yield part, (model, rest)
-
-
-def completed(normals, model, rest):
-    """Transfer (V, K) of what `trace` found."""
-    transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
-    sampling.add_model(normals, model, rest, transfer)
-    return transfer

@@ -1,0 +1,62 @@
+"""What a setting costs and how noisy its rays are, before any work: laws with constants that were measured.
+
+Times are in multiples of the time of one shadow ray, which the sample measures: so they hold on other machines, as far
+as NumPy and Embree keep their ratio. `scripts/frontier` prints predicted against measured times.
+"""
+
+import numpy as np
+
+from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
+
+# Of a vertex, in shadow rays.
+RAY = 1.06  # with its direction and its sums in few bands
+RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
+VERTEX = 9.0  # neighbours, and what is done once
+COEFFICIENT = 0.22  # averaging and completing, per coefficient
+ANALYTIC_COEFFICIENT = 0.02
+PRODUCT_COEFFICIENT = 0.004  # for every light
+SUN_RAY = 0.6  # per sun: half of them stand before a vertex
+FIRST_HIT = 2.0  # per bounce ray: what it meets, and its place in the matrix
+BOUNCE = 0.02  # per bounce ray and bounce
+NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over averaging
+
+SUNS_AT = 30, 0.01
+"""Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
+
+BOUNCE_NOISE = {8: 0.16, 16: 0.104, 32: 0.069, 64: 0.05, 128: 0.042}
+"""Error of bounced light by rays per vertex, over the bounced light (a table's true mesh, docs/light.md)."""
+
+NEURAL_GAIN = {8: 0.92, 16: 0.90, 32: 0.88, 64: 0.84}
+"""Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
+
+
+def expected_suns(tolerance):
+    """How many suns a split within a tolerance may need."""
+    return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
+
+
+def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounces=4):
+    """(once, each): seconds for the scene, and for every light or angle."""
+    coefficients = settings.bands**2
+    rays = shadowed_vertices * settings.rays
+    once = ANALYTIC_COEFFICIENT * coefficients * vertices
+    if settings.rays:
+        once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
+    if settings.method == "neural":
+        once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
+    once += FIRST_HIT * settings.bounce_rays * vertices
+    each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * vertices
+    each += BOUNCE * settings.bounce_rays * bounces * vertices
+    return once * ray_s, each * ray_s
+
+
+def noise(rays, bands, method="raytraced"):
+    """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
+
+    The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
+    five meshes (scripts/bench_noise): .38 with 8 rays, all of it with a thousand.
+    """
+    rays = np.asarray(rays, float)
+    left = np.clip(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38, 1.0)
+    left = np.where([steps_for(int(r), bands) > 0 for r in rays.ravel()], left.ravel(), 1.0).reshape(rays.shape)
+    return np.sqrt(NOISE * rays**NOISE_POWER) * left

@@ -1,0 +1,290 @@
+"""From measured contributions to the cheapest settings that keep an error, or to the best that keep a time."""
+
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from .. import suns
+from ..effects import BOUNCES, SHADOWS, SUN
+from ..settings import Settings
+from ..transfer import SHADOWING
+from . import costs, lights
+from .measured import Measured
+from .sample import Sample
+
+SAFETY = 0.8
+"""A plan is laid for this part of the tolerance: what is measured on a sample is off by about a tenth, and what is done
+is checked against the tolerance itself."""
+
+SKIPPED = 0.35
+"""Part of the tolerance that skipped shadows, and skipped bounces, may use up: squares add."""
+
+BANDS = (2, 3, 4, 5, 6, 8, 10)
+RAYS = tuple(2**power for power in range(2, 12))
+NEURAL_BANDS = (3, 4, 5)
+
+SUN_PART, LEAST_SUN_TOLERANCE = 0.6, 0.002
+"""Suns are split to this part of the tolerance. Half of that is taken for the width of what shines as points."""
+
+ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
+
+MAX_SPLITS = 2
+"""How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
+
+STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
+
+SAMPLE_VERTICES = 384
+SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
+"""Directions of the sample from each tolerance up: their own noise stays below a third of it."""
+
+DEFAULT_TOLERANCE = 0.02
+
+
+@dataclass
+class Plan:
+    """What will be done, how far off it will be, what it will take, and why.
+
+    settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
+    seconds: predicted, for the scene and as many lights as asked for. suns: how many.
+    tolerance, budget_s: as asked; None for the other. vertices, rays: size of the sample.
+    contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, settings)] that nothing
+    quicker beats. planning_s: what the plan took. measured: Measured, None for a plan kept from before.
+    checked: error as measured on the sample after the work; None before.
+    """
+
+    settings: Settings
+    error: float
+    seconds: float
+    suns: int
+    tolerance: float | None
+    budget_s: float | None
+    vertices: int
+    rays: int
+    contributions: list
+    curve: list
+    planning_s: float
+    measured: Measured | None = field(default=None, repr=False)
+    checked: float | None = None
+
+
+class _Candidate(tuple):
+    """(seconds, error, Settings)."""
+
+    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))
+
+
+def planned(
+    occluder,  # Occluder of the whole scene
+    sizes,  # (C,) vertices of each chunk
+    environment,  # Environment
+    albedo=None,  # (V, 3) linear, white without
+    tolerance=DEFAULT_TOLERANCE,
+    budget_s=None,  # seconds to do one's best in, instead of the tolerance
+    method=None,  # "raytraced", "neural" or "analytic", where it is not to be chosen
+    bands=None,
+    rays=None,
+    effects=None,  # a set of names, where they are not to be chosen
+    angles=1,  # for how many lights
+):
+    """Measure a sample of the scene under all rotations of the light, and choose: a Plan.
+
+    Raises InputError for a tolerance or a budget that is not above 0.
+    """
+    start = time.perf_counter()
+    check_wishes(tolerance, budget_s)
+    wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
+    directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
+    sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions)
+    bouncing = albedo is not None and (effects is None or BOUNCES in effects)
+    measured = Measured(sample, environment, albedo, bouncing)
+    choice = _Choice(measured, environment, tolerance, budget_s, (method, bands, rays, effects), angles)
+    best = choice.best()
+    return Plan(
+        best.settings,
+        best.error,
+        best.seconds,
+        choice.sun_count(best.settings),
+        None if budget_s else tolerance,
+        budget_s,
+        len(sample.rows),
+        sample.rays,
+        choice.contributions(best.settings),
+        choice.curve(),
+        time.perf_counter() - start,
+        measured,
+    )
+
+
+def check_wishes(tolerance, budget_s):
+    """Raise InputError for a tolerance or a budget that is not above 0."""
+    for name, value in (("tolerance", tolerance), ("budget", budget_s)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputError(f"the {name} must be a number above 0, found {value}")
+
+
+class _Choice:
+    """All settings worth considering for what was measured."""
+
+    def __init__(self, measured, environment, tolerance, budget_s, forced, angles):
+        self.measured, self._environment, self._angles = measured, environment, angles
+        self._method, self._bands, self._rays, self._effects = forced
+        self._budget_s = budget_s
+        self._tolerances = ALL_TOLERANCES if budget_s else (tolerance,)
+        self._target = SAFETY * tolerance
+        self._splits, self._sun_factor = {}, 1.0
+        self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
+        self._candidates = list(self._all())
+
+    def best(self):
+        """The quickest candidate within the target, or the most exact within the budget.
+
+        Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
+        """
+        for _ in range(MAX_SPLITS + 1):
+            if self._budget_s is None:
+                good = [each for each in self._candidates if each.error <= self._target]
+                best = min(good) if good else min(self._candidates, key=lambda each: each.error)
+            else:
+                good = [each for each in self._candidates if each.seconds <= self._budget_s]
+                best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates)
+            key = best.settings.bands, best.settings.suns
+            if not best.settings.suns or key in self._splits or len(self._splits) == MAX_SPLITS:
+                break
+            self._split(key)
+            self._candidates = [self._rated(each.settings) for each in self._candidates]
+        return best
+
+    def curve(self):
+        """[(seconds, error, Settings)]: every candidate that no quicker one equals, from quick to exact."""
+        found = []
+        for each in sorted(self._candidates):
+            if not found or each.error < 0.97 * found[-1].error:
+                found.append(each)
+        return [tuple(each) for each in found]
+
+    def sun_count(self, settings):
+        """How many suns the settings lead to: found, or expected."""
+        split = self._splits.get((settings.bands, settings.suns))
+        if split is not None:
+            return len(split[1])
+        return round(self._sun_factor * costs.expected_suns(settings.suns)) if settings.suns else 0
+
+    def contributions(self, settings):
+        """[(effect, error without it, decision)] for the table and the report."""
+        measured, rows = self.measured, []
+        every = float(np.linalg.norm(measured.shadows))
+        if settings.shadowed is not None:
+            traced = f"traced in {sum(settings.shadowed)} of {len(settings.shadowed)} chunks"
+            decision = f"{traced}; the others lose {self._unshadowed:.2%}"
+        else:
+            decision = "traced" if settings.rays else "skipped"
+        rows.append((SHADOWS, every, decision))
+        if settings.rays:
+            plain = measured.truncation(settings.bands)
+            count = self.sun_count(settings)
+            rows.append((SUN, plain, f"split into {count}" if settings.suns else "skipped"))
+            rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
+            rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
+        else:
+            rows.append(("bands", measured.open_truncation(settings.bands), f"{settings.bands} kept"))
+        if measured.bounced is None:
+            rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
+        else:
+            decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
+            rows.append((BOUNCES, float(measured.bounces[0]), decision))
+            carried = "in RGB" if measured.bleeding > SKIPPED * min(self._tolerances) else "grey would do"
+            rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
+        return rows
+
+    def _shadows(self, skip):
+        """Which chunks trace rays, (C,) bool, and the error of the others: those that cost most and lose least."""
+        errors, sizes = self.measured.shadows, self.measured.sample.sizes
+        shadowed = np.ones(len(errors), bool)
+        if self._effects is None and self._method in (None, "raytraced"):
+            order = np.argsort(np.square(errors) / sizes, kind="stable")
+            lost = np.sqrt(np.cumsum(np.square(errors[order])))
+            shadowed[order[lost <= skip]] = False
+        return shadowed, float(np.linalg.norm(errors[~shadowed]))
+
+    def _all(self):
+        yield from (self._rated(settings) for settings in self._analytic())
+        if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
+            return
+        if not self._shadowed.any():
+            return
+        shadowed = None if self._shadowed.all() else tuple(map(bool, self._shadowed))
+        all_bands = BANDS if self._bands is None else (self._bands,)
+        for bands in all_bands:
+            for suns_tolerance in self._sun_choices():
+                for bounce_rays in self._bounce_choices():
+                    for method in SHADOWING if self._method is None else (self._method,):
+                        if method == "neural" and (shadowed or (self._method is None and bands not in NEURAL_BANDS)):
+                            continue
+                        known = costs.NEURAL_GAIN if method == "neural" and self._method is None else RAYS
+                        for rays in known if self._rays is None else (self._rays,):
+                            stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
+                            yield self._rated(
+                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop)
+                            )
+
+    def _analytic(self):
+        """Settings without rays, where none are asked for."""
+        if self._method in (None, "analytic") and not self._effects:
+            for bands in BANDS if self._bands is None else (self._bands,):
+                yield Settings("analytic", bands)
+
+    def _sun_choices(self):
+        found = [max(LEAST_SUN_TOLERANCE, SUN_PART * tolerance) for tolerance in self._tolerances]
+        if self._effects is None:
+            return [0.0, *found]
+        return found if SUN in self._effects else [0.0]
+
+    def _bounce_choices(self):
+        if self.measured.bounced is None:
+            return [0]
+        if self._effects is not None:
+            return list(costs.BOUNCE_NOISE)
+        small = self.measured.bounces[0] <= SKIPPED * min(self._tolerances)
+        return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_NOISE]
+
+    def _rated(self, settings):
+        """The candidate: what the settings cost and how far off they are."""
+        measured = self.measured
+        parts = [float(measured.bounces[0]) * costs.BOUNCE_NOISE.get(settings.bounce_rays, 1.0), settings.bounces]
+        if settings.rays:
+            parts += [self._truncation(settings), 0.5 * settings.suns, self._noise(settings)]
+            parts += [0.0 if settings.shadowed is None else self._unshadowed]
+        else:
+            parts += [float(np.linalg.norm(measured.shadows)), measured.open_truncation(settings.bands)]
+        sizes = measured.sample.sizes
+        traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
+        once, each = costs.seconds(settings, int(sizes.sum()), traced, measured.sample.ray_s, self.sun_count(settings))
+        return _Candidate((once + self._angles * each, math.hypot(*parts), settings))
+
+    def _truncation(self, settings):
+        return self.measured.truncation(settings.bands, **self._rest(settings))
+
+    def _noise(self, settings):
+        deviation = costs.noise(settings.rays, settings.bands, settings.method)
+        return self.measured.ray_noise(deviation, settings.bands, **self._rest(settings))
+
+    def _rest(self, settings):
+        """What stays of the light beside the suns: an image where they were found, else a level."""
+        if not settings.suns:
+            return {}
+        key = settings.bands, settings.suns
+        if key in self._splits:
+            return {"image": self._splits[key][0]}
+        levels = range(len(lights.LEVELS))
+        errors = [self.measured.truncation(settings.bands, level) for level in levels]
+        good = [level for level in levels if errors[level] <= 0.5 * settings.suns]
+        return {"level": good[0] if good else int(np.argmin(errors))}
+
+    def _split(self, key):
+        rest, found = suns.split(self._environment, *key)
+        self._splits[key] = (rest.radiance if len(found) else None), found
+        self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])

@@ -1,0 +1,56 @@
+"""An environment as a plan sees it: cells of 2.8 degrees, turned to all sides at once."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .. import layouts, sh
+from ..suns import fibonacci_sphere, pooled
+
+GRID = 64, 128
+TURNS = 8
+"""Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""
+
+LEVELS = 160.0 * 0.5 ** np.arange(7)
+"""Where luminance may be cut off by suns, over its mean; as `suns.split` tries."""
+
+
+def cells(image):
+    """Radiance (64, 128, 3) float64 of the cells of an unrotated lat-long image."""
+    return pooled(image, GRID)
+
+
+def turned(image_cells, directions):
+    """Light that arrives from D directions when the cells are turned: radiance (D, TURNS, 3) float64.
+
+    Every cell's light goes to the direction nearest to it, none is lost.
+    """
+    nearest = _nearest(directions)
+    areas = np.broadcast_to(layouts.row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
+    energy = image_cells.reshape(-1, 3) * areas[:, None]
+    light = np.zeros((directions, TURNS, 3))
+    for turn in range(TURNS):
+        for color in range(3):
+            light[:, turn, color] = np.bincount(nearest[turn], energy[:, color], directions)
+    return light * (directions / (4.0 * np.pi))
+
+
+@lru_cache(4)
+def basis(directions):
+    """SH basis at the directions: (D, K) float64, all bands."""
+    return sh.evaluate(fibonacci_sphere(directions), sh.MAX_BANDS)
+
+
+@lru_cache(4)
+def _nearest(directions):
+    """Of every cell in every turn the nearest of D directions: (TURNS, cells)."""
+    toward = layouts.texel_directions(*GRID).reshape(-1, 3)
+    tree = cKDTree(fibonacci_sphere(directions))
+    found = []
+    for turn in range(TURNS):
+        angle = 2.0 * np.pi * turn / TURNS
+        c, s = np.cos(angle), np.sin(angle)
+        rotated = toward @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]).T
+        found.append(tree.query(rotated, workers=-1)[1])
+    return np.stack(found)

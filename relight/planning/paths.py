@@ -1,0 +1,72 @@
+"""How much light bounces: a few random paths from the vertices of a sample, with no matrix and no transfer.
+
+Two halves of the paths give the squared size of each bounce without the noise of either: their product.
+"""
+
+import numpy as np
+
+from .. import sh
+
+PATHS = 24  # of each vertex, in two halves
+DEPTH = 4  # bounces that are followed; what comes after is taken for a geometric series
+SMOOTH_BANDS = 3  # of the light that paths meet: a sun would make them noisy, and surfaces see it as wide
+
+
+class Bounced:
+    """Light that reaches the vertices of a sample by way of others, for TURNS rotations.
+
+    halves: (2, DEPTH, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
+    grey: the same had all surfaces the luminance of their albedo, so that light keeps its colour.
+    """
+
+    def __init__(
+        self,
+        sample,  # Sample
+        albedo,  # (V, 3) linear
+        coefficients,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
+        seed=0,
+    ):
+        from splat2mesh.color import luminance
+
+        count, turns = len(sample.rows), coefficients.shape[1]
+        coefficients = coefficients[: SMOOTH_BANDS**2].reshape(SMOOTH_BANDS**2, -1)
+        random = np.random.default_rng(seed)
+        self.halves = np.zeros((2, DEPTH, count, turns, 3))
+        self.grey = np.zeros_like(self.halves)
+        occluder = sample.occluder
+        start = np.repeat(np.arange(count), PATHS)
+        half = np.tile(np.arange(PATHS) % 2, count)
+        position, normal = occluder.origins[sample.rows[start]], occluder.normals[sample.rows[start]]
+        weight = np.ones((len(start), 3)) / (PATHS / 2)
+        dull = weight.copy()
+        for depth in range(DEPTH + 1):
+            toward = _cosine(normal, random)
+            face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
+            if depth:
+                free = face < 0
+                light = np.maximum(sh.evaluate(toward[free], SMOOTH_BANDS) @ coefficients, 0.0).reshape(-1, turns, 3)
+                at = half[free], np.full(free.sum(), depth - 1), start[free]
+                np.add.at(self.halves, at, light * weight[free][:, None])
+                np.add.at(self.grey, at, light * dull[free][:, None])
+            met = np.flatnonzero(face >= 0)
+            corners = occluder.faces[face[met]].astype(np.int64)
+            shares = np.stack([1.0 - uv[met].sum(axis=1), *uv[met].T], axis=1)
+            outward = np.einsum("ik,ikc->ic", shares, occluder.normals[corners])
+            side = np.einsum("ic,ic->i", face_normal[met], outward)
+            front = np.einsum("ic,ic->i", face_normal[met] * np.sign(side)[:, None], toward[met]) < 0.0
+            met, corners, shares, outward = met[front], corners[front], shares[front], outward[front]
+            if not len(met):
+                break
+            start, half = start[met], half[met]
+            position = np.einsum("ik,ikc->ic", shares, occluder.origins[corners]).astype(np.float32)
+            normal = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
+            color = np.einsum("ik,ikc->ic", shares, albedo[corners])
+            weight, dull = weight[met] * color, dull[met] * luminance(color)[:, None]
+
+
+def _cosine(normals, random):
+    """Cosine-distributed directions about unit normals: a point of the sphere added to each."""
+    toward = random.normal(size=normals.shape)
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    toward = normals + 0.9999 * toward
+    return (toward / np.linalg.norm(toward, axis=1, keepdims=True)).astype(np.float32)

@@ -1,0 +1,90 @@
+"""A small sample of a scene's vertices and all that they see: what a plan measures instead of the whole scene."""
+
+import time
+
+import numpy as np
+
+from ..suns import fibonacci_sphere
+from ..transfer import sampling
+
+SCAN_VERTICES, SCAN_RAYS = 4096, 16
+"""A coarse look at more vertices, for shadows so small that the sample may miss them. A shadow on a thousandth of the
+vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times."""
+
+LEAST_PER_CHUNK = 16
+
+BATCH_RAYS = 2**19
+
+
+class Sample:
+    """S vertices, evenly along a curve through each chunk, and D directions, evenly on the sphere.
+
+    rows: (S,) indices. chunk: (S,), of each row. weights: (S,) float64, what share of the scene each stands for; sum 1.
+    directions: (D, 3). open, seen: (S, D) float32, 4 / D times the cosine, without and with what hides the direction:
+    products with the radiance of the directions are exit radiance of white vertices.
+    hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
+    ray_s: seconds per ray on this machine and scene. rays: shot in all.
+    """
+
+    def __init__(
+        self,
+        occluder,  # Occluder of the scene
+        sizes,  # (C,) vertices of each chunk, in order
+        size,  # wanted S
+        directions,  # D
+    ):
+        self.occluder, self.sizes = occluder, np.asarray(sizes)
+        self.rows, self.chunk, self.weights = _stratified(occluder.origins, self.sizes, size)
+        self.normals = occluder.normals[self.rows]
+        self.directions = fibonacci_sphere(directions).astype(np.float32)
+        cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
+        self.open = cosine * np.float32(4.0 / directions)
+        self.seen, self.rays = self.open.copy(), 0
+        start = time.perf_counter()
+        per_batch = max(1, BATCH_RAYS // directions)
+        for begin in range(0, len(self.rows), per_batch):
+            row, column = np.nonzero(cosine[begin : begin + per_batch])
+            rays = np.concatenate([occluder.origins[self.rows[row + begin]], self.directions[column]], axis=1)
+            hidden = occluder.occluded(rays)
+            self.seen[row[hidden] + begin, column[hidden]] = 0.0
+            self.rays += len(rays)
+        self.ray_s = (time.perf_counter() - start) / max(1, self.rays)
+        self.hidden = self._scan()
+
+    def mean_square(self, values):
+        """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
+        return np.tensordot(self.weights, np.square(values, dtype=np.float64).sum(axis=-1), axes=(0, 0))
+
+    def _scan(self):
+        """Root mean square of the hidden fraction in every chunk; of two halves of rays, so that noise cancels."""
+        rows, chunk, _ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES)
+        origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
+        shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)
+        sampling.shoot(origins, normals, sampling.fibonacci_azimuths(SCAN_RAYS), 1, shot)
+        hidden = self.occluder.occluded(shot)
+        self.rays += hidden.size
+        product = hidden[:, 0::2].mean(axis=1) * hidden[:, 1::2].mean(axis=1)
+        counts = np.bincount(chunk, minlength=len(self.sizes))
+        return np.sqrt(np.bincount(chunk, product, len(counts)) / np.maximum(counts, 1))
+
+
+def _stratified(origins, sizes, wanted):
+    """Rows (S,), their chunks (S,) and weights (S,): every chunk by its size, but some of each."""
+    ends = np.cumsum(sizes)
+    counts = np.ceil(wanted * sizes / ends[-1]).astype(int)
+    counts = np.minimum(np.maximum(counts, LEAST_PER_CHUNK), sizes)
+    rows, chunks, weights = [], [], []
+    for chunk, (end, size, count) in enumerate(zip(ends, sizes, counts, strict=True)):
+        order = end - size + _along_curve(origins[end - size : end])
+        at = ((np.arange(count) + 0.5) * size / max(count, 1)).astype(int)
+        rows.append(order[at])
+        chunks.append(np.full(count, chunk))
+        weights.append(np.full(count, size / max(count, 1) / ends[-1]))
+    return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights)
+
+
+def _along_curve(origins):
+    """Order of positions along a Z-order curve."""
+    from ..transfer.neighbors import ranked_nodes
+
+    return ranked_nodes(np.ascontiguousarray(origins), np.zeros_like(origins))[0]

@@ -1,0 +1,41 @@
+"""How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
+
+from typing import NamedTuple
+
+
+class Settings(NamedTuple):
+    """One way to light a scene.
+
+    method: one of `transfer.METHODS` but "auto". bands: SH bands. rays: per vertex, 0 where none are traced.
+    shadowed: (C,) bool for each chunk, whether its vertices trace rays; None for all. Everything always casts shadows.
+    suns: estimated error that the split of the sun may leave; 0 for no split.
+    bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
+    bounces: what bounces still to come may contribute, relative, when they stop.
+    """
+
+    method: str
+    bands: int
+    rays: int = 0
+    shadowed: tuple | None = None
+    suns: float = 0.0
+    bounce_rays: int = 0
+    bounces: float = 0.0
+
+    @property
+    def effects(self):
+        """The names of `effects.EFFECTS` that it has."""
+        from .effects import BOUNCES, SHADOWS, SUN
+
+        has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
+        return frozenset(name for name, there in has if there)
+
+    def __str__(self):
+        parts = [self.method, f"{self.bands} bands"]
+        if self.rays:
+            chunks = "" if self.shadowed is None else f" in {sum(self.shadowed)} of {len(self.shadowed)} chunks"
+            parts.append(f"{self.rays} rays{chunks}")
+        if self.suns:
+            parts.append("suns")
+        if self.bounce_rays:
+            parts.append(f"bounces ({self.bounce_rays} rays)")
+        return ", ".join(parts)

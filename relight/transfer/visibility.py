@@ -1,0 +1,168 @@
+"""What the rays of every vertex meet, kept as single bits: from them a transfer in any number of bands follows.
+
+A ray is a bit, not six floats: its direction follows from the rank of its node and the seed. So more bands need no
+ray again, and more rays only those that are new: 128 rays of a million vertices are 16 MB.
+"""
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from .. import sh
+from . import check_rays, sampling
+from .analytic import analytic
+from .filtering import average, steps_for
+from .neighbors import Neighbors
+
+BATCH_RAYS = 2**20
+"""Rays in memory at once: 24 MiB."""
+
+MAX_DOUBLINGS = 2
+"""Sets of rays that grew by doubling are 3 to 8% noisier than one made at once after one or two steps; after three,
+by 40%: the azimuths begin to line up (homer and spot, 3 and 8 bands)."""
+
+MIN_GROWING = 16
+"""Fewer rays are not worth keeping for more: twice 8 rays have 12% more noise than 16."""
+
+
+class Visibility:
+    """Visibility of all nodes of a scene along their rays.
+
+    neighbors: Neighbors, its N nodes. sets: [(shift, turn)] of each set of `base` rays, parts of a stratum and of a
+    full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
+    seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
+    normals: (N, 3) float32.
+    """
+
+    def __init__(
+        self,
+        occluder,  # Occluder
+        rays,  # per vertex
+        seed=0,
+        vertices=None,  # (V,) bool, which need rays; all without
+        advance=lambda count: None,  # called with the number of vertices done
+    ):
+        """Trace the rays. Raises InputError for rays outside 1..65536."""
+        self._begin(occluder, check_rays(rays), seed)
+        self.traced = np.ones(len(self.neighbors.vertices), bool)
+        if vertices is not None:
+            self.traced = np.bincount(self.neighbors.node, vertices, len(self.traced)) > 0
+        self.sets = [(0.0, 0.0)]
+        self.bits = [self._traced(self.sets[0], advance)]
+
+    @classmethod
+    def restored(cls, occluder, base, seed, bits, traced):
+        """One whose `bits` (S, N, ceil(base / 8)) and `traced` (N,) were kept. Raises InputError if they do not fit."""
+        self = cls.__new__(cls)
+        self._begin(occluder, check_rays(base), seed)
+        expected = len(self.neighbors.vertices), -(-base // 8)
+        if bits.shape[1:] != expected or traced.shape != expected[:1] or len(bits) not in (1, 2, 4):
+            raise InputError(f"kept visibility of shape {bits.shape} does not fit {expected[0]} nodes and {base} rays")
+        self.bits, self.traced, self.sets = list(bits), traced, [(0.0, 0.0)]
+        while len(self.sets) < len(bits):
+            self.sets += self._next_sets()
+        return self
+
+    def _begin(self, occluder, base, seed):
+        self.base, self.seed, self._occluder = base, seed, occluder
+        self.neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        self._azimuths = sampling.fibonacci_azimuths(base)
+        vertices = self.neighbors.vertices
+        self._origins, self.normals = occluder.origins[vertices], occluder.normals[vertices]
+
+    @property
+    def rays(self):
+        """Rays of every node so far."""
+        return self.base * len(self.sets)
+
+    def reaches(self, rays):
+        """Whether these rays, doubled as often as `double` may, are as many."""
+        grown = self.base << MAX_DOUBLINGS if self.base >= MIN_GROWING else self.base
+        return max(grown, self.rays) >= rays
+
+    def double(self, advance=lambda count: None):
+        """Trace as many rays again, between those there are."""
+        new = self._next_sets()
+        self.bits += [self._traced(each, advance) for each in new]
+        self.sets += new
+
+    def transfer(self, bands):
+        """Transfer of all white vertices in the shadow of everything: (V, K) float32; see `raytraced_scene`.
+
+        Raises InputError for bands outside 1..10.
+        """
+        vertices, node = self.neighbors.vertices, self.neighbors.node
+        occluder, bands, rays = self._occluder, sh.check_bands(bands), self.rays
+        transfer = np.zeros((len(node), bands**2), np.float32)
+        model, _ = self.gathered(bands, transfer, vertices)
+        average(self.neighbors, self.normals, model, transfer, rays, steps_for(rays, bands))
+        others = np.flatnonzero(vertices[node] != np.arange(len(node)))
+        transfer[others] = transfer[vertices[node[others]]]
+        for start in range(0, len(node), BATCH_RAYS // 32):
+            part = slice(start, start + BATCH_RAYS // 32)
+            transfer[part] = completed(occluder.normals[part], model[node[part]], transfer[part])
+        return transfer
+
+    def gathered(self, bands, rest=None, rows=None):
+        """What the rays of every node say, as `sampling.gather` tells it apart: model (N, 4), rest (N, K) float32.
+
+        Given a `rest` and `rows`, (N,) indices into it, it is filled there: no node needs memory of its own.
+        """
+        count = len(self.normals)
+        model = np.zeros((count, 4), np.float32)
+        rest = np.zeros((count, bands**2), np.float32) if rest is None else rest
+        rows = np.arange(count) if rows is None else rows
+        batch = max(1, BATCH_RAYS // self.rays)
+        for start in range(0, count, batch):
+            part = slice(start, min(start + batch, count))
+            shot = np.concatenate([self._shot(each, part) for each in self.sets], axis=1)
+            hidden = [np.unpackbits(bits[part], axis=1, count=self.base) for bits in self.bits]
+            block = np.zeros((len(shot), bands**2), np.float32)
+            hidden = np.concatenate(hidden, axis=1).view(bool)
+            sampling.gather(shot, hidden, self.normals[part], model[part], block)
+            rest[rows[part]] = block
+        return model, rest
+
+    def _next_sets(self):
+        """What doubles the sets: each half a stratum on, and turned so that the azimuths lie between as evenly.
+
+        The azimuths of n points ranked by radius are multiples of a turn g; of 2 n points they are multiples of
+        g / 2, or g / 2 + 1/2, which is as far from every simple fraction.
+        """
+        turn = sampling.GOLDEN_TURN
+        for _ in range(len(self.sets).bit_length() - 1):
+            turn = (turn / 2 + 0.5) % 1.0
+        return [(shift + 0.5 / len(self.sets), (by + turn / 2 + 0.5) % 1.0) for shift, by in self.sets]
+
+    def _shot(self, each, part, buffer=None):
+        """The rays of one set from a slice of nodes, (N, base, 6) float32."""
+        offsets = sampling.ranked_offsets(part.start, part.stop, self.seed)
+        offsets = ((offsets + np.float32(each)) % np.float32(1.0)).astype(np.float32)
+        if buffer is None:
+            buffer = np.zeros((len(offsets), self.base, 6), np.float32)
+        shot = buffer[: len(offsets)]
+        sampling.shoot_at(self._origins[part], self.normals[part], self._azimuths, offsets, shot)
+        return shot
+
+    def _traced(self, each, advance):
+        """Bits (N, ceil(base / 8)) of one set."""
+        bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
+        copies = np.bincount(self.neighbors.node, minlength=len(bits))
+        batch = max(1, BATCH_RAYS // self.base)
+        buffer = np.zeros((min(batch, len(bits)), self.base, 6), np.float32)
+        for start in range(0, len(bits), batch):
+            part = slice(start, min(start + batch, len(bits)))
+            wanted = self.traced[part]
+            if wanted.any():
+                shot = self._shot(each, part, buffer)
+                shot = shot if wanted.all() else shot[wanted]
+                bits[part][wanted] = np.packbits(self._occluder.occluded(shot), axis=1)
+            advance(int(copies[part].sum()))
+        return bits
+
+
+def completed(normals, model, rest):
+    """Transfer (V, K) of what `Visibility.gathered` found."""
+    transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
+    sampling.add_model(normals, model, rest, transfer)
+    return transfer
