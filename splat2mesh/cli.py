@@ -13,6 +13,7 @@ EXAMPLES = """examples:
   splat2mesh bust.spz -o bust --vertices 20000 --detail fine
   splat2mesh garden.ply --cameras sparse/0     looks from the cameras it was trained with
   splat2mesh robot/meta.json --plan            shows what would be done, does nothing
+  splat2mesh room.json                         several splats, placed as the layout says, in one scene
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
@@ -27,7 +28,9 @@ def parser():
     )
     add = parser.add_argument
     add(
-        "input", metavar="INPUT", help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json"
+        "input",
+        metavar="INPUT",
+        help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json; or a layout .json",
     )
     add(
         "-o",
@@ -85,13 +88,14 @@ def _command(options):
         return _plan(options)
     check_output(output, options.overwrite, META)
 
+    from .layout import convert_layout, is_layout
     from .pipeline import convert
     from .stages import Stages
 
     start = time.perf_counter()
     stages = Stages(show=wants_progress(options))
     try:
-        scene = convert(
+        scene = (convert_layout if is_layout(source) else convert)(
             source,
             cameras=options.cameras,
             vertices=options.vertices,
@@ -126,11 +130,22 @@ def _command(options):
 
 
 def _plan(options):
+    from .layout import is_layout, plan_layout
     from .pipeline import plan
 
     settings = {name: getattr(options, name) for name in ("cameras", "up", "detail", "surface", "background")}
-    result = plan(options.input, **settings)
-    return [f"{label:<22}{value}" for label, value in result.items()], result
+    if not is_layout(options.input):
+        result = plan(options.input, **settings)
+        return _listed(result), result
+    result = plan_layout(options.input, **settings)
+    lines = _listed({"splats": result["splats"]})
+    for name, planned in result["objects"].items():
+        lines += ["", f"{name}:", *_listed(planned)]
+    return lines, result
+
+
+def _listed(result):
+    return [f"{label:<24}{value}" for label, value in result.items()]
 
 
 def _default_output(source):

@@ -1,8 +1,6 @@
 """The pipeline of splat2mesh: a trained splat file in, a scene out."""
 
-import hashlib
 import warnings
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from .formats import read_splats
 from .frames import UP_CHOICES, scene_from_splat
 from .meshfile import Mesh
 from .scene import Scene
+from .sources import describe
 from .splats import clean
 from .stages import Stages
 from .surface import EFFORTS, WAYS, as_trained, extract, training_pixel
@@ -109,7 +108,7 @@ def convert(
             max_chunk_vertices,
             scene_from_splat=rotation,
             preview_camera=camera,
-            source={"file": Path(path).name, "sha256": fingerprint(path)},
+            source=describe(path),
             settings=settings,
             statistics=statistics,
         )
@@ -187,22 +186,6 @@ def preview_camera(splats, rotation):
         "up": [0.0, 1.0, 0.0],
         "fov_deg": float(np.degrees(2 * np.arctan(view.width / 2 / view.fx))),
     }
-
-
-def fingerprint(path):
-    """SHA-256, as a hex string, of a file, or of all files of a folder in the order of their names.
-
-    The meta.json of an unbundled .sog stands for its folder.
-    """
-    path = Path(path)
-    path = path.parent if path.name == "meta.json" else path
-    digest = hashlib.sha256()
-    for part in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if part.is_file():
-            with open(part, "rb") as file:
-                while block := file.read(1 << 20):
-                    digest.update(block)
-    return digest.hexdigest()
 
 
 def plan(path, *, cameras=None, up="auto", detail="normal", surface="field", background="cut"):

@@ -5,6 +5,7 @@ chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 """
 
 import json
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,8 +27,10 @@ class Scene:
 
     chunks: list of Mesh. scene_from_splat: (4, 4) float64, from the splat file's frame to this one.
     preview_camera: dict of eye, target, up ((3,) in the scene frame) and fov_deg, or None.
-    source: dict with the file's name and SHA-256. settings, statistics: dicts kept in scene.json.
-    path: the folder or file it was loaded from, or None.
+    source: dict of `file`, its name, `sha256` and `path`; for a layout also `objects`, each a dict of these and `name`,
+        `scene_from_splat` (4 x 4, rows first) and `chunks`, the range [first, last) of those made from it.
+        Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
+    settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
     """
 
     chunks: list
@@ -84,7 +87,7 @@ class Scene:
             meta = {
                 "schema_version": SCHEMA_VERSION,
                 "version": __version__,
-                "source": self.source,
+                "source": _with_paths(self.source, lambda file: _relative(file, path)),
                 "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
                 "bounds": self.bounds.tolist(),
                 "preview_camera": self.preview_camera,
@@ -132,6 +135,31 @@ def _bounds(vertices):
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
 
+def _with_paths(source, change):
+    """A copy of a source whose paths, its own and those of its objects, went through `change`."""
+    source = dict(source)
+    if "path" in source:
+        source["path"] = change(source["path"])
+    if "objects" in source:
+        source["objects"] = [_with_paths(entry, change) for entry in source["objects"]]
+    return source
+
+
+def _relative(file, folder):
+    """A file's path from a folder, with slashes; links among the folders are followed, so that `..` leads back."""
+    file = absolute(file)
+    try:
+        return Path(os.path.relpath(file, os.path.realpath(folder))).as_posix()
+    except ValueError:  # on another drive
+        return Path(file).as_posix()
+
+
+def absolute(file, folder="."):
+    """A path from a folder as text, absolute: links among its folders are followed, that of the file itself is not."""
+    file = Path(os.path.realpath(folder), file)
+    return os.path.normpath(Path(os.path.realpath(file.parent), file.name))
+
+
 def _read_meta(path):
     """Of scene.json: [file, vertices, faces] of each chunk, and the Scene's other fields."""
     if not path.is_file():
@@ -152,6 +180,7 @@ def _read_meta(path):
     try:
         entries = [[str(entry["file"]), entry["vertices"], entry["faces"]] for entry in meta["chunks"]]
         fields = {name: meta[name] for name in required[2:]}
+        fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
         fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error

@@ -17,7 +17,8 @@ from splat2mesh.coloring import Picture
 from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.formats import write_inria_ply
 from splat2mesh.frames import UP_CHOICES
-from splat2mesh.pipeline import fingerprint, plan
+from splat2mesh.pipeline import plan
+from splat2mesh.sources import describe
 from splat2mesh.scene import Scene
 from splat2mesh.stages import Stages
 from splat2mesh.surface import EFFORTS, Effort
@@ -115,7 +116,7 @@ def test_what_was_done_is_recorded(converted, files):
     assert statistics["faces"] == sum(len(chunk.faces) for chunk in converted.chunks)
     assert 0.8 * VERTICES < statistics["vertices"] <= 1.05 * VERTICES
     assert 0 <= statistics["vertices_unseen"] < 0.05 * statistics["vertices"]
-    assert converted.source == {"file": "object.ply", "sha256": fingerprint(files / "object.ply")}
+    assert converted.source == describe(files / "object.ply")
 
 
 def test_chunks_keep_their_limit_and_lose_nothing(converted, files, quick):

@@ -1,6 +1,7 @@
-"""Splat files: `read_splats` for every kind, `write_inria_ply` for the one that every viewer opens."""
+"""Splat files: `read_splats` for every kind, `write_splats` for those that can hold a relit one."""
 
 from .inria import write_inria_ply
-from .read import read_splats
+from .read import kind_of, read_splats
+from .write import WRITERS, write_splats
 
-__all__ = ["read_splats", "write_inria_ply"]
+__all__ = ["WRITERS", "kind_of", "read_splats", "write_inria_ply", "write_splats"]

@@ -9,13 +9,24 @@ Source: PlayCanvas engine, gsplat-compressed-data.
 import numpy as np
 
 from ..errors import InputError
+from ..outputs import staged_file
 from ..splats import Splats
-from .encoding import restore_largest, sh_from_color
+from .encoding import (
+    color_from_sh,
+    hide_unusable,
+    levels,
+    restore_largest,
+    sh_from_color,
+    smallest_three,
+    warn_clipped,
+)
 from .inria import coefficients, gather, rest_columns
 
 CHUNK_SPLATS = 256
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _POSITION, _SCALE, _COLOR = ("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b")
+_LARGEST_SH = 4.0  # the harmonics' bytes are 256 cells over [-4, 4]
+_LARGEST_SCALE_LOG = 20.0  # PlayCanvas clips there, lest one flat splat coarsen the scales of its whole chunk
 
 
 def read(ply):
@@ -46,6 +57,76 @@ def read(ply):
         color[:, 3],
         _with_rest(ply, sh_from_color(color_srgb)),
     )
+
+
+def write(path, splats):
+    """Write a compressed PLY (little-endian), row i being splat i; the file appears only once it is complete.
+
+    A chunk takes 256 successive rows, so steps are as fine as these are close together: a file that was one keeps its
+    values, one in the order of training gets steps of a thousandth of the scene (`Splats.in_spatial_order` helps).
+    Warns with a DataWarning about splats, and about harmonics beyond +-4, that the format cannot hold.
+    """
+    splats, usable = hide_unusable(splats, path)
+    scale_log = np.log(np.maximum(splats.scales.astype(np.float64), np.exp(-_LARGEST_SCALE_LOG)))
+    groups = [
+        (_POSITION, splats.means, (11, 10, 11)),
+        (_SCALE, np.minimum(scale_log, _LARGEST_SCALE_LOG), (11, 10, 11)),
+        (_COLOR, color_from_sh(splats.sh[:, 0]), (8, 8, 8)),
+    ]
+    bounds, fields = {}, []
+    for names, values, bits in groups:
+        low, high = _chunk_bounds(values, usable)
+        for end, corner in (("min", low), ("max", high)):
+            bounds |= {f"{end}_{name}": corner[:, i] for i, name in enumerate(names)}
+        fields.append([levels(share, width) for share, width in zip(_shares(values, low, high).T, bits, strict=True)])
+    position, scale, color = fields
+    small, largest = smallest_three(splats.quats_wxyz)
+    rotation = [largest.astype(np.uint32), *levels(small / np.sqrt(2) + 0.5, 10).T]
+    packed = (
+        _packed(position, (11, 10, 11)),
+        _packed(rotation, (2, 10, 10, 10)),
+        _packed(scale, (11, 10, 11)),
+        _packed([*color, levels(splats.opacities, 8)], (8, 8, 8, 8)),
+    )
+    parts = [
+        ("chunk", "float", list(bounds), np.stack(list(bounds.values()), axis=1).astype("<f4")),
+        ("vertex", "uint", _PACKED, np.stack(packed, axis=1).astype("<u4")),
+    ]
+    if splats.degree:
+        rest = splats.sh[:, 1:].swapaxes(1, 2).reshape(len(splats), -1)
+        warn_clipped(np.abs(rest) > _LARGEST_SH, path, f"harmonics beyond +-{_LARGEST_SH:g}")
+        cells = np.clip(np.floor((rest + _LARGEST_SH) * (128 / _LARGEST_SH)), 0, 255).astype("u1")
+        parts.append(("sh", "uchar", [f"f_rest_{i}" for i in range(cells.shape[1])], cells))
+    header = ["ply", "format binary_little_endian 1.0"]
+    for element, kind, names, rows in parts:
+        header += [f"element {element} {len(rows)}", *(f"property {kind} {name}" for name in names)]
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        file.write("\n".join([*header, "end_header\n"]).encode())
+        for _, _, _, rows in parts:
+            file.write(rows.tobytes())
+
+
+def _chunk_bounds(values, usable):
+    """Lowest and highest corners of the usable rows of each chunk: (N, 3) -> two (chunks, 3) float32, 0 where none."""
+    values = np.where(usable[:, None], values, np.nan).astype(np.float32)
+    starts = np.arange(0, len(values), CHUNK_SPLATS)
+    return tuple(np.nan_to_num(pick.reduceat(values, starts), nan=0.0) for pick in (np.fmin, np.fmax))
+
+
+def _shares(values, low, high):
+    """Where rows lie between the corners of their chunks: (N, 3) float64, 0 where a chunk has no extent."""
+    chunk = np.arange(len(values)) // CHUNK_SPLATS
+    low, high = low.astype(np.float64), high.astype(np.float64)
+    extent = np.where(high > low, high - low, np.inf)
+    return (values - low[chunk]) / extent[chunk]
+
+
+def _packed(fields, bits):
+    """Bit fields, highest first, in one number a row: the inverse of `_fractions`, (N,) uint32."""
+    packed = np.zeros_like(fields[0])
+    for field, width in zip(fields, bits, strict=True):
+        packed = packed << np.uint32(width) | field
+    return packed
 
 
 def _stretch(fractions, bounds, names):
@@ -82,9 +163,9 @@ def _with_rest(ply, dc):
         raise InputError(f"{ply.path}: expected {len(dc)} rows of bytes in the sh element, found {element.count} rows")
     sh = np.zeros((len(dc), coefficients(ply.path, element.properties), 3), np.float32)
     gather(ply.rows("sh"), rest_columns(sh))
-    # 256 cells over [-4, 4], each read at its centre; the two outermost mean the ends themselves.
-    centers = (np.arange(256, dtype=np.float32) + 0.5) / 32 - 4
-    centers[[0, 255]] = -4, 4
+    # Each cell is read at its centre; the two outermost mean the ends themselves.
+    centers = (np.arange(256, dtype=np.float32) + 0.5) / (128 / _LARGEST_SH) - _LARGEST_SH
+    centers[[0, 255]] = -_LARGEST_SH, _LARGEST_SH
     sh[:, 1:] = centers[sh[:, 1:].astype(np.uint8)]
     sh[:, 0] = dc
     return sh

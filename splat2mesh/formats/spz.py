@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
+from ..outputs import staged_file
 from ..splats import Splats
-from .encoding import restore_largest
+from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_clipped
 
 MAGIC = b"NGSP"
 _HEADER = struct.Struct("<4sIIBBBB")
@@ -24,6 +25,12 @@ _V4_STREAM = struct.Struct("<QQ")
 # Turning about x by 180 degrees, (x, -y, -z), flips the harmonics that are odd in y and z together.
 _FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
 _COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
+_WRITTEN_VERSION = 3  # the latest that comes as gzip, which every reader knows
+_LARGEST_INT24 = (1 << 23) - 1
+_MOST_FRACTION_BITS = 24
+_USUAL_FRACTION_BITS = 12  # of Niantic's own writer
+_FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen all others below the usual
+_GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
 def read(path):
@@ -34,6 +41,63 @@ def read(path):
     except (zlib.error, struct.error) as error:
         raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
     return _decode(header, sections)
+
+
+def write(path, splats):
+    """Write an SPZ of version 3, row i being splat i, given in the frame of a PLY; it appears only once complete.
+
+    Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
+    Warns with a DataWarning about splats, positions and harmonics that the format cannot hold.
+    """
+    splats, _ = hide_unusable(splats, path)
+    bits = _fraction_bits(np.abs(splats.means).max(axis=1))
+    fixed = np.rint(splats.means.astype(np.float64) * [1, -1, -1] * (1 << bits))
+    warn_clipped(np.abs(fixed) > _LARGEST_INT24, path, "positions")
+    fixed = np.clip(fixed, -_LARGEST_INT24, _LARGEST_INT24).astype("<i4")
+    scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
+    sh = splats.sh * _FLIPPED[: splats.sh.shape[1], None]
+    color, rest = sh[:, 0] * _COLOR_SCALE + 0.5, np.rint(sh[:, 1:] * 128 + 128)
+    # Half a step beyond the last level still rounds to it.
+    warn_clipped(np.abs(color - 0.5) > 0.5 + 0.5 / 255, path, "colours")
+    warn_clipped((rest < 0) | (rest > 256), path, "harmonics beyond +-1")  # 256, which is 1, is off by a single step
+    sections = (
+        fixed.view(np.uint8).reshape(len(splats), 3, 4)[..., :3],
+        levels(splats.opacities, 8),
+        levels(color, 8),
+        np.clip(np.rint((scale_log + 10) * 16), 0, 255),
+        _packed_rotations(splats.quats_wxyz[:, [1, 2, 3, 0]] * np.array([1, -1, -1, 1], np.float32)),
+        np.clip(rest, 0, 255),
+    )
+    header = _HEADER.pack(MAGIC, _WRITTEN_VERSION, len(splats), splats.degree, bits, 0, 0)
+    deflate = zlib.compressobj(9, zlib.DEFLATED, _GZIP)
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        file.write(deflate.compress(header))
+        for section in sections:
+            file.write(deflate.compress(section.astype(np.uint8).tobytes()))
+        file.write(deflate.flush())
+
+
+def _fraction_bits(reach):
+    """Bits after the point of positions whose largest coordinates are `reach`: (N,) -> int."""
+    bits = _bits_for(reach.max())
+    if bits < _USUAL_FRACTION_BITS:
+        most = np.quantile(reach, 1 - _FAR_SHARE, method="higher")
+        bits = min(_bits_for(most), _USUAL_FRACTION_BITS)
+    return bits
+
+
+def _bits_for(largest):
+    with np.errstate(divide="ignore"):
+        return int(np.clip(np.floor(np.log2(_LARGEST_INT24 / np.float64(largest))), 0, _MOST_FRACTION_BITS))
+
+
+def _packed_rotations(quats_xyzw):
+    """Version 3, as `_quats_xyzw` reads it: (N, 4) -> (N, 4) uint8."""
+    small, largest = smallest_three(quats_xyzw)
+    packed = largest.astype("<u4")
+    for part in small.T:
+        packed = packed << 10 | (part < 0).astype("<u4") << 9 | levels(np.abs(part) * np.sqrt(2), 9)
+    return np.ascontiguousarray(packed, "<u4")[:, None].view(np.uint8)
 
 
 class _Header:

@@ -1,0 +1,272 @@
+"""A scene of several splats: a JSON layout says where each stands.
+
+{"objects": [{"splat": "guitar.ply", "position": [1, 0, 0], "rotation_deg": 30, "scale": 0.5}, ...]}
+
+Each object is brought y-up as if it were alone, then scaled, turned and moved, in the scene frame.
+"""
+
+import json
+import math
+import sys
+import warnings
+from collections import Counter
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .chunks import DEFAULT_MAX_VERTICES
+from .errors import DataWarning, InputError
+from .frames import UP_CHOICES
+from .placing import placed_mesh, similarity
+from .scene import Scene
+from .sources import describe
+
+_SOG_META = "meta.json"
+_KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras")
+_CHECKED = {"detail": "normal", "surface": "field", "background": "cut"}
+_LARGEST = 1e6
+"""Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """One object of a layout.
+
+    name: its own within the layout. splat, cameras: absolute paths; no cameras: None.
+    scene_from_upright: (4, 4) float64 similarity, from the frame of the object's own scene to that of the layout.
+    up, vertices: as for `convert`, or None for what all objects get.
+    """
+
+    name: str
+    splat: Path
+    scene_from_upright: np.ndarray
+    up: str | None
+    vertices: int | None
+    cameras: Path | None
+
+
+def is_layout(path):
+    """Whether a path is meant as a layout: a .json file that does not describe a SOG."""
+    path = Path(path)
+    if path.suffix.lower() != ".json" or path.name == _SOG_META or not path.is_file():
+        return False
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError):
+        return True
+    return not (isinstance(content, dict) and "means" in content)
+
+
+def convert_layout(
+    path, *, cameras=None, vertices=None, max_chunk_vertices=DEFAULT_MAX_VERTICES, up="auto", stages=None, **settings
+):
+    """Make one scene of the splats that a layout places: each is converted as if alone, then placed.
+
+    path: JSON file. vertices, up: for each object that does not give its own. cameras: refused here, objects have
+    theirs. The others: as for `pipeline.convert`. Returns a Scene, not yet saved, whose chunks are those of object
+    after object; its scene_from_splat is the identity, source["objects"] tells what stands where.
+    Raises InputError for a layout, or a splat in it, that cannot be used.
+    """
+    from .pipeline import DEFAULT_VERTICES, check_settings, convert
+    from .stages import Stages
+
+    vertices = DEFAULT_VERTICES if vertices is None else vertices
+    placements = _placements(path, cameras)
+    own = [_own_settings(placement, vertices, up) for placement in placements]
+    checked = [settings.get(name, default) for name, default in _CHECKED.items()]
+    for each in own:  # all of them, before the first takes minutes
+        check_settings(each["vertices"], max_chunk_vertices, each["up"], *checked)
+    stages, made = stages or Stages(), {}
+    chunks, objects, object_settings, statistics = [], [], {}, Counter()
+    for placement, each in zip(placements, own, strict=True):
+        key = (placement.splat, *each.values())
+        if key not in made:  # the same splat may stand in several places
+            with _about(placement.name):
+                scene = convert(
+                    placement.splat, **each, max_chunk_vertices=max_chunk_vertices, stages=stages, **settings
+                )
+            made[key] = scene, describe(placement.splat)
+        alone, source = made[key]
+        first = len(chunks)
+        chunks += [placed_mesh(chunk, placement.scene_from_upright) for chunk in alone.chunks]
+        matrix = placement.scene_from_upright @ alone.scene_from_splat
+        place = {"scene_from_splat": matrix.tolist(), "chunks": [first, len(chunks)]}
+        objects.append({"name": placement.name, **source, **place})
+        object_settings[placement.name] = {name: alone.settings[name] for name in each}
+        statistics.update(alone.statistics)
+    shared = {name: value for name, value in alone.settings.items() if name not in each}
+    return Scene(
+        chunks,
+        source={**describe(path), "objects": objects},
+        settings={**shared, "objects": object_settings},
+        statistics=dict(statistics),
+    )
+
+
+def plan_layout(path, *, cameras=None, up="auto", **settings):
+    """What `convert_layout` would do: a dict of the number of splats, and each object's own plan by its name."""
+    from .pipeline import plan
+
+    plans = {}
+    for placement in _placements(path, cameras):
+        with _about(placement.name):
+            result = plan(placement.splat, cameras=placement.cameras, up=placement.up or up, **settings)
+        result["scene_from_splat"] = (placement.scene_from_upright @ np.array(result["scene_from_splat"])).tolist()
+        plans[placement.name] = {"splat": str(placement.splat), **result}
+    return {"splats": sum(result["splats"] for result in plans.values()), "objects": plans}
+
+
+def read_layout(path):
+    """The objects of a layout file: a list of Placement, at least one.
+
+    Paths in it are relative to the file. Keys of an object, all but the first optional: `splat`, its file; `name`,
+    by default that of the file; `scale`, a factor; `rotation_deg`, an angle about +y, counter-clockwise from above,
+    or `quat_wxyz`, any rotation, of any length; `position`, where its own origin comes to stand; `up`, `vertices`
+    and `cameras` as on the command line. Raises InputError for anything else.
+    """
+    path = Path(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=lambda pairs: _once(path, pairs))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid JSON ({error})") from error
+    entries = content.get("objects") if isinstance(content, dict) else None
+    if not isinstance(entries, list) or not entries:
+        raise InputError(
+            f'{path} is no layout: expected {{"objects": [{{"splat": FILE, "position": [x, y, z]}}, ...]}}'
+        )
+    unknown = [key for key in content if key != "objects"]
+    if unknown:
+        raise InputError(f"{path}: unknown key '{unknown[0]}' beside 'objects'")
+    placements = []
+    for number, entry in enumerate(entries, 1):
+        placements.append(_placement(path, f"{path}: object {number}", entry, {other.name for other in placements}))
+    return placements
+
+
+def _placements(path, cameras):
+    if cameras:
+        raise InputError(f'--cameras {cameras}: in a layout, give each object its own: "cameras": DIR')
+    return read_layout(path)
+
+
+def _placement(path, where, entry, taken):
+    if not isinstance(entry, dict):
+        raise InputError(f'{where}: expected {{"splat": FILE, ...}}, found {json.dumps(entry)}')
+    unknown = [key for key in entry if key not in _KEYS]
+    if unknown:
+        raise InputError(f"{where}: unknown key '{unknown[0]}': expected {' '.join(_KEYS)}")
+    splat = _file(path, where, entry, "splat")
+    if splat is None:
+        raise InputError(f"{where}: lacks 'splat', the name of its file")
+    if "rotation_deg" in entry and "quat_wxyz" in entry:
+        raise InputError(f"{where}: give rotation_deg or quat_wxyz, not both")
+    (scale,) = _numbers(where, "scale", [entry.get("scale", 1.0)], 1)
+    if not 1 / _LARGEST <= scale <= _LARGEST:
+        raise InputError(f"{where}: scale must be a positive factor, {1 / _LARGEST:g} to {_LARGEST:g}, found {scale:g}")
+    position = _numbers(where, "position", entry.get("position", [0, 0, 0]), 3)
+    if max(map(abs, position)) > _LARGEST:
+        raise InputError(f"{where}: position must be within +-{_LARGEST:g}, found {position}")
+    up, vertices = entry.get("up"), entry.get("vertices")
+    if up is not None and up not in UP_CHOICES:
+        raise InputError(f"{where}: up must be one of {' '.join(UP_CHOICES)}, found {json.dumps(up)}")
+    if vertices is not None and (type(vertices) is not int or vertices < 4):
+        raise InputError(f"{where}: vertices must be a whole number of at least 4, found {json.dumps(vertices)}")
+    name = entry.get("name", _stem(splat))
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{where}: name must be a text, found {json.dumps(name)}")
+    if name in taken and "name" in entry:
+        raise InputError(f"{where}: another object is called '{name}' already")
+    return Placement(
+        name if name not in taken else _numbered(name, taken),
+        splat,
+        similarity(scale, _rotation(where, entry), position),
+        up,
+        vertices,
+        _file(path, where, entry, "cameras"),
+    )
+
+
+def _rotation(where, entry):
+    from scipy.spatial.transform import Rotation
+
+    if "quat_wxyz" in entry:
+        quat = np.array(_numbers(where, "quat_wxyz", entry["quat_wxyz"], 4))
+        if np.abs(quat).max() == 0:
+            raise InputError(f"{where}: quat_wxyz must not be all zero")
+        return Rotation.from_quat((quat / np.abs(quat).max())[[1, 2, 3, 0]]).as_matrix()
+    (angle,) = _numbers(where, "rotation_deg", [entry.get("rotation_deg", 0.0)], 1)
+    quarters, rest = divmod(angle % 360, 90)  # quarter turns come out exactly
+    cosine, sine = math.cos(math.radians(rest)), math.sin(math.radians(rest))
+    for _ in range(int(quarters)):
+        cosine, sine = -sine, cosine
+    return np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
+
+
+def _numbers(where, key, values, count):
+    """`count` finite floats, or InputError."""
+    plain = isinstance(values, list) and len(values) == count
+    if not plain or not all(type(value) in (int, float) and abs(value) <= sys.float_info.max for value in values):
+        expected = "a finite number" if key in ("scale", "rotation_deg") else f"[{count} finite numbers]"
+        found = values[0] if expected == "a finite number" else values
+        raise InputError(f"{where}: {key} must be {expected}, found {json.dumps(found)}")
+    return [float(value) for value in values]
+
+
+def _file(path, where, entry, key):
+    """The absolute path of an entry's file or folder, or None."""
+    name = entry.get(key)
+    if name is None:
+        return None
+    if not isinstance(name, str) or not name:
+        raise InputError(f"{where}: {key} must be the name of a file, found {json.dumps(name)}")
+    found = Path(path).absolute().parent / Path(name).expanduser()
+    if not found.exists():
+        raise InputError(f"{where}: {found} does not exist: paths are relative to the layout")
+    return found
+
+
+def _stem(splat):
+    splat = splat.parent if splat.name == _SOG_META else splat
+    return splat.name.split(".")[0] or splat.name
+
+
+def _numbered(name, taken):
+    number = 2
+    while f"{name}-{number}" in taken:
+        number += 1
+    return f"{name}-{number}"
+
+
+def _once(path, pairs):
+    twice = [key for key, count in Counter(key for key, _ in pairs).items() if count > 1]
+    if twice:
+        raise InputError(f"{path}: key '{twice[0]}' stands twice in one object")
+    return dict(pairs)
+
+
+def _own_settings(placement, vertices, up):
+    return {
+        "vertices": vertices if placement.vertices is None else placement.vertices,
+        "up": placement.up or up,
+        "cameras": placement.cameras,
+    }
+
+
+@contextmanager
+def _about(name):
+    """Within it, errors and DataWarnings say which object they are about."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", DataWarning)
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from error
+    for warning in caught:
+        warnings.warn(f"{name}: {warning.message}", DataWarning, stacklevel=3)
