@@ -1,7 +1,6 @@
 """The relight command: scene and light in, relit files out. Holds no mathematics, imports nothing heavy."""
 
 import argparse
-import json
 import math
 import sys
 import warnings
@@ -9,21 +8,21 @@ from pathlib import Path
 
 from . import __version__
 from .effects import EFFECTS
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, METHODS, NEURAL_RAYS, SHADOWING
+from .job import FILES
+from .transfer import METHODS
 
 EXAMPLES = """examples:
   relight garden                                   under the built-in studio: garden/relit/studio_0/
   relight garden --env stpeters.exr --rotate 45
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
+  relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
 
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/.
 A negative start needs an equals sign: --rotate=-30:30:10."""
 
-FILES = {"glb": "relit.glb", "ply": "relit.ply", "npy": "radiance.npy", "png": "preview.png"}
 MAX_ANGLES = 3600
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32
-PICTURE_SIZE = 960, 720
 
 
 def parser():
@@ -54,11 +53,17 @@ def parser():
     add("--albedo", default="captured", metavar="WHICH", help=albedo)
     method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
     add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
-    effects = f"auto, none, or some of {','.join(EFFECTS)}; auto is all, but no bounces on a white scene"
+    tolerance = (
+        "relative error of the light that is accepted; what it does not call for is not computed (default: 0.01)"
+    )
+    add("--tolerance", type=float, metavar="ERROR", help=tolerance)
+    add("--budget", type=float, metavar="SECONDS", help="the most exact light in so much time, instead of a tolerance")
+    effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} (default: %(default)s)"
     add("--effects", default="auto", metavar="LIST", help=effects)
-    add("--bands", type=int, default=DEFAULT_BANDS, metavar="1..10", help="SH bands (default: %(default)s)")
-    rays = f"rays per vertex (default: {DEFAULT_RAYS}; {NEURAL_RAYS} with neural)"
-    add("--rays", type=int, metavar="N", help=rays)
+    add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
+    add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
+    add("--plan", action="store_true", help="print what would be done, and what accuracy costs here; do nothing")
+    add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
 
     add = parser.add_argument_group("results").add_argument
@@ -108,6 +113,7 @@ def _command(options):
     from splat2mesh.errors import InputError
     from splat2mesh.stages import Stages
 
+    from .planning.plan import check_wishes
     from .transfer import check_rays
 
     source = Path(options.scene)
@@ -118,18 +124,35 @@ def _command(options):
         raise InputError(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
     if options.rays is not None:
         check_rays(options.rays)
+    if options.tolerance is not None and options.budget is not None:
+        raise InputError("--tolerance and --budget: expected one of them")
+    check_wishes(options.tolerance, options.budget)
     angles = angles_from(options.rotate)
-    folders = _output_folders(options, source, angles)
+    folders = [] if options.plan else _output_folders(options, source, angles)
     messages = _recorded_warnings()
     stages = Stages(show=wants_progress(options))
     try:
-        reports = list(_relight(options, source, zip(angles, folders, strict=True), stages, messages))
+        from .job import Job
+
+        job = Job(options, angles, stages, messages)
+        if options.plan:
+            return _planned(job)
+        reports = list(job.results(folders))
     finally:
         stages.close()
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.verbose:
+        lines += job.plan.table() if job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
+
+
+def _planned(job):
+    from splat2mesh.errors import InputError
+
+    if job.plan is None:
+        raise InputError(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
+    return job.plan.table(), {"plan": job.plan.as_dict()}
 
 
 def _output_folders(options, source, angles):
@@ -145,112 +168,6 @@ def _output_folders(options, source, angles):
     for folder in folders:
         check_output(folder, options.overwrite, marker="report.json")
     return folders
-
-
-def _relight(options, source, outputs, stages, messages):
-    """Light the scene and write every (angle, folder) of `outputs`; yields the report of each, JSON-clean."""
-    with stages.stage("environment"):
-        from . import sh
-        from .environment import Environment
-
-        sh.check_bands(options.bands)
-        environment = Environment.load(options.env)
-    with stages.stage("load"):
-        from splat2mesh.scene import Scene
-
-        scene = Scene.load(source)
-        albedo = _albedo(options.albedo, scene)
-
-    from splat2mesh.console import peak_mb
-    from splat2mesh.outputs import staged_folder
-
-    from . import export
-    from .engine import Relighter
-    from .preview import Preview
-
-    relighter = Relighter(scene, options.method, options.bands, options.rays, options.seed, options.effects, stages)
-    lights = [(environment.rotated(angle), folder) for angle, folder in outputs]
-    # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
-    first = relighter.shading(lights[0][0], albedo)
-    exposure = _exposure(options.exposure, relighter, albedo, first, [light for light, _ in lights[1:]])
-    preview = None
-    for light, folder in lights:
-        shading = first if light is lights[0][0] else relighter.shading(light, albedo)
-        radiance = shading.radiance
-        if "png" in options.format:
-            with stages.stage("preview"):
-                preview = preview or Preview(scene, None, *PICTURE_SIZE)
-                picture = preview.render(radiance, light, exposure)
-        report = {
-            "version": __version__,
-            "scene": str(source),
-            "vertices": len(radiance),
-            "faces": len(scene.faces),
-            "chunks": len(scene.chunks),
-            "environment": {"name": light.name, "source": options.env, "repaired_pixels": light.repaired},
-            "angle_deg": light.rotation_deg,
-            "albedo": options.albedo,
-            "method": relighter.method,
-            "bands": relighter.bands,
-            "rays": relighter.rays if relighter.method in SHADOWING else 0,
-            "effects": sorted(relighter.effects),
-            "suns": shading.suns,
-            "bounces": [round(share, 6) for share in shading.bounces],
-            "seed": relighter.seed,
-            "exposure": exposure,
-            "files": [FILES[kind] for kind in FILES if kind in options.format],
-        }
-        with stages.stage("write"), staged_folder(folder) as staging:
-            if "glb" in options.format:
-                extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                report["clipped_vertices"] = export.write_glb(staging / FILES["glb"], scene, radiance, exposure, extras)
-            if "ply" in options.format:
-                export.write_ply(staging / FILES["ply"], scene, radiance, exposure)
-            if "npy" in options.format:
-                export.write_npy(staging / FILES["npy"], scene, radiance)
-            if "png" in options.format:
-                export.write_png(staging / FILES["png"], picture)
-            report.update(warnings=list(messages), seconds=dict(stages.seconds), peak_mb=peak_mb())
-            (staging / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-        yield report
-
-
-def _albedo(choice, scene):
-    """The albedo that `--albedo` names: (V, 3) float32 linear, or None for white. Raises InputError."""
-    import numpy as np
-
-    from splat2mesh.color import linear_from_srgb
-    from splat2mesh.errors import InputError
-
-    if choice == "white":
-        return None
-    if choice == "captured":
-        return linear_from_srgb(scene.colors_srgb / np.float32(255.0))
-    try:
-        albedo = np.load(choice)
-    except FileNotFoundError:
-        raise InputError(f"--albedo {choice}: expected captured, white or a .npy file; no such file") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
-    count = sum(len(chunk.vertices) for chunk in scene.chunks)
-    if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
-        found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
-        raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
-    if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-        raise InputError(
-            f"--albedo {choice}: expected linear values from 0 to 1, found {albedo.min()} to {albedo.max()}"
-        )
-    return albedo.astype(np.float32)
-
-
-def _exposure(exposure_ev, relighter, albedo, first, lights):
-    """Display value per unit of radiance: 2^EV, else what the brightest of the lights calls for, the `first` shaded."""
-    if exposure_ev is not None:
-        return 2.0**exposure_ev
-    from .tonemap import auto_exposure
-
-    exposures = (auto_exposure(relighter.shade(light, albedo)) for light in lights)
-    return min([auto_exposure(first.radiance), *exposures])
 
 
 def _plain(number):

@@ -1,4 +1,4 @@
-"""The effects of light transport that a scene can be lit with, and which of them a choice names."""
+"""The effects of light transport that a scene can be lit with: which a choice names, and which a scene calls for."""
 
 from splat2mesh.errors import InputError
 
@@ -7,6 +7,22 @@ from .transfer import SHADOWING
 SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
 directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
+
+
+def plan(scene, environment, tolerance=None, albedo_linear=None, **wishes):
+    """What a Scene under an Environment, at any rotation of it, calls for: a `planning.plan.Plan`.
+
+    On a sample of the vertices it measures what each effect gives, and picks the cheapest settings whose predicted
+    error (relative L2 of exit radiance) is within the tolerance. albedo_linear: (V, 3), white without. wishes: keyword
+    arguments of `planning.decide.planned`, such as budget_s. Raises InputError for a scene that cannot be lit.
+    """
+    from .planning.decide import planned
+    from .planning.plan import DEFAULT_TOLERANCE
+    from .transfer.occluder import Occluder
+
+    sizes = [len(chunk.vertices) for chunk in scene.chunks]
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    return planned(occluder, sizes, environment, albedo_linear, tolerance or DEFAULT_TOLERANCE, **wishes)
 
 
 def chosen_effects(choice, method):

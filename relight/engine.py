@@ -8,20 +8,29 @@ from splat2mesh.errors import InputError
 from splat2mesh.stages import Stages
 
 from . import sh
-from .effects import BOUNCES, SHADOWS, SUN, chosen_effects
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, check_rays
-from .transfer.analytic import analytic
+from .effects import BOUNCES, SUN, chosen_effects
+from .precomputed import Precomputed
+from .settings import Settings
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
+
+PLANNED = ("auto", "raytraced", "neural", "analytic")
+"""Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
+
+SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
+"""Where nothing is planned: the defaults of `suns.split` and of `bounces.Interreflection` and `with_bounces`."""
 
 
 class Shading(NamedTuple):
     """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
 
     suns: how many directions were traced. bounces: relative contribution of each bounce, a list.
+    settings: the Settings by which it was made; more rays than were asked for, where they were there.
     """
 
     radiance: np.ndarray
     suns: int
     bounces: list
+    settings: Settings
 
 
 class Relighter:
@@ -29,35 +38,82 @@ class Relighter:
 
     method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
-        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted. The attribute holds the
-        one in use.
-    bands, rays, seed: SH bands 1..10; rays per vertex, by default as many as suit the method, and the seed of their
-        directions, where rays are traced.
+        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
+    bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions. What is given is not planned.
     effects: "auto", "none", or some of `relight.effects.EFFECTS`. With "auto" light bounces where an albedo says how:
         in a scene all white it would never fade.
+    tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
+        is planned (`plan_for`), and what the scene does not call for is not computed. Without, everything is done,
+        with as many bands and rays as suit the method.
+    cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
-    def __init__(self, scene, method="auto", bands=DEFAULT_BANDS, rays=None, seed=0, effects="auto", stages=None):
+    def __init__(
+        self,
+        scene,
+        method="auto",
+        bands=None,
+        rays=None,
+        seed=0,
+        effects="auto",
+        stages=None,
+        tolerance=None,
+        budget_s=None,
+        cache=None,
+    ):
         if method not in METHODS:
             raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
         if seed != int(seed) or not 0 <= seed < 2**64:
             raise InputError(f"the seed must be a whole number from 0 to 2^64 - 1, found {seed}")
-        self.scene = scene
-        self.effects, self._only_fading = chosen_effects(effects, method)
-        self.method = ("raytraced" if self.effects else "analytic") if method == "auto" else method
-        self.bands, self.seed = sh.check_bands(bands), int(seed)
-        self.bands = min(self.bands, GASH_BANDS) if method == "neural-gash" else self.bands
-        self.rays = check_rays((NEURAL_RAYS if method == "neural" else DEFAULT_RAYS) if rays is None else rays)
+        self.scene, self._method = scene, method
+        self.effects, self._auto = chosen_effects(effects, method)
+        self._bands = None if bands is None else sh.check_bands(bands)
+        self._rays = None if rays is None else check_rays(rays)
         self._stages = Stages() if stages is None else stages
-        self._occluder = self._transfer = self._interreflection = None
+        self._precomputed = Precomputed(scene, int(seed), cache, self._stages)
+        self._planner = self._latest = self._albedo = None
+        if tolerance is not None or budget_s is not None:
+            from .planning.planner import Planner
+
+            fixed = None if method == "auto" else method, self._bands, self._rays, None if self._auto else self.effects
+            self._planner = Planner(self._precomputed, tolerance, budget_s, fixed, self._stages)
+
+    @property
+    def method(self):
+        """The method in use; where it is planned, that of the latest light."""
+        return self._settings_now().method
+
+    @property
+    def occluder(self):
+        """The Occluder of the whole scene."""
+        return self._precomputed.occluder
 
     @property
     def transfer(self):
-        """Transfer of every vertex as if white, without bounces: (V, K) float32; see `relight.transfer`."""
-        if self._transfer is None:
-            self._transfer = self._computed()
-        return self._transfer
+        """Transfer of every vertex as if white, without bounces: (V, K) float32; see `relight.transfer`.
+
+        Where it is planned, as the latest light called for it; it may have more bands than the plan says.
+        """
+        return self._precomputed.transfer(self._settings_now())[0]
+
+    @property
+    def rays_traced(self):
+        """How many rays were shot for transfers and bounces so far; none for what was kept."""
+        return self._precomputed.rays_traced
+
+    def interreflection(self, rays=BOUNCE_RAYS):
+        """The Interreflection of the scene, for the visibility of `transfer`."""
+        return self._precomputed.interreflection(rays, self.transfer)
+
+    def plan_for(self, environment, albedo_linear=None, angles=1):
+        """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
+
+        angles: for how many lights it is to be worth. Until the light has been shaded its error is a prediction.
+        """
+        if self._planner is None or self._method not in PLANNED:
+            return None
+        return self._planner.plan(environment, self._tint(albedo_linear), angles)
 
     def shade(self, environment, albedo_linear=None):
         """Exit radiance of every vertex, (V, 3) float32 linear: the radiance of `shading`."""
@@ -67,86 +123,89 @@ class Relighter:
         self,
         environment,  # Environment
         albedo_linear=None,  # (V, 3) in [0, 1], white without
+        settings=None,  # Settings; by default as planned or fixed
     ):
         """Light a scene: a Shading. A new light or rotation costs one product of matrices, a ray for each vertex and
         sun, and a sparse product for each bounce. Where truncated light rings below 0, it is 0.
 
         Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
         """
-        count = sum(len(chunk.vertices) for chunk in self.scene.chunks)
-        if albedo_linear is not None and np.shape(albedo_linear) != (count, 3):
-            raise InputError(f"the albedo must have shape ({count}, 3), found {np.shape(albedo_linear)}")
-        albedo = np.ones((1, 3), np.float32) if albedo_linear is None else np.asarray(albedo_linear, np.float32)
-        if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-            raise InputError(f"the albedo must be in [0, 1], found {albedo.min()} to {albedo.max()}")
-        direct, suns = self._direct(environment)
-        if BOUNCES not in self.effects or (self._only_fading and (albedo == 1.0).all()):
-            return Shading(direct if albedo_linear is None else direct * albedo, suns, [])
+        tint = self._tint(albedo_linear)
+        if settings is None:
+            planned = self._planner is not None and self._method in PLANNED
+            settings = self._planner.settled(environment, tint) if planned else self._fixed_settings()
+        self._latest = settings
+        direct, suns, done = self._direct(environment, settings)
+        if not settings.bounce_rays or (self._auto and tint is None):
+            return Shading(direct if tint is None else direct * tint, suns, [], done)
         from .transfer.bounces import with_bounces
 
-        interreflection = self._bouncing()
+        interreflection = self.interreflection(settings.bounce_rays)
         with self._stages.stage("bounces"):
-            radiance, bounces = with_bounces(direct, np.broadcast_to(albedo, direct.shape), interreflection)
-        return Shading(radiance, suns, bounces)
+            tint = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
+            radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounces)
+        return Shading(radiance, suns, bounces, done)
 
-    def _computed(self):
-        count = sum(len(chunk.vertices) for chunk in self.scene.chunks)
-        if SHADOWS in self.effects:
-            if self.method == "neural":
-                from .transfer.neural import neural as of_scene
-            else:
-                from .transfer.raytraced import raytraced_scene as of_scene
+    def _tint(self, albedo_linear):
+        """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
 
-            occluder = self._everything()
-            with self._stages.stage("transfer", count) as advance:
-                return of_scene(occluder, self.bands, self.rays, self.seed, advance)
-        if self.method == "neural-gash":
-            from .transfer.neuralgash import neural_gash
+        Raises InputError for one that does not fit.
+        """
+        if albedo_linear is None:
+            return None
+        if self._albedo is None or self._albedo[0] is not albedo_linear:
+            expected = sum(len(chunk.vertices) for chunk in self.scene.chunks), 3
+            if np.shape(albedo_linear) != expected:
+                raise InputError(f"the albedo must have shape {expected}, found {np.shape(albedo_linear)}")
+            albedo = np.asarray(albedo_linear, np.float32)
+            if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
+                raise InputError(f"the albedo must be in [0, 1], found {albedo.min()} to {albedo.max()}")
+            self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
+        return self._albedo[1]
 
-            with self._stages.stage("transfer", count) as advance:
-                guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
-                return np.ascontiguousarray(guess[:, : self.bands**2])
-        with self._stages.stage("transfer"):
-            return analytic(self.scene.normals, self.bands)
-
-    def _direct(self, environment):
-        """Direct light on the white scene, (V, 3) float32 and never negative, and the number of suns traced."""
-        if self.method == "blinn-phong":
+    def _direct(self, environment, settings=None):
+        """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
+        settings = settings or self._settings_now()
+        if settings.method == "blinn-phong":
             from .blinnphong import blinn_phong
 
             with self._stages.stage("shade"):
-                return blinn_phong(self.scene.normals, environment), 0
-        transfer, rest, suns = self.transfer, environment, ()
-        if SUN in self.effects:
-            from .suns import split
+                return blinn_phong(self.scene.normals, environment), 0, settings
+        from .splitlight import split_light
 
-            with self._stages.stage("suns"):
-                rest, suns = split(environment, self.bands)
+        transfer, done = self._precomputed.transfer(settings)
+        transfer = transfer[:, : settings.bands**2]
+        with self._stages.stage("light"):
+            coefficients, suns = split_light(environment, settings, self._precomputed.cache)
         with self._stages.stage("shade"):
-            radiance = transfer @ rest.sh(self.bands).astype(np.float32)
+            radiance = transfer @ coefficients
+            lit = slice(None)
+            if len(suns) and settings.shadowed is not None:
+                # What casts no shadow on anything takes the sun as harmonics: no cosine needs more of them.
+                lit = np.repeat(settings.shadowed, self._precomputed.sizes)
+                whole = environment.sh(settings.bands).astype(np.float32)
+                radiance[~lit] = transfer[~lit] @ whole
+                lit = np.flatnonzero(lit)
         if len(suns):
             from .transfer.sunlight import sunlight
 
-            occluder = self._everything()
+            occluder = self.occluder
             with self._stages.stage("sunlight", len(radiance)) as advance:
-                radiance += sunlight(occluder, slice(None), suns, advance)
-        return np.maximum(radiance, np.float32(0.0), out=radiance), len(suns)
+                radiance[lit] += sunlight(occluder, lit, suns, advance)
+        return np.maximum(radiance, np.float32(0.0), out=radiance), len(suns), done
 
-    def _everything(self):
-        """The Occluder of the whole scene."""
-        if self._occluder is None:
-            from .transfer.occluder import Occluder
+    def _settings_now(self):
+        return self._latest or self._fixed_settings()
 
-            with self._stages.stage("occluder"):
-                self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
-        return self._occluder
-
-    def _bouncing(self):
-        """The Interreflection of the whole scene."""
-        if self._interreflection is None:
-            from .transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
-
-            occluder, visible = self._everything(), visible_fraction(self.transfer)
-            with self._stages.stage("bounce rays", len(visible)) as advance:
-                self._interreflection = Interreflection(occluder, DEFAULT_BOUNCE_RAYS, self.seed, visible, advance)
-        return self._interreflection
+    def _fixed_settings(self):
+        """What is done where nothing is planned: everything that was not ruled out."""
+        method = self._method
+        if method == "auto":
+            method = "raytraced" if self.effects else "analytic"
+        bands = DEFAULT_BANDS if self._bands is None else self._bands
+        if method not in SHADOWING:
+            return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
+        rays = self._rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+        suns = SUN_TOLERANCE if SUN in self.effects else 0.0
+        bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in self.effects else (0, 0.0)
+        return Settings(method, bands, rays, None, suns, *bouncing)

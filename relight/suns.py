@@ -63,6 +63,11 @@ class Suns:
     directions: np.ndarray
     weights: np.ndarray
 
+    @classmethod
+    def none(cls):
+        """No sun at all."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
     def __len__(self):
         return len(self.directions)
 
@@ -144,10 +149,10 @@ def _split(environment, bands, tolerance, limit):
     image = _square_texels(environment.radiance)
     coarse = _Coarse(image, bands)
     if coarse.contrast() <= tolerance:
-        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+        return environment, Suns.none()
     cuts = list(_cuts(environment, image, coarse))
     if not cuts:
-        return environment, Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+        return environment, Suns.none()
     (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
     if missed:
         _, cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
@@ -218,7 +223,7 @@ class _Coarse:
     def __init__(self, image, bands):
         height, width, _ = image.shape
         self._rows, self._columns = _pooling((height, width), _GRID)
-        self._full, self._lost = _probes(bands)
+        self._full, self._banded, self._project = _probes(bands)
         self._cells = pooled(image, _GRID).reshape(-1, 3)
         self._shape = height, width
         self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
@@ -230,23 +235,34 @@ class _Coarse:
             for color in range(3):
                 less = csr_array((excess[:, color], (row, column)), self._shape)
                 cells[:, color] -= (self._rows @ less @ self._columns.T).toarray().ravel()
-        error = self._lost @ cells.astype(np.float32)
+        cells = cells.astype(np.float32)
+        error = self._full @ cells - self._banded @ (self._project @ cells)
         return math.sqrt(np.square(error).sum(axis=1).mean()) / self.scale if self.scale > 0.0 else 0.0
 
 
 @lru_cache(sh.MAX_BANDS)
 def _probes(bands):
-    """Exit radiance of the imagined vertices from the cells' radiance: in full and what SH lose, (P, cells) each."""
-    normals = fibonacci_sphere(_PROBES)
-    walls = np.random.default_rng(0).normal(size=normals.shape)
-    cells = layouts.texel_directions(*_GRID).reshape(-1, 3)
-    areas = np.repeat(layouts.row_solid_angles(*_GRID).ravel(), _GRID[1])
-    full = np.maximum(normals @ cells.T, 0.0) * (walls @ cells.T > 0.0) * (areas / np.pi)
-    # Projection by least squares: what the bands hold is exact in spite of the cells.
+    """Exit radiance of the imagined vertices from the cells' radiance, (P, cells), and from what SH hold of it: (P, K)
+    from coefficients, which are (K, cells) of the radiance by least squares: exact in spite of the cells."""
+    full, cells, areas = _imagined()
     basis = sh.evaluate(cells, bands)
     weighted = (basis * areas[:, None]).T
-    lost = full - (full @ basis) @ np.linalg.solve(weighted @ basis, weighted)
-    return full.astype(np.float32), lost.astype(np.float32)
+    gram = weighted @ basis
+    banded = (full @ basis.astype(np.float32)) @ np.linalg.inv(gram).astype(np.float32)
+    return full, banded, weighted.astype(np.float32)
+
+
+@lru_cache(1)
+def _imagined():
+    """The imagined vertices' exit radiance (P, cells) float32, directions and solid angles of the cells."""
+    normals = fibonacci_sphere(_PROBES).astype(np.float32)
+    walls = np.random.default_rng(0).normal(size=normals.shape).astype(np.float32)
+    cells = layouts.texel_directions(*_GRID).reshape(-1, 3)
+    areas = np.repeat(layouts.row_solid_angles(*_GRID).ravel(), _GRID[1])
+    toward = cells.T.astype(np.float32)
+    full = np.maximum(normals @ toward, np.float32(0.0)) * (areas / np.pi).astype(np.float32)
+    full[walls @ toward <= 0.0] = 0.0
+    return full, cells, areas
 
 
 def pooled(image, grid):

@@ -11,7 +11,7 @@ from relight.blinnphong import blinn_phong
 from relight.effects import EFFECTS, chosen_effects
 from relight.reference import reference
 from relight.suns import split
-from relight.transfer import bounces, occluder, raytraced
+from relight.transfer import bounces, occluder, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
@@ -273,16 +273,16 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
         monkeypatch.setattr(module, name, lambda *args, **kw: [calls.append(name), function(*args, **kw)][1])
 
     counted(occluder, "Occluder")
-    counted(raytraced, "raytraced_scene")
+    counted(visibility, "Visibility")
     counted(bounces, "Interreflection")
     relighter = Relighter(scene, rays=8)
     assert calls == []
     relighter.shade(noon)
-    assert calls == ["Occluder", "raytraced_scene"]
+    assert calls == ["Occluder", "Visibility"]
     for light in (noon, noon.rotated(50.0), soft):
         for surface in (None, albedo, albedo / 3):
             relighter.shade(light, surface)
-    assert calls == ["Occluder", "raytraced_scene", "Interreflection"]
+    assert calls == ["Occluder", "Visibility", "Interreflection"]
     Relighter(scene, effects="none").shade(noon, albedo)
     Relighter(scene, "blinn-phong").shade(noon, albedo)
     assert len(calls) == 3
@@ -356,7 +356,8 @@ def relight(folder, output, *options):
     ("options", "method", "effects", "suns", "bounces"),
     [
         ((), "raytraced", ["bounces", "shadows", "sun"], True, True),
-        (("--albedo", "white"), "raytraced", ["bounces", "shadows", "sun"], True, False),
+        (("--albedo", "white"), "raytraced", ["shadows", "sun"], True, False),
+        (("--effects", "shadows,sun,bounces", "--bands", "3"), "raytraced", ["bounces", "shadows", "sun"], True, True),
         (("--albedo", "white", "--effects", "bounces,shadows"), "raytraced", ["bounces", "shadows"], False, True),
         (("--effects", "shadows sun"), "raytraced", ["shadows", "sun"], True, False),
         (("--effects", "none"), "analytic", [], False, False),

@@ -9,6 +9,7 @@ import open3d as o3d
 import pytest
 
 from relight import Environment, Relighter, cli
+from relight.planning.plan import DEFAULT_TOLERANCE
 from relight.transfer import DEFAULT_BANDS, METHODS
 from splat2mesh.color import linear_from_srgb
 from splat2mesh.errors import InputError
@@ -173,12 +174,17 @@ def test_writes_what_was_asked_for(scene_folder, capsys):
     scene = Scene.load(scene_folder)
     radiance = np.load(folder / "radiance.npy")
     albedo = linear_from_srgb(scene.colors_srgb / np.float32(255))
-    expected = Relighter(scene, rays=8).shade(Environment.load("studio").rotated(45.0), albedo)
-    np.testing.assert_array_equal(radiance, expected)
+    relighter = Relighter(scene, rays=8, tolerance=DEFAULT_TOLERANCE)
+    expected = relighter.shading(Environment.load("studio").rotated(45.0), albedo)
+    np.testing.assert_array_equal(radiance, expected.radiance)
 
     report = json.loads((folder / "report.json").read_text())
     assert report["vertices"] == len(radiance) and report["chunks"] == len(scene.chunks) > 1
-    assert (report["method"], report["bands"], report["rays"], report["seed"]) == ("raytraced", DEFAULT_BANDS, 8, 0)
+    settings = expected.settings
+    assert (report["method"], report["rays"], report["seed"]) == ("raytraced", 8, 0)
+    assert (report["bands"], set(report["effects"])) == (settings.bands, settings.effects)
+    assert report["plan"]["settings"]["bands"] == settings.bands and report["plan"]["checked_error"] > 0
+    assert report["rays_traced"] > 0
     assert report["angle_deg"] == 45.0 and set(report["files"]) == files
     assert report["exposure"] > 0 and report["peak_mb"] > 10 and report["warnings"] == []
     assert {"load", "environment", "transfer", "shade", "preview"} <= set(report["seconds"])

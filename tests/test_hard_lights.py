@@ -210,11 +210,11 @@ def test_white_furnace_neither_loses_nor_makes_light():
     assert (shading.radiance >= direct).all() and shading.radiance.max() <= 1 + 8 * EPS32
     before = direct
     for count in (1, 2, 4, 16, 64):
-        radiance, given = with_bounces(direct, white, relighter._bouncing(), 0.0, count)
+        radiance, given = with_bounces(direct, white, relighter.interreflection(), 0.0, count)
         assert len(given) == count and (radiance >= before).all() and radiance.max() <= 1 + 8 * EPS32
         before = radiance
     # What is left fades by the part that is hidden, on average: 0.8 a bounce.
-    everything, _ = with_bounces(direct, white, relighter._bouncing(), 0.0, 200)
+    everything, _ = with_bounces(direct, white, relighter.interreflection(), 0.0, 200)
     np.testing.assert_allclose(everything, 1.0, atol=8 * EPS32)
 
 

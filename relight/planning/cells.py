@@ -16,7 +16,7 @@ LEVELS = 160.0 * 0.5 ** np.arange(7)
 """Where luminance may be cut off by suns, over its mean; as `suns.split` tries."""
 
 
-def cells(image):
+def cells_of(image):
     """Radiance (64, 128, 3) float64 of the cells of an unrotated lat-long image."""
     return pooled(image, GRID)
 

@@ -4,7 +4,7 @@ Times are in multiples of the time of one shadow ray, which the sample measures:
 as NumPy and Embree keep their ratio. `scripts/frontier` prints predicted against measured times.
 """
 
-import numpy as np
+import math
 
 from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
 
@@ -26,7 +26,7 @@ SUNS_AT = 30, 0.01
 BOUNCE_NOISE = {8: 0.16, 16: 0.104, 32: 0.069, 64: 0.05, 128: 0.042}
 """Error of bounced light by rays per vertex, over the bounced light (a table's true mesh, docs/light.md)."""
 
-NEURAL_GAIN = {8: 0.92, 16: 0.90, 32: 0.88, 64: 0.84}
+NEURAL_GAIN = {32: 0.88, 64: 0.84}
 """Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
 
 
@@ -56,7 +56,5 @@ def noise(rays, bands, method="raytraced"):
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
     five meshes (scripts/bench_noise): .38 with 8 rays, all of it with a thousand.
     """
-    rays = np.asarray(rays, float)
-    left = np.clip(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38, 1.0)
-    left = np.where([steps_for(int(r), bands) > 0 for r in rays.ravel()], left.ravel(), 1.0).reshape(rays.shape)
-    return np.sqrt(NOISE * rays**NOISE_POWER) * left
+    left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
+    return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")

@@ -2,18 +2,16 @@
 
 import math
 import time
-from dataclasses import dataclass, field
 
 import numpy as np
-
-from splat2mesh.errors import InputError
 
 from .. import suns
 from ..effects import BOUNCES, SHADOWS, SUN
 from ..settings import Settings
 from ..transfer import SHADOWING
-from . import costs, lights
+from . import cells, costs
 from .measured import Measured
+from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
 from .sample import Sample
 
 SAFETY = 0.8
@@ -26,9 +24,12 @@ SKIPPED = 0.35
 BANDS = (2, 3, 4, 5, 6, 8, 10)
 RAYS = tuple(2**power for power in range(2, 12))
 NEURAL_BANDS = (3, 4, 5)
+MOST_NEURAL_VERTICES = 300_000  # its averages of a million vertices take gigabytes
 
 SUN_PART, LEAST_SUN_TOLERANCE = 0.6, 0.002
-"""Suns are split to this part of the tolerance. Half of that is taken for the width of what shines as points."""
+"""Suns are split to this part of the tolerance."""
+
+SUN_WIDTH = 0.5  # of that is taken for what is lost where a patch shines as a point
 
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
@@ -40,35 +41,6 @@ STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the
 SAMPLE_VERTICES = 384
 SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
 """Directions of the sample from each tolerance up: their own noise stays below a third of it."""
-
-DEFAULT_TOLERANCE = 0.02
-
-
-@dataclass
-class Plan:
-    """What will be done, how far off it will be, what it will take, and why.
-
-    settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
-    seconds: predicted, for the scene and as many lights as asked for. suns: how many.
-    tolerance, budget_s: as asked; None for the other. vertices, rays: size of the sample.
-    contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, settings)] that nothing
-    quicker beats. planning_s: what the plan took. measured: Measured, None for a plan kept from before.
-    checked: error as measured on the sample after the work; None before.
-    """
-
-    settings: Settings
-    error: float
-    seconds: float
-    suns: int
-    tolerance: float | None
-    budget_s: float | None
-    vertices: int
-    rays: int
-    contributions: list
-    curve: list
-    planning_s: float
-    measured: Measured | None = field(default=None, repr=False)
-    checked: float | None = None
 
 
 class _Candidate(tuple):
@@ -99,31 +71,27 @@ def planned(
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
     directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
     sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions)
+    if albedo is None and effects is not None and BOUNCES in effects:
+        albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
     measured = Measured(sample, environment, albedo, bouncing)
     choice = _Choice(measured, environment, tolerance, budget_s, (method, bands, rays, effects), angles)
     best = choice.best()
     return Plan(
-        best.settings,
-        best.error,
-        best.seconds,
-        choice.sun_count(best.settings),
-        None if budget_s else tolerance,
-        budget_s,
-        len(sample.rows),
-        sample.rays,
-        choice.contributions(best.settings),
-        choice.curve(),
-        time.perf_counter() - start,
-        measured,
+        settings=best.settings,
+        error=best.error,
+        seconds=best.seconds,
+        suns=choice.sun_count(best.settings),
+        tolerance=None if budget_s else tolerance,
+        budget_s=budget_s,
+        vertices=len(sample.rows),
+        rays=sample.rays,
+        contributions=choice.contributions(best.settings),
+        curve=choice.curve(),
+        planning_s=time.perf_counter() - start,
+        check=choice.checked,
+        rows=sample.rows,
     )
-
-
-def check_wishes(tolerance, budget_s):
-    """Raise InputError for a tolerance or a budget that is not above 0."""
-    for name, value in (("tolerance", tolerance), ("budget", budget_s)):
-        if value is not None and not 0.0 < value < math.inf:
-            raise InputError(f"the {name} must be a number above 0, found {value}")
 
 
 class _Choice:
@@ -173,6 +141,11 @@ class _Choice:
             return len(split[1])
         return round(self._sun_factor * costs.expected_suns(settings.suns)) if settings.suns else 0
 
+    def checked(self, settings, transfer):
+        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""
+        traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
+        return math.hypot(self._but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
+
     def contributions(self, settings):
         """[(effect, error without it, decision)] for the table and the report."""
         measured, rows = self.measured, []
@@ -221,15 +194,21 @@ class _Choice:
         for bands in all_bands:
             for suns_tolerance in self._sun_choices():
                 for bounce_rays in self._bounce_choices():
-                    for method in SHADOWING if self._method is None else (self._method,):
-                        if method == "neural" and (shadowed or (self._method is None and bands not in NEURAL_BANDS)):
-                            continue
+                    for method in self._methods(bands, shadowed):
                         known = costs.NEURAL_GAIN if method == "neural" and self._method is None else RAYS
                         for rays in known if self._rays is None else (self._rays,):
                             stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
                             yield self._rated(
                                 Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop)
                             )
+
+    def _methods(self, bands, shadowed):
+        """Which methods to consider; the network only where it was measured to gain, and fits into memory."""
+        if self._method is not None:
+            return (self._method,)
+        small = self.measured.sample.sizes.sum() <= MOST_NEURAL_VERTICES
+        gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
+        return SHADOWING if gains else SHADOWING[:1]
 
     def _analytic(self):
         """Settings without rays, where none are asked for."""
@@ -253,33 +232,40 @@ class _Choice:
 
     def _rated(self, settings):
         """The candidate: what the settings cost and how far off they are."""
+        error, sizes = self._but_noise(settings), self.measured.sample.sizes
+        if settings.rays:
+            error = math.hypot(error, self._noise(settings))
+        traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
+        ray_s = self.measured.sample.ray_s
+        once, each = costs.seconds(settings, int(sizes.sum()), traced, ray_s, self.sun_count(settings))
+        return _Candidate((once + self._angles * each, error, settings))
+
+    def _but_noise(self, settings):
+        """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
         parts = [float(measured.bounces[0]) * costs.BOUNCE_NOISE.get(settings.bounce_rays, 1.0), settings.bounces]
         if settings.rays:
-            parts += [self._truncation(settings), 0.5 * settings.suns, self._noise(settings)]
+            parts += [self._truncation(settings), SUN_WIDTH * settings.suns]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]
         else:
             parts += [float(np.linalg.norm(measured.shadows)), measured.open_truncation(settings.bands)]
-        sizes = measured.sample.sizes
-        traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        once, each = costs.seconds(settings, int(sizes.sum()), traced, measured.sample.ray_s, self.sun_count(settings))
-        return _Candidate((once + self._angles * each, math.hypot(*parts), settings))
+        return math.hypot(*parts)
 
     def _truncation(self, settings):
-        return self.measured.truncation(settings.bands, **self._rest(settings))
+        return self.measured.truncation(settings.bands, **self.rest(settings))
 
     def _noise(self, settings):
         deviation = costs.noise(settings.rays, settings.bands, settings.method)
-        return self.measured.ray_noise(deviation, settings.bands, **self._rest(settings))
+        return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
 
-    def _rest(self, settings):
+    def rest(self, settings):
         """What stays of the light beside the suns: an image where they were found, else a level."""
         if not settings.suns:
             return {}
         key = settings.bands, settings.suns
         if key in self._splits:
             return {"image": self._splits[key][0]}
-        levels = range(len(lights.LEVELS))
+        levels = range(len(cells.LEVELS))
         errors = [self.measured.truncation(settings.bands, level) for level in levels]
         good = [level for level in levels if errors[level] <= 0.5 * settings.suns]
         return {"level": good[0] if good else int(np.argmin(errors))}

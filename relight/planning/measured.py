@@ -10,7 +10,7 @@ import numpy as np
 from splat2mesh.color import luminance
 
 from ..sh import MAX_BANDS
-from . import lights
+from . import cells
 from .paths import DEPTH, Bounced
 
 UNSEEN_AMBIENCE = 1.5
@@ -27,10 +27,10 @@ class Measured:
         self.sample, self._albedo = sample, albedo
         self._tint = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
         self._directions = len(sample.directions)
-        self._basis = lights.basis(self._directions)
+        self._basis = cells.basis(self._directions)
         self._project = self._basis.T * (4.0 * np.pi / self._directions)
-        self._cells = lights.cells(environment.radiance)
-        self._light = lights.turned(self._cells, self._directions)
+        self._cells = cells.cells_of(environment.radiance)
+        self._light = cells.turned(self._cells, self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
         direct = self._norm(self._full)
@@ -49,8 +49,8 @@ class Measured:
         """
         missing = self._through(self.sample.open, self._light) - self._full
         chunks = len(self.sample.sizes)
-        square = np.zeros((chunks, lights.TURNS))
-        for turn in range(lights.TURNS):
+        square = np.zeros((chunks, cells.TURNS))
+        for turn in range(cells.TURNS):
             per_vertex = np.square(missing[:, turn] * self._tint_of(turn)).sum(axis=1) * self.sample.weights
             square[:, turn] = np.bincount(self.sample.chunk, per_vertex, chunks)
         found = np.sqrt(square / self.total**2).max(axis=1)
@@ -68,13 +68,9 @@ class Measured:
 
     def ray_noise(self, deviation, bands, level=None, image=None):
         """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
-        f = np.clip(self.seen_transfer[:, 0] * np.sqrt(4.0 * np.pi), 0.0, 1.0)
-        tint = 1.0 if self._albedo is None else np.square(self._albedo[self.sample.rows]).mean(axis=1)
-        spread = float(self.sample.weights @ (f * (1.0 - f) * tint))
-        square = np.square(self.coefficients(level, image)[: bands**2]).sum(axis=(0, 2))
-        return float(deviation * np.sqrt(spread * square / self.total**2).max())
+        return float(deviation * self._rest(level, image)[3][bands - 1])
 
-    @property
+    @cached_property
     def bounces(self):
         """(DEPTH,) error of stopping after 0, 1, .. bounces; zeros where none were followed."""
         if self.bounced is None:
@@ -83,17 +79,20 @@ class Measured:
         norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(DEPTH)])
         return (norms / self.total).max(axis=1)
 
-    @property
+    @cached_property
     def bleeding(self):
         """Error of bouncing light without the colours of surfaces."""
         if self.bounced is None:
             return 0.0
         return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
 
-    def check(self, transfer, coefficients):
-        """Error of a transfer (S, K) of the sample's rows, in its own bands, under coefficients (K, TURNS, 3)."""
+    def check(self, transfer, traced=None, level=None, image=None):
+        """Error of a transfer (S, K) of the sample's rows under the light in its own bands, where `traced` (S,)."""
         off = transfer.astype(np.float64) - self.seen_transfer[:, : transfer.shape[1]]
-        return float((self._norm(np.tensordot(off, coefficients, axes=(1, 0))) / self.total).max())
+        if traced is not None:
+            off[~traced] = 0.0
+        radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
+        return float((self._norm(radiance) / self.total).max())
 
     def coefficients(self, level=None, image=None):
         """Coefficients of the light, or of what stays of it, in all turns and bands: (K, TURNS, 3)."""
@@ -118,14 +117,22 @@ class Measured:
         return self._rest(level, image)[2]
 
     def _rest(self, level, image):
-        """Of all light, of what is cut off at a level, or of an image: radiance, coefficients, truncations."""
+        """Of all light, of what a level cuts off, or of an image: radiance, coefficients, truncations, sensitivity."""
         key = level if image is None else id(image)
         if key not in self._known:
             light = self._light if level is None and image is None else self._cut(level, image)
             coefficients = np.tensordot(self._project, light, axes=(1, 0))
             errors = self._losses(self._through(self.sample.seen, light), self.seen_transfer, coefficients)
-            self._known[key] = light, coefficients, errors
+            self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
         return self._known[key]
+
+    def _sensitivity(self, coefficients):
+        """(B,) error of radiance in 1, 2, .. bands per deviation of the coefficients of a half hidden vertex."""
+        f = np.clip(self.seen_transfer[:, 0] * np.sqrt(4.0 * np.pi), 0.0, 1.0)
+        tint = 1.0 if self._albedo is None else np.square(self._albedo[self.sample.rows]).mean(axis=1)
+        spread = float(self.sample.weights @ (f * (1.0 - f) * tint))
+        square = np.cumsum(np.square(coefficients).sum(axis=2), axis=0)[np.arange(1, MAX_BANDS + 1) ** 2 - 1]
+        return np.sqrt(spread * square / self.total**2).max(axis=1)
 
     def _losses(self, full, transfer, coefficients):
         """[error of keeping 1, 2, .. bands] of light whose exit radiance in full is (S, TURNS, 3)."""
@@ -138,15 +145,15 @@ class Measured:
 
     def _cut(self, level, image):
         if image is not None:
-            return lights.turned(lights.cells(image), self._directions)
+            return cells.turned(cells.cells_of(image), self._directions)
         brightness = luminance(self._cells)
-        limit = lights.LEVELS[level] * brightness.mean()
+        limit = cells.LEVELS[level] * brightness.mean()
         kept = np.minimum(1.0, limit / np.maximum(brightness, 1e-30))
-        return lights.turned(self._cells * kept[..., None], self._directions)
+        return cells.turned(self._cells * kept[..., None], self._directions)
 
     def _through(self, cosines, light):
         """Exit radiance (S, TURNS, 3) of white vertices."""
-        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, lights.TURNS, 3)
+        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, cells.TURNS, 3)
 
     def _norm(self, radiance):
         """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""

@@ -98,10 +98,47 @@ class Interreflection:
             back += int(behind.sum())
             self._blocks.append(_packed(columns, weights, used))
             advance(len(shot))
-        self.entries = sum(len(columns) for _, columns, _ in self._blocks)
-        self.nbytes = sum(array.nbytes for block in self._blocks for array in block)
         self.back_hits = back / max(int(self.hits.sum()), 1)
         self._scale = self._scales(visible)
+
+    @classmethod
+    def restored(cls, rays, arrays, visible=None):
+        """One of `arrays` that were kept, rows scaled anew. Raises InputError for a `visible` that does not fit."""
+        self = cls.__new__(cls)
+        self.rays, self.hits, self.back_hits = rays, arrays["hits"], float(arrays["back_hits"])
+        copies, sizes = arrays["copies"], arrays["block_rows"]
+        self.shares = 1.0 / copies
+        self._blocks, row, entry = [], 0, 0
+        for size in sizes:
+            starts = np.append(0, np.cumsum(arrays["used"][row : row + size], dtype=np.int64))
+            part = slice(entry, entry + starts[-1])
+            self._blocks.append((starts, arrays["columns"][part], arrays["weights"][part]))
+            row, entry = row + size, part.stop
+        self._scale = self._scales(visible)
+        return self
+
+    def arrays(self):
+        """Dict of the arrays that `restored` takes: all but the scaling of the rows."""
+        starts, columns, weights = zip(*self._blocks, strict=True)
+        return {
+            "hits": self.hits,
+            "back_hits": np.array(self.back_hits),
+            "copies": np.rint(1.0 / self.shares).astype(np.int32),
+            "block_rows": np.array([len(each) - 1 for each in starts]),
+            "used": np.concatenate([np.diff(each) for each in starts]).astype(np.int32),
+            "columns": np.concatenate(columns),
+            "weights": np.concatenate(weights),
+        }
+
+    @property
+    def entries(self):
+        """Number of non-zeros."""
+        return sum(len(columns) for _, columns, _ in self._blocks)
+
+    @property
+    def nbytes(self):
+        """Memory of the matrix."""
+        return sum(array.nbytes for block in self._blocks for array in block)
 
     def bounce(
         self,

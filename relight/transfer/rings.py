@@ -1,4 +1,4 @@
-"""Averaging over neighbours where the mesh moves: who stands beside whom stays, and only what changed is averaged again.
+"""Averaging over neighbours where the mesh moves: who is beside whom stays, and only what changed is averaged again.
 
 Neighbours are those of the pose in which they were found, whatever the motion does to the angles between them: a pair
 that is now further apart than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds nothing to any sum.
@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from .filtering import average
-from .neighbors import MIN_COSINE, SHARPNESS, Neighbors
+from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
 from .sampling import in_slices
 
 WHOLE = 0.5
@@ -23,9 +23,20 @@ _FAR = np.int8(127)
 class Rings(Neighbors):
     """Neighbors whose rows hold every pair, and whose weights follow the normals (`bend`)."""
 
-    def __init__(self, origins, normals, faces):
+    def __init__(self, origins, normals, faces, ranks=None):
+        """As Neighbors; the nodes in the order of their ranks, (V,) integers, or along a curve through the pose."""
         super().__init__(origins, normals, faces)
+        if ranks is not None:
+            self._sort(np.argsort(ranks[self.vertices], kind="stable"))
         self.bend(np.ascontiguousarray(normals[self.vertices]))
+
+    def _sort(self, order):
+        place, lengths = np.argsort(order), np.diff(self.starts)
+        self.vertices, self.node = self.vertices[order], place[self.node]
+        starts = np.append(0, np.cumsum(lengths[order]))
+        columns = np.arange(starts[-1]) + np.repeat(self.starts[order] - starts[:-1], lengths[order])
+        self.starts, self.columns = starts, place[self.columns[columns]].astype(np.int32)
+        in_slices(_sort_rows, len(order), self.starts, self.columns, np.zeros(len(order), np.int64))
 
     def _expand(self, normals, *places):
         super()._expand(np.tile(np.float32([0.0, 1.0, 0.0]), (len(normals), 1)), *places)

@@ -1,0 +1,110 @@
+"""What was computed for a geometry, kept in the scene folder: files that are whole or not there at all.
+
+    cache/transfer-raytraced-8-128-0.npz
+
+Each file carries the key of the geometry that it was made for and is checked (size and CRC of every array) as it is
+read. What does not fit, from another geometry, another version or a torn write, counts as not there.
+"""
+
+import contextlib
+import hashlib
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+VERSION = 1
+"""Of what is kept: goes up whenever the same geometry and settings would give other numbers."""
+
+FOLDER = "cache"
+
+MOST_OF_A_KIND = 6
+"""Files of a kind, such as transfer; the one not used for longest goes first."""
+
+_ERRORS = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+
+
+class Cache:
+    """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found."""
+
+    def __init__(self, folder=None, geometry=""):
+        self.folder = None if folder is None else Path(folder)
+        self._key = f"{VERSION} {geometry}"
+
+    @classmethod
+    def of_scene(cls, scene):
+        """In the folder that a Scene was loaded from; a Scene of a mesh file, or of none, keeps nothing."""
+        if scene.path is None or not Path(scene.path).is_dir():
+            return cls()
+        return cls(Path(scene.path) / FOLDER, geometry_key(scene))
+
+    def get(self, kind, *settings):
+        """Dict of the arrays kept under a kind and its settings, or None."""
+        return self._read(self._path(kind, settings)) if self.folder else None
+
+    def settings_of(self, kind):
+        """[settings] of every file of a kind, as tuples of text."""
+        if not self.folder or not self.folder.is_dir():
+            return []
+        return [tuple(path.stem.split("-")[1:]) for path in sorted(self.folder.glob(f"{kind}-*.npz"))]
+
+    def put(self, kind, *settings, **arrays):
+        """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
+        if not self.folder:
+            return
+        path, name = self._path(kind, settings), None
+        try:
+            self.folder.mkdir(exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=self.folder, prefix=".", suffix=".tmp", delete=False) as file:
+                name = file.name
+                np.savez(file, key=np.array(self._key), **arrays)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(name, path)
+            name = None
+            self._forget(kind)
+        except OSError:
+            pass
+        finally:
+            if name is not None:
+                with contextlib.suppress(OSError):
+                    os.unlink(name)
+
+    def _path(self, kind, settings):
+        return self.folder / ("-".join([kind, *map(str, settings)]) + ".npz")
+
+    def _read(self, path):
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                if str(file["key"]) != self._key:
+                    return None
+                found = {name: file[name] for name in file.files if name != "key"}
+            os.utime(path)
+        except _ERRORS:
+            return None
+        return found
+
+    def _forget(self, kind):
+        """Remove what is older than the newest few of a kind."""
+        files = sorted(self.folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
+        for path in files[MOST_OF_A_KIND:]:
+            path.unlink(missing_ok=True)
+
+
+def geometry_key(scene):
+    """Text that differs for any two geometries: a hash of what light depends on, chunks included."""
+    digest = hashlib.blake2b(digest_size=16)
+    for chunk in scene.chunks:
+        for array in (chunk.vertices, chunk.normals, chunk.faces):
+            digest.update(str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def array_key(*arrays):
+    """Short text that differs for any two lists of arrays; None among them counts as an array of its own."""
+    digest = hashlib.blake2b(digest_size=8)
+    for array in arrays:
+        digest.update(b"none" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,123 @@
+"""A plan: what will be done, how far off it will be, what it will take, and why; in memory, as JSON, as a table."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from ..settings import Settings
+
+DEFAULT_TOLERANCE = 0.01
+"""Relative error of exit radiance, root mean square over vertices and colours."""
+
+
+@dataclass
+class Plan:
+    """What a scene and a light call for.
+
+    settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
+    seconds: predicted, for the scene and as many lights as asked for. suns: how many.
+    tolerance, budget_s: as asked; None for the other. vertices, rays: size of the sample.
+    contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
+    quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
+    check: from Settings and a transfer (S, K) of the sample's `rows` that error; None in a plan kept from before.
+    """
+
+    settings: Settings
+    error: float
+    seconds: float
+    suns: int
+    tolerance: float | None
+    budget_s: float | None
+    vertices: int
+    rays: int
+    contributions: list
+    curve: list
+    planning_s: float
+    checked: float | None = None
+    check: Callable | None = field(default=None, repr=False)
+    rows: np.ndarray | None = field(default=None, repr=False)
+
+    def as_dict(self):
+        """JSON-clean, for the report; `from_dict` reads it."""
+        return {
+            "settings": _settings_dict(self.settings),
+            "predicted_error": _rounded(self.error),
+            "checked_error": _rounded(self.checked),
+            "predicted_seconds": _rounded(self.seconds),
+            "suns": self.suns,
+            "tolerance": self.tolerance,
+            "budget_seconds": self.budget_s,
+            "sample": {"vertices": self.vertices, "rays": self.rays, "seconds": _rounded(self.planning_s)},
+            "contributions": [
+                {"effect": effect, "error_without": _rounded(error), "decision": decision}
+                for effect, error, decision in self.contributions
+            ],
+            "curve": [
+                {"seconds": _rounded(seconds), "error": _rounded(error), "settings": _settings_dict(settings)}
+                for seconds, error, settings in self.curve
+            ],
+        }
+
+    @classmethod
+    def from_dict(cls, kept):
+        """A plan that was kept. Raises KeyError or TypeError for what is none."""
+        return cls(
+            settings=_settings_from(kept["settings"]),
+            error=kept["predicted_error"],
+            seconds=kept["predicted_seconds"],
+            suns=kept["suns"],
+            tolerance=kept["tolerance"],
+            budget_s=kept["budget_seconds"],
+            vertices=kept["sample"]["vertices"],
+            rays=kept["sample"]["rays"],
+            planning_s=kept["sample"]["seconds"],
+            contributions=[(row["effect"], row["error_without"], row["decision"]) for row in kept["contributions"]],
+            curve=[(row["seconds"], row["error"], _settings_from(row["settings"])) for row in kept["curve"]],
+            checked=kept["checked_error"],
+        )
+
+    def table(self):
+        """The plan as lines of text: decisions, then the curve, thinned to a dozen steps."""
+        wish = f"tolerance {self.tolerance:g}" if self.budget_s is None else f"budget {self.budget_s:g} s"
+        lines = [f"plan for {wish}: {self.settings}", f"  {'effect':<15}{'error without':>14}  decision"]
+        for effect, error, decision in self.contributions:
+            without = "-" if error is None else f"{error:.2%}"
+            lines.append(f"  {effect:<15}{without:>14}  {decision}")
+        checked = "" if self.checked is None else f", {self.checked:.2%} checked on the sample"
+        lines.append(f"  predicted: error {self.error:.2%}{checked}; {self.seconds:.2f} s")
+        lines.append(f"  measured on {self.vertices} vertices and {self.rays:,} rays in {self.planning_s:.2f} s")
+        lines += ["accuracy against time", f"  {'seconds':>9}{'error':>9}"]
+        for seconds, error, settings in _thinned(self.curve, 14):
+            mark = " <" if settings == self.settings else ""
+            lines.append(f"  {seconds:9.3f}{error:9.2%}  {settings}{mark}")
+        return lines
+
+
+def check_wishes(tolerance, budget_s):
+    """Raise InputError for a tolerance or a budget that is not above 0."""
+    for name, value in (("tolerance", tolerance), ("budget", budget_s)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputError(f"the {name} must be a number above 0, found {value}")
+
+
+def _settings_dict(settings):
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in settings._asdict().items()}
+
+
+def _settings_from(kept):
+    shadowed = kept["shadowed"]
+    return Settings(**{**kept, "shadowed": None if shadowed is None else tuple(shadowed)})
+
+
+def _rounded(value):
+    return None if value is None else float(f"{value:.4g}")
+
+
+def _thinned(rows, count):
+    """At most so many rows, evenly, the first and the last among them."""
+    keep = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int)) if rows else []
+    return [rows[at] for at in keep]

@@ -1,0 +1,82 @@
+"""Plans for the lights of one scene: made once for each, kept between runs, checked after the work and mended."""
+
+import json
+
+import numpy as np
+
+from ..cache import array_key
+from ..splitlight import image_key
+from .decide import planned
+from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
+
+MOST_DOUBLINGS = 4
+"""How often the rays may be doubled when the sample shows more noise than was planned for."""
+
+
+class Planner:
+    """Plans within a tolerance or a budget of seconds.
+
+    fixed: (method, bands, rays, effects), each None where it is to be chosen.
+    Raises InputError for a tolerance or a budget that is not above 0.
+    """
+
+    def __init__(self, precomputed, tolerance, budget_s, fixed, stages):
+        check_wishes(tolerance, budget_s)
+        self._precomputed, self._stages, self._fixed = precomputed, stages, fixed
+        self._tolerance, self._budget_s = DEFAULT_TOLERANCE if tolerance is None else tolerance, budget_s
+        self._plans, self._albedo = {}, (None, None)
+
+    def plan(self, environment, albedo, angles=1):
+        """The Plan for an environment in all its rotations and an albedo, (V, 3) or None."""
+        key = self._key(environment, albedo)
+        if key not in self._plans:
+            self._plans[key] = self._kept(key) or self._made(environment, albedo, angles)
+        return self._plans[key]
+
+    def settled(self, environment, albedo):
+        """The Settings of the plan, after their transfer was computed and checked on the sample.
+
+        Where it shows more noise than was foreseen, too much for the tolerance, the rays are doubled.
+        """
+        plan = self.plan(environment, albedo)
+        if plan.checked is None:
+            self._check(plan)
+            cache = self._precomputed.cache
+            cache.put("plan", self._key(environment, albedo), plan=np.array(json.dumps(plan.as_dict())))
+        return plan.settings
+
+    def _check(self, plan):
+        fixed_rays = self._fixed[2] is not None
+        for left in range(MOST_DOUBLINGS, -1, -1):
+            settings = plan.settings
+            if not settings.rays:
+                plan.checked = plan.error
+                return
+            transfer = self._precomputed.transfer(settings)[0]
+            with self._stages.stage("check"):
+                plan.checked = plan.check(settings, transfer[plan.rows, : settings.bands**2])
+            if plan.checked <= self._tolerance or plan.budget_s is not None or fixed_rays or not left:
+                return
+            plan.settings = settings._replace(rays=2 * settings.rays)
+
+    def _made(self, environment, albedo, angles):
+        occluder = self._precomputed.occluder
+        wishes = self._tolerance, self._budget_s, *self._fixed, angles
+        with self._stages.stage("plan"):
+            return planned(occluder, self._precomputed.sizes, environment, albedo, *wishes)
+
+    def _kept(self, key):
+        kept = self._precomputed.cache.get("plan", key)
+        try:
+            return None if kept is None else Plan.from_dict(json.loads(str(kept["plan"])))
+        except (KeyError, TypeError, ValueError):
+            return None
+
+    def _key(self, environment, albedo):
+        if self._albedo[0] is not albedo:
+            self._albedo = albedo, array_key(albedo)
+        method, bands, rays, effects = self._fixed
+        effects = None if effects is None else sorted(effects)
+        wishes = self._tolerance, self._budget_s, method, bands, rays, effects, self._precomputed.seed
+        image = image_key(environment)
+        return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

@@ -1,0 +1,170 @@
+"""What depends on a scene's geometry alone: computed on first use, extended rather than repeated, kept between runs."""
+
+import numpy as np
+
+from .cache import Cache, array_key
+from .transfer.analytic import analytic
+
+KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
+
+
+class Precomputed:
+    """Occluder, visibility, transfer and interreflection of a scene.
+
+    A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
+    From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
+    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far.
+    """
+
+    def __init__(self, scene, seed, cache=None, stages=None):
+        from splat2mesh.stages import Stages
+
+        self.scene, self.seed = scene, seed
+        self.sizes = np.array([len(chunk.vertices) for chunk in scene.chunks])
+        self.cache = Cache() if cache is None else cache
+        self.rays_traced = 0
+        self._stages = stages or Stages()
+        self._occluder = self._visibility = None
+        self._transfers, self._interreflections = {}, {}
+
+    @property
+    def occluder(self):
+        """The Occluder of the whole scene."""
+        if self._occluder is None:
+            from .transfer.occluder import Occluder
+
+            with self._stages.stage("occluder"):
+                self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
+        return self._occluder
+
+    def transfer(self, settings):
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
+        for known, transfer in self._transfers.items():
+            if _serves(known, settings):
+                return transfer, settings._replace(rays=known[2])
+        found = self._kept(settings) or self._computed(settings)
+        while len(self._transfers) >= KEPT_IN_MEMORY:
+            self._transfers.pop(next(iter(self._transfers)))
+        self._transfers[found[0]] = found[1]
+        return found[1], settings._replace(rays=found[0][2])
+
+    def interreflection(self, rays, transfer):
+        """The Interreflection of the scene, so many rays per vertex; rows complement what `transfer` sees."""
+        if rays not in self._interreflections:
+            from .transfer.bounces import Interreflection, visible_fraction
+
+            visible, kept = visible_fraction(transfer), self.cache.get("bounces", rays, self.seed)
+            if kept is not None:
+                with self._stages.stage("bounce rays kept"):
+                    self._interreflections[rays] = Interreflection.restored(rays, kept, visible)
+            else:
+                occluder = self.occluder
+                with self._stages.stage("bounce rays", len(visible)) as advance:
+                    found = Interreflection(occluder, rays, self.seed, visible, advance)
+                self.rays_traced += rays * len(visible)
+                self._interreflections[rays] = found
+                with self._stages.stage("keep"):
+                    self.cache.put("bounces", rays, self.seed, **found.arrays())
+        return self._interreflections[rays]
+
+    def _kept(self, settings):
+        """(key, transfer) of the smallest kept transfer that serves, or None."""
+        for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
+            if key[4] != self.seed or not _serves(key, settings):
+                continue
+            with self._stages.stage("transfer kept"):
+                kept = self.cache.get("transfer", *key)
+            if kept is not None and kept["transfer"].shape == (self.sizes.sum(), key[1] ** 2):
+                return key, kept["transfer"]
+        return None
+
+    def _computed(self, settings):
+        """(key, transfer) of what the settings ask for, or of more where more rays were there already."""
+        method, bands, count, rays = settings.method, settings.bands, int(self.sizes.sum()), settings.rays
+        if rays:
+            visibility = self._seen(settings)
+            rays = visibility.rays
+            with self._stages.stage("transfer"):
+                if method == "neural":
+                    from .transfer.neural import from_visibility
+
+                    transfer = from_visibility(visibility, bands)[0]
+                else:
+                    transfer = visibility.transfer(bands)
+        elif method == "neural-gash":
+            from .transfer.neuralgash import neural_gash
+
+            with self._stages.stage("transfer", count) as advance:
+                guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
+                transfer = np.ascontiguousarray(guess[:, : bands**2])
+        else:
+            with self._stages.stage("transfer"):
+                return _key(settings, 0, self.seed), analytic(self.scene.normals, bands)  # quicker than reading it
+        key = _key(settings, rays, self.seed)
+        with self._stages.stage("keep"):
+            self.cache.put("transfer", *key, transfer=transfer)
+        return key, transfer
+
+    def _seen(self, settings):
+        """The Visibility with so many rays: what there is, grown if it can be."""
+        from .transfer.visibility import Visibility
+
+        mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
+        traced = int(self.sizes.sum() if mask is None else mask.sum())
+        name = _chunks_text(settings.shadowed), self.seed
+        visibility = self._visibility
+        if visibility is None:
+            kept = self.cache.get("visibility", *name)
+            if kept is not None:
+                visibility = Visibility.restored(
+                    self.occluder, int(kept["base"]), self.seed, kept["bits"], kept["traced"]
+                )
+                visibility.name = name
+        if visibility is not None and visibility.name == name and visibility.reaches(settings.rays):
+            before = visibility.rays
+            with self._stages.stage("rays", traced) as advance:
+                while visibility.rays < settings.rays:
+                    visibility.double(advance)
+            new = visibility.rays - before
+        else:
+            occluder = self.occluder
+            with self._stages.stage("rays", traced) as advance:
+                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance)
+            visibility.name = name
+            new = visibility.rays
+        self._visibility = visibility
+        if new:
+            self.rays_traced += new * traced
+            with self._stages.stage("keep"):
+                bits = np.stack(visibility.bits)
+                self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)
+        return visibility
+
+
+def _key(settings, rays, seed):
+    """What a transfer is told apart by, as its file is named."""
+    return settings.method.replace("-", "_"), settings.bands, rays, _chunks_text(settings.shadowed), seed
+
+
+def _key_of(texts):
+    """The key that a file's name was made of, or None for another's file."""
+    try:
+        method, bands, rays, chunks, seed = texts
+        return method, int(bands), int(rays), chunks, int(seed)
+    except ValueError:
+        return None
+
+
+def _serves(key, settings):
+    """Whether the transfer of a key is as good as that of the settings, or better."""
+    method, bands, rays, chunks, _ = key
+    if method != settings.method.replace("-", "_") or bands < settings.bands or rays < settings.rays:
+        return False
+    return chunks in ("all", _chunks_text(settings.shadowed))
+
+
+def _chunks_text(shadowed):
+    """The chunks with shadows as text for a file's name."""
+    if shadowed is None:
+        return "all"
+    return array_key(np.array(shadowed))

@@ -1,0 +1,77 @@
+"""Suns on bodies that move: a bit for every vertex, sun and body, of which a motion renews only what it can reach."""
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.errors import InputError
+
+from .bodies import Sight
+from .reach import Beams
+from .sampling import in_slices
+
+
+class LiveSunlight:
+    """Exit radiance of the white vertices of a LiveTransfer under suns: as `sunlight.sunlight`.
+
+    radiance: (V, 3) float32. A body that was too fast is lit where it was when its transfer was last computed.
+    """
+
+    def __init__(
+        self,
+        live,  # LiveTransfer
+        suns,  # Suns
+    ):
+        """Trace all of them. Raises InputError for directions that are not unit vectors."""
+        lit = (suns.weights > 0.0).any(axis=1)
+        self._directions = np.ascontiguousarray(suns.directions[lit], np.float32)
+        self._weights = np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
+        length = np.linalg.norm(self._directions, axis=1)
+        if not (np.abs(length - 1.0) < 1e-5).all():
+            found = length[~(np.abs(length - 1.0) < 1e-5)][0]
+            raise InputError(f"directions of suns must be unit vectors, found one of length {found}")
+        self._live, self.radiance = live, np.zeros((len(live.transfer), 3), np.float32)
+        self._sights, self._poses = {}, {}
+        self.update()
+
+    def update(self):
+        """Follow the LiveTransfer after its own update: the sorted rows of the radiance that may be new, (M,)."""
+        bodies = self._live.lit
+        moved = [body for body in bodies if self._poses.get(body.number) != body.poses]
+        rows = [np.zeros(0, np.int64)]
+        for body in bodies:
+            if body in moved:
+                rays = Beams(body.node_origins, body.node_normals, self._directions)
+                self._sights[body.number] = Sight(body, rays, self._live.bodies)
+            else:
+                self._sights[body.number].renew(moved)
+            sight = self._sights[body.number]
+            changed = sight.changed()
+            if not (changed.any() and len(self._directions)):
+                continue
+            nodes = np.flatnonzero(changed)
+            radiance = np.zeros((len(changed), 3), np.float32)
+            hidden = sight.hidden(nodes)
+            sight.summed_up(nodes, hidden)
+            lights = self._directions, self._weights
+            in_slices(_sum, len(nodes), nodes, body.node_normals, *lights, hidden, radiance)
+            own = np.flatnonzero(changed[body.rings.node])
+            self.radiance[body.rows[own]] = radiance[body.rings.node[own]]
+            rows.append(body.rows[own])
+        self._poses = {body.number: body.poses for body in bodies}
+        return np.sort(np.concatenate(rows))
+
+
+@njit(cache=True, nogil=True)
+def _sum(begin, end, nodes, normals, directions, weights, hidden, radiance):
+    """Sums as in `sunlight._sum`, over the suns as they stand."""
+    for row in range(begin, end):
+        nx, ny, nz = normals[nodes[row]]
+        red, green, blue = 0.0, 0.0, 0.0
+        for s in range(len(directions)):
+            cosine = nx * directions[s, 0] + ny * directions[s, 1] + nz * directions[s, 2]
+            if cosine > np.float32(0) and not hidden[row, s >> 3] & (np.uint8(128) >> np.uint8(s & 7)):
+                red += weights[s, 0] * np.float64(cosine)
+                green += weights[s, 1] * np.float64(cosine)
+                blue += weights[s, 2] * np.float64(cosine)
+        out = nodes[row]
+        radiance[out, 0], radiance[out, 1], radiance[out, 2] = red, green, blue
