@@ -8,7 +8,7 @@ from pathlib import Path
 
 from . import __version__
 from .effects import EFFECTS
-from .job import FILES
+from .files import FILES
 from .transfer import METHODS
 
 EXAMPLES = """examples:
@@ -49,8 +49,11 @@ def parser():
     add("--exposure", type=float, metavar="EV", help=exposure)
 
     add = parser.add_argument_group("surface and accuracy").add_argument
-    albedo = "captured (the scene's colours), white, or FILE.npy, (V, 3) linear (default: %(default)s)"
-    add("--albedo", default="captured", metavar="WHICH", help=albedo)
+    albedo = "estimated (the light of the capture taken out), captured (the scene's colours), white, or FILE.npy, "
+    albedo += "(V, 3) linear (default: estimated; of mesh files captured)"
+    add("--albedo", metavar="WHICH", help=albedo)
+    capture = "the light of the capture, where it is known (.exr, .hdr): then only its exposure is estimated"
+    add("--capture-env", metavar="FILE", help=capture)
     method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
     add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
     tolerance = (
@@ -66,11 +69,22 @@ def parser():
     add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
 
+    add = parser.add_argument_group("session").add_argument
+    add("--view", action="store_true", help="open a window to turn, swap and compare lights in; h lists its keys")
+    add("--screenshot", metavar="FILE", help="with --view: write this .png of it, and open no window")
+
+    add = parser.add_argument_group("motion").add_argument
+    add(
+        "--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too"
+    )
+    add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
+
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
     kinds = f"any of {' '.join(FILES)} (default: glb png)"
     add("--format", nargs="+", default=["glb", "png"], choices=FILES, metavar="KIND", help=kinds)
+    add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
@@ -128,7 +142,11 @@ def _command(options):
         raise InputError("--tolerance and --budget: expected one of them")
     check_wishes(options.tolerance, options.budget)
     angles = angles_from(options.rotate)
-    folders = [] if options.plan else _output_folders(options, source, angles)
+    if options.screenshot and not options.view:
+        raise InputError("--screenshot: it is one of the session; give --view too")
+    if (options.view or options.animate) and len(angles) > 1:
+        raise InputError(f"--rotate {options.rotate}: a session or an animation has one angle")
+    folders = [] if options.plan or options.view else _output_folders(options, source, angles)
     messages = _recorded_warnings()
     stages = Stages(show=wants_progress(options))
     try:
@@ -137,6 +155,12 @@ def _command(options):
         job = Job(options, angles, stages, messages)
         if options.plan:
             return _planned(job)
+        if options.view:
+            return _viewed(job)
+        if options.animate:
+            note, report = job.film(folders[0])
+            lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
+            return lines, {"outputs": [str(folders[0])], "reports": [report]}
         reports = list(job.results(folders))
     finally:
         stages.close()
@@ -145,6 +169,15 @@ def _command(options):
         lines += job.plan.table() if job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
+
+
+def _viewed(job):
+    from .viewer import view
+
+    job.stages.close()
+    screenshot = job.options.screenshot
+    view(**job.session(), screenshot=screenshot)
+    return [screenshot] if screenshot else [], {"screenshot": screenshot}
 
 
 def _planned(job):

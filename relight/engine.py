@@ -1,5 +1,6 @@
 """From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -8,16 +9,17 @@ from splat2mesh.errors import InputError
 from splat2mesh.stages import Stages
 
 from . import sh
-from .effects import BOUNCES, SUN, chosen_effects
+from .effects import chosen_effects
 from .precomputed import Precomputed
-from .settings import Settings
-from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
+from .settings import BOUNCE_RAYS, Settings, everything
+from .still import Still
+from .transfer import METHODS, check_rays
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
 
-SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
-"""Where nothing is planned: the defaults of `suns.split` and of `bounces.Interreflection` and `with_bounces`."""
+LIVE_BANDS, LIVE_RAYS = 5, 64
+"""Of a scene that needed no rays before something moved in it."""
 
 
 class Shading(NamedTuple):
@@ -46,6 +48,7 @@ class Relighter:
         is planned (`plan_for`), and what the scene does not call for is not computed. Without, everything is done,
         with as many bands and rays as suit the method.
     cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
+    max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
@@ -61,6 +64,7 @@ class Relighter:
         tolerance=None,
         budget_s=None,
         cache=None,
+        max_speed=math.inf,
     ):
         if method not in METHODS:
             raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
@@ -70,14 +74,17 @@ class Relighter:
         self.effects, self._auto = chosen_effects(effects, method)
         self._bands = None if bands is None else sh.check_bands(bands)
         self._rays = None if rays is None else check_rays(rays)
-        self._stages = Stages() if stages is None else stages
-        self._precomputed = Precomputed(scene, int(seed), cache, self._stages)
-        self._planner = self._latest = self._albedo = None
+        self.stages = Stages() if stages is None else stages
+        self._precomputed = Precomputed(scene, int(seed), cache, self.stages)
+        self._still = Still(self._precomputed, self.stages)
+        self._everything = everything(method, self.effects, self._bands, self._rays)
+        self._planner = self._latest = self._albedo = self._live = self._posed = None
+        self._max_speed = max_speed
         if tolerance is not None or budget_s is not None:
             from .planning.planner import Planner
 
             fixed = None if method == "auto" else method, self._bands, self._rays, None if self._auto else self.effects
-            self._planner = Planner(self._precomputed, tolerance, budget_s, fixed, self._stages)
+            self._planner = Planner(self._precomputed, tolerance, budget_s, fixed, self.stages)
 
     @property
     def method(self):
@@ -103,8 +110,26 @@ class Relighter:
         return self._precomputed.rays_traced
 
     def interreflection(self, rays=BOUNCE_RAYS):
-        """The Interreflection of the scene, for the visibility of `transfer`."""
+        """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
+        if self._posed is not None:
+            return self._posed.interreflection(rays, self._live.lit.transfer)
         return self._precomputed.interreflection(rays, self.transfer)
+
+    def computed(self, settings):
+        """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
+        transfer = self._precomputed.transfer(settings)[0]
+        bounces = self._precomputed.interreflection(settings.bounce_rays, transfer)
+        return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
+
+    @property
+    def cache(self):
+        """The Cache in use; it may be one that keeps nothing."""
+        return self._precomputed.cache
+
+    @property
+    def seed(self):
+        """Of the ray directions."""
+        return self._precomputed.seed
 
     def plan_for(self, environment, albedo_linear=None, angles=1):
         """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
@@ -133,7 +158,7 @@ class Relighter:
         tint = self._tint(albedo_linear)
         if settings is None:
             planned = self._planner is not None and self._method in PLANNED
-            settings = self._planner.settled(environment, tint) if planned else self._fixed_settings()
+            settings = self._planner.settled(environment, tint) if planned else self._everything
         self._latest = settings
         direct, suns, done = self._direct(environment, settings)
         if not settings.bounce_rays or (self._auto and tint is None):
@@ -141,10 +166,56 @@ class Relighter:
         from .transfer.bounces import with_bounces
 
         interreflection = self.interreflection(settings.bounce_rays)
-        with self._stages.stage("bounces"):
+        with self.stages.stage("bounces"):
             tint = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
             radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounces)
         return Shading(radiance, suns, bounces, done)
+
+    def update(self, chunk, vertices, normals, seconds=None):
+        """Move one chunk of the scene; see `update_all`."""
+        return self.update_all({chunk: (vertices, normals)}, seconds)
+
+    def update_all(
+        self,
+        changes,  # chunk -> (vertices, normals), as many of either as it had, scene frame
+        seconds=None,  # since these chunks were given before; without, none is taken to be fast
+    ):
+        """Move chunks: the sorted rows, (M,), of vertices whose light may change.
+
+        Only what the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer along,
+        until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a plan's
+        bands and rays stay what they were, with shadows everywhere. The Scene itself is not changed.
+        Raises InputError for arrays that do not fit and for methods other than "raytraced".
+        """
+        from .live import Live, check_changes
+
+        check_changes(self.scene, changes)
+        if self._live is None or not self._live.moving >= changes.keys():
+            before = self._live
+            moving = changes.keys() | (before.moving if before else set())
+            settings = before.settings if before else self._settings_now()
+            if settings.method != "raytraced":
+                if self._method != "auto":
+                    raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
+                settings = self._everything._replace(method="raytraced", bands=LIVE_BANDS, rays=LIVE_RAYS)
+            settings = settings._replace(shadowed=None)
+            self._live = Live(self.scene, moving, settings, self.seed, self._max_speed, before)
+        with self.stages.stage("motion"):
+            return self._live.update(changes, seconds)
+
+    def catch_up(self):
+        """After motion, compute what was left out of it, bounces included: the sorted rows whose light may change."""
+        if self._live is None:
+            return np.zeros(0, np.int64)
+        with self.stages.stage("motion"):
+            rows = self._live.catch_up()
+        self._posed = Precomputed(self._live.scene(self.scene), self.seed, None, self.stages)
+        return rows
+
+    @property
+    def stale(self):
+        """Whether `catch_up` has something to do for direct light."""
+        return self._live is not None and self._live.stale
 
     def _tint(self, albedo_linear):
         """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
@@ -166,46 +237,10 @@ class Relighter:
     def _direct(self, environment, settings=None):
         """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
         settings = settings or self._settings_now()
-        if settings.method == "blinn-phong":
-            from .blinnphong import blinn_phong
-
-            with self._stages.stage("shade"):
-                return blinn_phong(self.scene.normals, environment), 0, settings
-        from .splitlight import split_light
-
-        transfer, done = self._precomputed.transfer(settings)
-        transfer = transfer[:, : settings.bands**2]
-        with self._stages.stage("light"):
-            coefficients, suns = split_light(environment, settings, self._precomputed.cache)
-        with self._stages.stage("shade"):
-            radiance = transfer @ coefficients
-            lit = slice(None)
-            if len(suns) and settings.shadowed is not None:
-                # What casts no shadow on anything takes the sun as harmonics: no cosine needs more of them.
-                lit = np.repeat(settings.shadowed, self._precomputed.sizes)
-                whole = environment.sh(settings.bands).astype(np.float32)
-                radiance[~lit] = transfer[~lit] @ whole
-                lit = np.flatnonzero(lit)
-        if len(suns):
-            from .transfer.sunlight import sunlight
-
-            occluder = self.occluder
-            with self._stages.stage("sunlight", len(radiance)) as advance:
-                radiance[lit] += sunlight(occluder, lit, suns, advance)
-        return np.maximum(radiance, np.float32(0.0), out=radiance), len(suns), done
+        if self._live is None:
+            return self._still.direct(environment, settings)
+        with self.stages.stage("shade"):
+            return *self._live.direct(environment, self.cache), self._live.settings
 
     def _settings_now(self):
-        return self._latest or self._fixed_settings()
-
-    def _fixed_settings(self):
-        """What is done where nothing is planned: everything that was not ruled out."""
-        method = self._method
-        if method == "auto":
-            method = "raytraced" if self.effects else "analytic"
-        bands = DEFAULT_BANDS if self._bands is None else self._bands
-        if method not in SHADOWING:
-            return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
-        rays = self._rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
-        suns = SUN_TOLERANCE if SUN in self.effects else 0.0
-        bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in self.effects else (0, 0.0)
-        return Settings(method, bands, rays, None, suns, *bouncing)
+        return self._latest or self._everything

@@ -3,9 +3,21 @@
 import json
 from pathlib import Path
 
-from . import __version__
+from splat2mesh.console import peak_mb
+from splat2mesh.formats import WRITERS, kind_of, write_splats
+from splat2mesh.outputs import staged_folder
+from splat2mesh.scene import Scene
+from splat2mesh.sources import source_splats
 
-FILES = {"glb": "relit.glb", "ply": "relit.ply", "npy": "radiance.npy", "png": "preview.png"}
+from . import __version__, export, sh
+from .appearance import CHOICES, appearance_of
+from .cache import Cache
+from .engine import Relighter
+from .environment import Environment
+from .files import FILES
+from .planning.plan import DEFAULT_TOLERANCE
+from .tonemap import auto_exposure
+
 PICTURE_SIZE = 960, 720
 
 
@@ -19,24 +31,21 @@ class Job:
         self.options, self.stages, self._messages = options, stages, messages
         self.source = Path(options.scene)
         with stages.stage("environment"):
-            from . import sh
-            from .environment import Environment
-
             if options.bands is not None:
                 sh.check_bands(options.bands)
             self.environment = Environment.load(options.env)
         with stages.stage("load"):
-            from splat2mesh.scene import Scene
+            if options.animate:
+                from .animation import Animation
 
-            self.scene = Scene.load(self.source)
-            self.albedo = _albedo(options.albedo, self.scene)
-        from .cache import Cache
-        from .engine import Relighter
-        from .planning.plan import DEFAULT_TOLERANCE
-
+                self._animation = Animation(self.source)
+            self.scene = self._animation.scene if options.animate else Scene.load(self.source)
+            if "splat" in options.format:
+                self._splats, self._splat_paths = source_splats(self.scene, options.splat)
         tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         with stages.stage("load"):
             cache = None if options.no_cache else Cache.of_scene(self.scene)
+            capture_env = Environment.load(options.capture_env) if options.capture_env else None
         self.relighter = Relighter(
             self.scene,
             options.method,
@@ -49,26 +58,49 @@ class Job:
             options.budget,
             cache,
         )
-        self.plan = self.relighter.plan_for(self.environment, self.albedo, len(angles))
+        # A mesh file's colours are its maker's albedo; a splat's hold the light of its capture.
+        self._choice = options.albedo or ("estimated" if self.source.is_dir() else "captured")
+        self.appearance = appearance_of(self._choice, capture_env, self.relighter)
+        self.albedo = self.appearance.albedo
+        planned = not options.view
+        self.plan = self.relighter.plan_for(self.environment, self.albedo, len(angles)) if planned else None
+        self._binding = None
         self._lights = [self.environment.rotated(angle) for angle in angles]
+
+    def session(self):
+        """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
+        options = self.options
+        others = {"captured": self.appearance.captured, "white": None}
+        chosen = self._choice if self._choice in CHOICES else Path(self._choice).stem
+        lights = Path(options.env)
+        return {
+            "scene": self.scene,
+            "environment": self._lights[0],
+            "albedos": {chosen: self.albedo, **{name: each for name, each in others.items() if name != chosen}},
+            "environments_folder": lights.parent if lights.is_file() else None,
+            "exposure": None if options.exposure is None else 2.0**options.exposure,
+            "tolerance": DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance,
+            "method": options.method,
+            "effects": options.effects,
+            "seed": options.seed,
+            "bands": options.bands,
+            "rays": options.rays,
+            "cache": self.relighter.cache,
+        }
 
     def results(self, folders):
         """Light the scene and fill a folder for each angle; yields the report of each, JSON-clean."""
-        from . import export
-        from .preview import Preview
-
         options, stages = self.options, self.stages
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
         first = self.relighter.shading(self._lights[0], self.albedo)
         exposure = self._exposure(first)
         preview = None
-        from splat2mesh.console import peak_mb
-        from splat2mesh.outputs import staged_folder
-
         for light, folder in zip(self._lights, folders, strict=True):
             shading = first if light is self._lights[0] else self.relighter.shading(light, self.albedo)
             radiance = shading.radiance
             if "png" in options.format:
+                from .preview import Preview
+
                 with stages.stage("preview"):
                     preview = preview or Preview(self.scene, None, *PICTURE_SIZE)
                     picture = preview.render(radiance, light, exposure)
@@ -82,11 +114,59 @@ class Job:
                     export.write_ply(staging / FILES["ply"], self.scene, radiance, exposure)
                 if "npy" in options.format:
                     export.write_npy(staging / FILES["npy"], self.scene, radiance)
+                if "splat" in options.format:
+                    report["files"] += self._write_splats(staging, radiance, exposure)
                 if "png" in options.format:
                     export.write_png(staging / FILES["png"], picture)
                 report.update(warnings=list(self._messages), seconds=dict(stages.seconds), peak_mb=peak_mb())
                 (staging / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
             yield report
+
+    def film(self, folder):
+        """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
+        from .frames import FILM, animate, frame_times
+
+        options, animation, (light,) = self.options, self._animation, self._lights
+        count = len(frame_times(animation.duration_s, options.fps))
+
+        def radiance_of(_, time_s):
+            poses = animation.at(time_s)
+            if time_s > 0.0:
+                self.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / options.fps)
+            self._shading = self.relighter.shading(light, self.albedo)
+            return self._shading.radiance
+
+        exposure = None if options.exposure is None else 2.0**options.exposure
+        picture = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": options.overwrite}
+        with self.stages.stage("frames", count) as advance:
+            written = animate(
+                animation, radiance_of, light, folder, options.fps, exposure=exposure, advance=advance, **picture
+            )
+        report = self._report(light, self._shading, written.exposure)
+        report |= {"animation": animation.name, "frames": written.frames, "fps": options.fps}
+        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+        report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
+        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        return written.note, report
+
+    def _write_splats(self, folder, radiance, exposure):
+        """The splats in the light of `radiance`, also in the format of their source: names of files beyond FILES."""
+        from .relit import Binding, write_relit_ply
+
+        if self._binding is None:
+            with self.stages.stage("bind splats"):
+                self._binding = Binding(self._splats, self.scene, seed=self.options.seed)
+        with self.stages.stage("relight splats"):
+            received = self.appearance.received(radiance)
+            relit = self._binding.relit(self.appearance.irradiance, received, exposure)
+        source = self._splat_paths[0] if len(self._splat_paths) == 1 else None
+        write_relit_ply(folder / FILES["splat"], relit, source)
+        kind = kind_of(source) if source else "ply"
+        if kind == "ply" or kind not in WRITERS:
+            return []
+        name = f"relit_splat.{kind}"
+        write_splats(folder / name, relit, kind)
+        return [name]
 
     def _report(self, light, shading, exposure):
         options, settings = self.options, shading.settings
@@ -98,7 +178,8 @@ class Job:
             "chunks": len(self.scene.chunks),
             "environment": {"name": light.name, "source": options.env, "repaired_pixels": light.repaired},
             "angle_deg": light.rotation_deg,
-            "albedo": options.albedo,
+            "albedo": self._choice,
+            "capture": self.appearance.capture,
             "method": settings.method,
             "bands": settings.bands,
             "rays": settings.rays,
@@ -116,35 +197,5 @@ class Job:
         """Display value per unit of radiance: 2^EV, else what the brightest of the lights calls for."""
         if self.options.exposure is not None:
             return 2.0**self.options.exposure
-        from .tonemap import auto_exposure
-
         others = (self.relighter.shade(light, self.albedo) for light in self._lights[1:])
         return min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-
-
-def _albedo(choice, scene):
-    """The albedo that `--albedo` names: (V, 3) float32 linear, or None for white. Raises InputError."""
-    import numpy as np
-
-    from splat2mesh.color import linear_from_srgb
-    from splat2mesh.errors import InputError
-
-    if choice == "white":
-        return None
-    if choice == "captured":
-        return linear_from_srgb(scene.colors_srgb / np.float32(255.0))
-    try:
-        albedo = np.load(choice)
-    except FileNotFoundError:
-        raise InputError(f"--albedo {choice}: expected captured, white or a .npy file; no such file") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
-    count = sum(len(chunk.vertices) for chunk in scene.chunks)
-    if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
-        found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
-        raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
-    if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-        raise InputError(
-            f"--albedo {choice}: expected linear values from 0 to 1, found {albedo.min()} to {albedo.max()}"
-        )
-    return albedo.astype(np.float32)

@@ -2,6 +2,12 @@
 
 from typing import NamedTuple
 
+from .effects import BOUNCES, SHADOWS, SUN
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, NEURAL_RAYS, SHADOWING
+
+SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
+"""Where nothing is planned: the defaults of `suns.split`, of `bounces.Interreflection` and of `with_bounces`."""
+
 
 class Settings(NamedTuple):
     """One way to light a scene.
@@ -24,8 +30,6 @@ class Settings(NamedTuple):
     @property
     def effects(self):
         """The names of `effects.EFFECTS` that it has."""
-        from .effects import BOUNCES, SHADOWS, SUN
-
         has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
         return frozenset(name for name, there in has if there)
 
@@ -39,3 +43,15 @@ class Settings(NamedTuple):
         if self.bounce_rays:
             parts.append(f"bounces ({self.bounce_rays} rays)")
         return ", ".join(parts)
+
+
+def everything(method, effects, bands=None, rays=None):
+    """The Settings of a method where nothing is planned: all that `effects`, a set of names, does not rule out."""
+    if method == "auto":
+        method = "raytraced" if effects else "analytic"
+    bands = DEFAULT_BANDS if bands is None else bands
+    if method not in SHADOWING:
+        return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
+    rays = rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+    bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
+    return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)

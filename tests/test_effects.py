@@ -345,7 +345,7 @@ def folder(scene, tmp_path):
 
 def relight(folder, output, *options):
     """Radiance and report of the command, run with few rays."""
-    arguments = [folder, "-o", output, "--rays", "16", "--format", "npy", "-q", *options]
+    arguments = [folder, "-o", output, "--rays", "16", "--albedo", "captured", "--format", "npy", "-q", *options]
     assert cli.main(list(map(str, arguments))) == 0
     text = (output / "report.json").read_text(encoding="utf-8")
     # json writes NaN and infinity as words that no other reader knows.
@@ -383,7 +383,8 @@ def test_no_effects_and_analytic_write_equal_bytes(folder, tmp_path):
 
 def test_two_angles_at_once_write_the_bytes_of_two_runs(folder, tmp_path):
     both = ["--env", "noon", "--rotate", "30:100:70"]
-    assert cli.main([*map(str, (folder, "-o", tmp_path / "both", "--rays", 16, "--format", "npy", "-q")), *both]) == 0
+    few = "--rays", 16, "--albedo", "captured", "--format", "npy", "-q"
+    assert cli.main([*map(str, (folder, "-o", tmp_path / "both", *few)), *both]) == 0
     for angle in ("30", "100"):
         _, alone = relight(folder, tmp_path / angle, "--env", "noon", "--rotate", angle)
         together = json.loads((tmp_path / "both" / f"noon_{angle}" / "report.json").read_text(encoding="utf-8"))

@@ -160,8 +160,8 @@ def scene_folder(tmp_path, torus):
 
 
 def relight(*arguments):
-    """Exit code of the command, run in this process with few rays."""
-    return cli.main([*map(str, arguments), "--rays", "8"])
+    """Exit code of the command, run in this process with few rays; a ring of random colours has no light to take out."""
+    return cli.main(["--albedo", "captured", *map(str, arguments), "--rays", "8"])
 
 
 def test_writes_what_was_asked_for(scene_folder, capsys):
@@ -285,6 +285,13 @@ def bad_albedo(path, array):
         (["SCENE", "--rotate", "0:90"], "START:STOP:STEP"),
         (["SCENE", "--seed", "-1"], "seed"),
         (["SCENE", "--albedo", "nowhere.npy"], "no such file"),
+        (["SCENE", "--capture-env", "nowhere.exr"], "nowhere.exr"),
+        (["SCENE", "--capture-env", "noon", "--albedo", "white"], "--capture-env"),
+        (["SCENE", "--format", "splat"], "no splat"),
+        (["SCENE", "--tolerance", "0"], "above 0"),
+        (["SCENE", "--budget", "-1"], "above 0"),
+        (["SCENE", "--budget", "1", "--tolerance", "0.1"], "expected one of them"),
+        (["SCENE", "--plan", "--method", "blinn-phong", "--albedo", "white"], "nothing to plan"),
         (["SCENE", "--albedo", "SCENE/scene.json"], ".npy format"),
         (["SCENE", "--albedo", "short.npy"], "expected numbers of shape"),
         (["SCENE", "--albedo", "bright.npy"], "from 0 to 1"),
@@ -328,6 +335,8 @@ def test_as_a_process(scene_folder, tmp_path):
         str(scene_folder),
         "--rays",
         "8",
+        "--albedo",
+        "captured",
         "-o",
         str(tmp_path / "out"),
     ]

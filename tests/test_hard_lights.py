@@ -253,6 +253,8 @@ def test_no_light_is_black_without_a_murmur(lit, tmp_path):
         output,
         "--rays",
         8,
+        "--albedo",
+        "captured",
         "--format",
         "npy",
         "png",

@@ -18,8 +18,8 @@ from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.formats import write_inria_ply
 from splat2mesh.frames import UP_CHOICES
 from splat2mesh.pipeline import plan
-from splat2mesh.sources import describe
 from splat2mesh.scene import Scene
+from splat2mesh.sources import describe
 from splat2mesh.stages import Stages
 from splat2mesh.surface import EFFORTS, Effort
 from splat2mesh.view import View

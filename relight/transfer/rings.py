@@ -61,7 +61,7 @@ class Rings(Neighbors):
         # A step looks at the ring of a node, at how much shadow there is around each of those, and so at two rings.
         reach = steps + 1
         level = np.where(changed, np.int8(0), _FAR)
-        for ring in range(2 * reach):
+        for ring in range(0 if changed.all() else 2 * reach):
             level = self._grown(level, ring)
         nodes = np.flatnonzero(level <= reach)
         needed = np.flatnonzero(level < _FAR)

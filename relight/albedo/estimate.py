@@ -1,0 +1,287 @@
+"""The light that a scene was captured in and the albedo of its surfaces, both from the captured colours.
+
+C = a S, S = D(light) + B C: what a surface receives from others is what they were seen to send, so that only the
+light from outside is unknown. Unit: that of C; the albedo's absolute scale is a prior's.
+"""
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.color import luminance
+from splat2mesh.errors import DataWarning, InputError
+
+from .. import layouts, sh
+from ..environment import Environment
+from . import fit, samples, sun
+from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
+
+LIGHT_BANDS = 5
+"""Of the logarithm of the light. Albedo error by bands 3 to 7: on a trained object .18 .15 .14 .14 .14, on
+fourteen scenes .18 .16 .155 .156 .156. Beyond 5, light from where nothing looks becomes erratic."""
+
+BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
+"""Of the transfer and the bounces where none are given: errors of the irradiance well below those of the light."""
+
+USUAL_ALBEDO = 0.4
+"""Median albedo, in luminance, where nothing says more."""
+
+BRIGHTNESS, COLOR = 2.0, 0.4
+"""Spread of the light's log brightness and log colour in the prior."""
+
+CONTRAST_COLOR = 3.0
+"""How much stiffer the prior is for changes of the light's colour with direction than for those of its brightness."""
+
+LIGHT_PART, BRIGHTER_ROUNDS = 0.97, 4
+"""Part of the places that must not be lighter than the lightest surface, and rounds in which light is added for that:
+a scene of dark surfaces and a few light ones has no median of 0.4."""
+
+MIN_EVIDENCE = 0.6
+"""Below it the light is not told apart from the albedo. Objects and scenes have .85 to .99, boxes, discs and spheres
+.84 to .91, three walls that meet .4 to .55, rolling ground .2 to .4, two walls .1 to .3, planes 0 to .1."""
+
+MIN_PLACES = 64
+"""Fewer are too few for the numbers of a light."""
+
+SATURATED = 0.99
+"""Linear colour from which a byte may have been clipped: its true value is not known."""
+
+DARK = 0.002
+"""Linear colour of little meaning: two thirds of an sRGB byte's first six steps."""
+
+HEIGHT, WIDTH = 128, 256
+"""Of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
+
+
+_UNIT = 1.0 / math.sqrt(4.0 * math.pi)  # log radiance of the first coefficient
+
+_BRIGHT_DIPOLE = np.zeros((3 * LIGHT_BANDS**2, 3))
+"""Which way the light comes from, in brightness alone: coefficients 1 to 3, all colours alike."""
+for _color in range(3):
+    _BRIGHT_DIPOLE[_color * LIGHT_BANDS**2 + np.arange(1, 4), np.arange(3)] = 1.0 / math.sqrt(3.0)
+
+
+class Estimate(NamedTuple):
+    """Albedo and capture light of a scene of V vertices.
+
+    albedo: (V, 3) float32 in [0.02, 0.95]. irradiance: (V, 3) float32, S in C = a S, in the unit of the captured
+    colours. environment: the capture light, scene frame, in that unit, so that relighting by it gives back C.
+    prior: of `albedo_of`, for other colours of the scene. separable: whether the light was told apart; if not,
+    `reason` says why, the albedo is the captured colour and the light uniform. evidence: in [0, 1], how far the
+    scene, not the prior, decides which way the light comes from (of a known light: how bright it was).
+    direction: (3,) unit, the mean of direction times luminance over the sphere, and its length
+    concentration in [0, 1]: 0 uniform, 1 a single point. color: (3,) mean radiance of the light over its luminance.
+    brightness: mean luminance of the light.
+    """
+
+    albedo: np.ndarray
+    irradiance: np.ndarray
+    environment: Environment
+    prior: Prior
+    evidence: float
+    separable: bool
+    reason: str
+    direction: np.ndarray
+    concentration: float
+    color: np.ndarray
+    brightness: float
+
+
+def estimate(
+    occluder,  # Occluder
+    captured,  # (V, 3) linear exit radiance as captured, any unit
+    seed=0,
+    advance=lambda count: None,  # called with the number of vertices done, twice for each
+    transfer=None,  # (V, K) of the white scene, where there is one already
+    interreflection=None,  # Interreflection, likewise
+):
+    """Albedo and light of a scene captured in unknown light: an Estimate.
+
+    Deterministic; depends on no order of vertices or chunks but in the last bits. Colours that are not finite count
+    as black. Raises InputError unless `captured` is (V, 3).
+    """
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection)
+    problem = scene.problem()
+    if problem:
+        return scene.as_captured(problem)
+    basis = sh.evaluate(scene.places.directions, LIGHT_BANDS)
+    light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
+    start = np.zeros((LIGHT_BANDS**2, 3))
+    start[0] = np.log(scene.start()) / _UNIT
+    prior = _prior(LIGHT_BANDS)
+    found = scene.fitted(light, start, prior)
+    evidence = fit.evidence(found, prior, _BRIGHT_DIPOLE)
+    if evidence < MIN_EVIDENCE:
+        return scene.as_captured("its surfaces face too few ways to tell its light from its colours", evidence)
+    theta, lamp = sun.with_sun(occluder, scene.places, light, scene.log_captured(), found, start, prior)
+    return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
+
+
+def with_known_light(
+    occluder, captured, environment, seed=0, advance=lambda count: None, transfer=None, interreflection=None
+):
+    """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
+
+    Arguments and errors as of `estimate`.
+    """
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection)
+    problem = scene.problem()
+    direct = scene.direct(environment)
+    received = direct[scene.places.vertices]
+    if not problem and not (np.median(received, axis=0) > 0.0).all():
+        problem = f"the light {environment.name} does not reach it in all three colours"
+    if problem:
+        return scene.as_captured(problem)
+    light = fit.KnownLight(received, scene.bounced(), _UNIT)
+    start = np.log(scene.start() / np.median(received, axis=0))[None] / _UNIT
+    prior = _prior(1)
+    found = scene.fitted(light, start, prior)
+    gain = np.exp(_UNIT * found.theta[0])
+    scaled = Environment(environment.radiance * gain.astype(np.float32), environment.name, environment.rotation_deg)
+    evidence = fit.evidence(found, prior, np.full((3, 1), 1.0 / math.sqrt(3.0)))
+    return scene.result(scaled, evidence, direct * gain.astype(np.float32))
+
+
+class _Scene:
+    """What both ways share: the places, the light that surfaces send each other, and the result."""
+
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection):
+        from ..transfer.bounces import Interreflection, visible_fraction
+        from ..transfer.raytraced import raytraced_scene
+
+        self.occluder, self.seed, self._advance = occluder, seed, advance
+        count = len(occluder.origins)
+        captured = np.asarray(captured)
+        self.captured = checked(captured, "captured colours")
+        if len(self.captured) != count:
+            raise InputError(f"captured colours must be ({count}, 3), one for each vertex, found {captured.shape}")
+        bad = int((~np.isfinite(captured)).any(axis=1).sum())
+        if bad:
+            warnings.warn(
+                f"{bad} of {count} captured colours are not finite: taken as black", DataWarning, stacklevel=4
+            )
+        self.transfer = raytraced_scene(occluder, BANDS, RAYS, seed, advance) if transfer is None else transfer
+        if interreflection is None:
+            visible = visible_fraction(self.transfer)
+            interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
+        self.bounce = interreflection.bounce(self.captured)
+        self.areas = samples.vertex_areas(occluder)
+        peak = self.captured.max(axis=1)
+        self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
+        open_sky = visible_fraction(self.transfer) > samples.MIN_VISIBLE
+        self.places = samples.take(occluder, self.areas, self.usable & open_sky, seed)
+
+    def problem(self):
+        """Why nothing can be told, or an empty text."""
+        if not self.captured.any():
+            return "it is black"
+        if len(self.places.vertices) < MIN_PLACES:
+            return f"only {len(self.places.vertices)} places are lit, unclipped and open to the sky"
+        return ""
+
+    def bounced(self):
+        return self.bounce[self.places.vertices].astype(np.float64)
+
+    def start(self):
+        """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
+        places = self.places
+        level = np.array([weighted_median(c, np.ones(len(c))) for c in self.captured[places.vertices].T])
+        level = np.sqrt(level * luminance(level))
+        visible, bounced = places.sky.sum(axis=1), luminance(self.bounced())
+        radiance = (luminance(self.captured[places.vertices]) / USUAL_ALBEDO - bounced) / visible
+        bright = max(float(np.median(radiance)), 0.25 * float(luminance(level)) / USUAL_ALBEDO)
+        return level / luminance(level) * bright
+
+    def fitted(self, light, start, prior):
+        places = self.places
+        return fit.solve(light, self.log_captured(), places.pairs, places.weights, start, prior)
+
+    def log_captured(self):
+        return np.log(self.captured[self.places.vertices].astype(np.float64))
+
+    def direct(self, environment):
+        """Direct light on the white scene, (V, 3) float32, not negative."""
+        from ..suns import split
+        from ..transfer.sunlight import sunlight
+
+        bands = math.isqrt(self.transfer.shape[1])
+        rest, suns = split(environment, bands)
+        direct = self.transfer @ rest.sh(bands).astype(np.float32)
+        if len(suns):
+            direct += sunlight(self.occluder, slice(None), suns)
+        return np.maximum(direct, np.float32(0.0), out=direct)
+
+    def result(self, environment, evidence, direct=None):
+        direct = self.direct(environment) if direct is None else direct
+        shares = np.where(self.usable, self.areas, 0.0)
+        gain = np.float32(self.brighter(direct))
+        if gain > 1.0:
+            environment = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
+        irradiance = gain * direct + self.bounce
+        prior = prior_of(self.captured, irradiance, shares)
+        albedo = albedo_of(self.captured, irradiance, prior)
+        return Estimate(albedo, irradiance, environment, prior, evidence, True, "", *_described(environment))
+
+    def brighter(self, direct):
+        """How much brighter, at least 1, the light must be for all but a few places to be no lighter than a surface."""
+        rows, gain = self.places.vertices, 1.0
+        captured, bounce, direct = (a[rows].astype(np.float64) for a in (self.captured, self.bounce, direct))
+        shares = np.ones(len(rows))
+        for _ in range(BRIGHTER_ROUNDS):
+            received = np.maximum(gain * direct + bounce, np.finfo(np.float32).tiny)
+            lightest = weighted_quantile((captured / received).max(axis=1), shares, LIGHT_PART)
+            gain *= max(lightest / LIGHTEST, 1.0)
+        return gain
+
+    def as_captured(self, reason, evidence=0.0):
+        """The captured colours as albedo under a uniform light, scaled down where they are brighter than a surface."""
+        level = weighted_quantile(self.captured.max(axis=1).astype(np.float64), np.ones(len(self.captured)), 0.98)
+        level = np.float32(max(level / LIGHTEST, 1.0))
+        irradiance = np.full_like(self.captured, level)
+        environment = Environment(np.full((HEIGHT, WIDTH, 3), level, np.float32), "uniform")
+        prior = prior_of(self.captured, irradiance)
+        albedo = albedo_of(self.captured, irradiance, prior)
+        return Estimate(albedo, irradiance, environment, prior, evidence, False, reason, *_described(environment))
+
+
+def _prior(bands):
+    """(3 K, 3 K) of the quadratic prior on logarithmic coefficients, colours outermost.
+
+    Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l.
+    """
+    width = bands**2
+    degree, _ = sh.degrees_and_orders(bands)
+    gray = np.full((3, 3), 1.0 / 3.0)
+    color = np.eye(3) - gray
+    mean = (gray / BRIGHTNESS**2 + color / COLOR**2) * _UNIT**2
+    matrix = np.kron(gray + CONTRAST_COLOR * color, np.diag(degree))
+    at = np.arange(3) * width
+    matrix[np.ix_(at, at)] = mean
+    return matrix
+
+
+def _image(theta, lamp=None):
+    """(H, W, 3) float32 radiance of the logarithm's coefficients (K, 3), and of a Sun beside it."""
+    directions = layouts.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    exponent = sh.evaluate(directions, math.isqrt(len(theta))) @ theta
+    radiance = np.exp(np.clip(exponent, -30.0, 30.0)).reshape(HEIGHT, WIDTH, 3)
+    if lamp is not None:
+        angle = np.degrees(np.arccos(np.clip(directions @ lamp.direction, -1.0, 1.0))).reshape(HEIGHT, WIDTH)
+        lobe = np.exp(-0.5 * (angle / lamp.width_deg) ** 2)
+        area = layouts.row_solid_angles(HEIGHT, WIDTH).reshape(-1, 1)
+        radiance += (lobe / (lobe * area).sum())[:, :, None] * lamp.irradiance
+    return radiance.astype(np.float32)
+
+
+def _described(environment):
+    """direction, concentration, color and brightness of an Estimate."""
+    coefficients = environment.sh(2)
+    mean = coefficients[0] / math.sqrt(4.0 * math.pi)
+    bright = max(float(luminance(mean)), np.finfo(np.float32).tiny)
+    y, z, x = luminance(coefficients[1:4]) * math.sqrt(4.0 * math.pi / 3.0) / (4.0 * math.pi)
+    moment = np.array([x, y, z])  # the mean of direction times luminance
+    length = float(np.linalg.norm(moment))
+    direction = moment / length if length > 1e-6 * bright else np.array([0.0, 1.0, 0.0])
+    return direction, min(length / bright, 1.0), mean / bright, bright

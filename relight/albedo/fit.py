@@ -1,0 +1,163 @@
+"""The capture light that makes albedos agree: robust least squares over pairs of places, IRLS Gauss-Newton.
+
+log C = log a + log S. Neighbours mostly are of one material, so that under the right light log C - log S mostly
+agrees between them, and where it does not, it is far apart. Geman and McClure's function of the difference counts what
+is far apart as an edge of the albedo, whatever its height.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+
+SCALES = (1.0, 0.5, 0.3)
+"""Differences of log albedo beyond which two places are of two materials, from coarse to fine."""
+
+STEPS = 8
+"""Gauss-Newton steps at each scale, at most."""
+
+STRENGTH = 2e-4
+"""Of the prior, against a mean over pairs: it decides only what the scene does not."""
+
+_SMALL_STEP = 1e-4  # of log radiance: no colour changes visibly
+_DAMPING = (1e-6, 1e3)  # of Levenberg and Marquardt, least and most, as parts of the diagonal
+
+
+class Fit(NamedTuple):
+    """theta: (M, 3). cost: float, at the finest scale. hessian: (3 M, 3 M) of the data alone, colours outermost."""
+
+    theta: np.ndarray
+    cost: float
+    hessian: np.ndarray
+
+
+class SmoothLight:
+    """S = sum over k of sky_vk exp(Y_k theta) + bounce: radiance as the exponential of spherical harmonics."""
+
+    def __init__(self, sky, basis, bounce):
+        """sky: (N, K). basis: (K, M). bounce: (N, 3)."""
+        self._sky, self._basis, self._bounce = sky, basis.astype(np.float32), bounce
+
+    def __call__(self, theta):
+        """Irradiance (N, 3) and the derivative (N, 3, M) of its logarithm."""
+        received = np.zeros(self._bounce.shape)
+        slope = np.zeros((*self._bounce.shape, len(theta)))
+        for color in range(3):
+            radiance = np.exp(np.clip(self._basis @ theta[:, color], -30.0, 30.0)).astype(np.float32)
+            direct = self._sky @ np.column_stack([radiance, radiance[:, None] * self._basis])
+            received[:, color] = np.maximum(direct[:, 0] + self._bounce[:, color], 1e-12)
+            slope[:, color] = direct[:, 1:] / received[:, color, None]
+        return received, slope
+
+
+class KnownLight:
+    """S = exp(unit theta_0) D + bounce: a light known but for its exposure, in each colour."""
+
+    def __init__(self, direct, bounce, unit):
+        """direct, bounce: (N, 3). unit: log radiance per unit of theta."""
+        self._unit = unit
+        self._direct, self._bounce = direct.astype(np.float64), bounce.astype(np.float64)
+
+    def __call__(self, theta):
+        """Irradiance (N, 3) and the derivative (N, 3, 1) of its logarithm."""
+        direct = np.exp(np.clip(self._unit * theta[0], -30.0, 30.0)) * self._direct
+        received = np.maximum(direct + self._bounce, 1e-12)
+        return received, self._unit * (direct / received)[:, :, None]
+
+
+def solve(
+    light,  # theta (M, 3) -> irradiance (N, 3), derivative of its logarithm (N, 3, M)
+    log_captured,  # (N, 3)
+    pairs,  # (P, 2) of places
+    weights,  # (P,)
+    start,  # theta (M, 3) that the prior pulls towards
+    prior,  # (3 M, 3 M) of (theta - start)^T prior (theta - start), colours outermost
+    begin=None,  # theta (M, 3) to begin with, at the finer scales alone; by default at the start, at all
+):
+    """The Fit that minimises sum w rho(|difference of log albedo| / scale) + STRENGTH * prior."""
+    theta = (start if begin is None else begin).copy()
+    pull = STRENGTH * prior
+
+    def log_albedo_of(theta):
+        received, slope = light(theta)
+        return log_captured - np.log(received), slope
+
+    def cost_of(log_albedo, theta, scale):
+        difference = log_albedo[pairs[:, 0]] - log_albedo[pairs[:, 1]]
+        square = (difference * difference).sum(axis=1) / scale**2
+        off = (theta - start).T.ravel()
+        return float(weights @ (square / (1.0 + square)) + off @ pull @ off)
+
+    log_albedo, slope = log_albedo_of(theta)
+    for scale in SCALES if begin is None else SCALES[1:]:
+        cost, damping = cost_of(log_albedo, theta, scale), _DAMPING[0]
+        for _ in range(STEPS):
+            hessian, gradient = _normal(*differences(log_albedo, pairs, weights, scale), slope, pairs)
+            hessian, gradient = hessian + pull, gradient + pull @ (theta - start).T.ravel()
+            while damping <= _DAMPING[1]:
+                damped = hessian + damping * np.diag(np.diag(hessian))
+                step = np.linalg.solve(damped, -gradient).reshape(3, -1).T
+                tried = log_albedo_of(theta + step)
+                new_cost = cost_of(tried[0], theta + step, scale)
+                if new_cost < cost:
+                    break
+                damping = max(10.0 * damping, 1e-3)
+            else:
+                break
+            (log_albedo, slope), theta, gain, cost = tried, theta + step, cost - new_cost, new_cost
+            damping = max(damping / 10.0, _DAMPING[0])
+            if np.abs(step).max() < _SMALL_STEP or gain < 1e-5 * cost:
+                break
+    hessian, _ = _normal(*differences(log_albedo, pairs, weights, SCALES[-1]), slope, pairs)
+    return Fit(theta, cost, hessian)
+
+
+def evidence(
+    found,  # Fit
+    prior,  # (3 M, 3 M) as in `solve`
+    directions,  # (3 M, D) orthonormal columns: what is asked about
+):
+    """How much the data say, in [0, 1]: 1 less what they leave of the prior's variance along the least known of
+    these directions. 0: all is prior. Other parameters are free, and uncertain with them."""
+    spread = np.linalg.inv(found.hessian + STRENGTH * prior)
+    before = directions.T @ np.linalg.inv(STRENGTH * prior) @ directions
+    after = directions.T @ spread @ directions
+    left = np.linalg.eigvals(np.linalg.solve(before, after)).real.max()
+    return float(np.clip(1.0 - left, 0.0, 1.0))
+
+
+def differences(log_albedo, pairs, weights, scale):
+    """Differences (P, 3) of the pairs and their weights (P,) under the robust function, over the squared scale."""
+    difference = log_albedo[pairs[:, 0]] - log_albedo[pairs[:, 1]]
+    square = (difference * difference).sum(axis=1) / scale**2
+    return difference, weights / (1.0 + square) ** 2 / scale**2
+
+
+def laplacian(robust, pairs, count, values):
+    """(N, D): the weighted graph's Laplacian times values (N, D). It stands for the pairs, of which there are more."""
+    across = coo_array((robust, pairs.T), (count, count)).tocsr()
+    across = (across + across.T).astype(values.dtype)
+    own = np.asarray(across.sum(axis=1)).ravel()
+    return own[:, None] * values - across @ values
+
+
+def pulled(difference, robust, pairs, count):
+    """(N,): how the robust sum changes with the logarithm of each place's irradiance, in one colour."""
+    force = robust * difference
+    return np.bincount(pairs[:, 1], force, count) - np.bincount(pairs[:, 0], force, count)
+
+
+def _normal(difference, robust, slope, pairs):
+    """Gauss-Newton's matrix and gradient of the robust sum, colours outermost.
+
+    einsum, since the threads of BLAS gain nothing here, and on a busy machine wait for each other a hundred times
+    as long.
+    """
+    count, _, width = slope.shape
+    hessian, gradient = np.zeros((3 * width, 3 * width)), np.zeros(3 * width)
+    for color in range(3):
+        block = slice(color * width, (color + 1) * width)
+        each = np.ascontiguousarray(slope[:, color])
+        hessian[block, block] = np.einsum("ni,nj->ij", each, laplacian(robust, pairs, count, each))
+        gradient[block] = np.einsum("n,ni->i", pulled(difference[:, color], robust, pairs, count), each)
+    return hessian, gradient

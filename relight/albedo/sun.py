@@ -1,0 +1,154 @@
+"""A sun, or a lamp as narrow as one, beside the smooth capture light: found where it explains most.
+
+Its shadows have edges that no few harmonics hold. Directions around the brightest one of the smooth light are
+tried by what a Gauss-Newton step that adds light from there would gain, all else following; then the best one is
+fitted together with the rest.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.color import luminance
+
+from .. import sh
+from ..suns import fibonacci_sphere
+from . import fit
+
+CAP_DEG = 25.0
+"""Around the brightest direction of the smooth light: of suns at noon and sunset that was 1 to 7 degrees off."""
+
+CANDIDATES = 8192
+"""Over the sphere, of which some 380 are in the cap: 2.2 degrees apart."""
+
+WIDTHS_DEG = (1.5, 3.0, 6.0)
+"""Spreads of the lobes tried. Even under a sun 6 degrees often fit best: colours of splats are blurred."""
+
+START = 0.3
+"""Irradiance of a sun to begin with, over the mean irradiance."""
+
+SUN_BRIGHTNESS, SUN_COLOR = 4.5, 1.0
+"""Spread of the sun's log brightness and log colour in the prior."""
+
+MIN_GAIN = 0.005
+"""Relative fall of the cost for which a sun is believed: under a real one 3 to 5%, under soft light down to 0.3%."""
+
+
+_LEAST_CURVATURE = 1e-9  # of the cost: a sun that no place sees gains nothing, and divides nothing by 0
+
+
+class Sun(NamedTuple):
+    """direction: (3,) unit, scene frame. width_deg: spread of its lobe. received: (N,) irradiance over pi of places
+    by a sun of irradiance 1. radiance: (3,) irradiance at right angles, or None before it is fitted."""
+
+    direction: np.ndarray
+    width_deg: float
+    received: np.ndarray
+    irradiance: np.ndarray | None = None
+
+
+class SunnyLight:
+    """A light and a sun: the parameters of the light, and below them the logarithm of the sun's irradiance."""
+
+    def __init__(self, light, received):
+        """light: of theta (M, 3), as `fit.solve` takes it. received: (N,) of a Sun."""
+        self._light, self._received = light, received[:, None].astype(np.float64)
+
+    def __call__(self, theta):
+        """Irradiance (N, 3) and the derivative (N, 3, M + 1) of its logarithm."""
+        received, slope = self._light(theta[:-1])
+        sun = np.exp(np.clip(theta[-1], -30.0, 30.0)) * self._received
+        whole = received + sun
+        return whole, np.concatenate([slope * (received / whole)[:, :, None], (sun / whole)[:, :, None]], axis=2)
+
+
+def with_sun(
+    occluder,
+    places,  # Samples
+    light,  # of theta (M, 3), as `fit.solve` takes it
+    log_captured,  # (N, 3) of the places
+    found,  # Fit of the light alone, to SH coefficients of its logarithm
+    start,  # (M, 3)
+    prior,  # (3 M, 3 M), colours outermost
+):
+    """(theta (M, 3), Sun): the light beside the best sun, and that; or the light alone and None."""
+    width, bands = len(start), int(np.sqrt(len(start)))
+    sun = _candidate(occluder, places, light, log_captured, found, prior, bands)
+    if sun is None:
+        return found.theta, None
+    received, _ = light(found.theta)
+    first = np.full((1, 3), np.log(START * received.mean()))
+    wider = np.zeros((3, width + 1, 3, width + 1))
+    wider[:, :width, :, :width] = prior.reshape(3, width, 3, width)
+    gray = np.full((3, 3), 1.0 / 3.0)
+    wider[:, width, :, width] = gray / SUN_BRIGHTNESS**2 + (np.eye(3) - gray) / SUN_COLOR**2
+    again = fit.solve(
+        SunnyLight(light, sun.received),
+        log_captured,
+        places.pairs,
+        places.weights,
+        np.vstack([start, first]),
+        wider.reshape(3 * width + 3, -1),
+        np.vstack([found.theta, first]),
+    )
+    if again.cost > (1.0 - MIN_GAIN) * found.cost:
+        return found.theta, None
+    return again.theta[:-1], sun._replace(irradiance=np.exp(np.clip(again.theta[-1], -30.0, 30.0)))
+
+
+def _candidate(occluder, places, light, log_captured, found, prior, bands):
+    """The Sun, not fitted, whose addition would gain most; None where no place sees any."""
+    sphere = fibonacci_sphere(CANDIDATES)
+    brightness = luminance(np.exp(np.clip(sh.evaluate(sphere, bands) @ found.theta, -30.0, 30.0)))
+    near = sphere[sphere @ sphere[np.argmax(brightness)] > np.cos(np.radians(CAP_DEG))]
+    lit = _lit(occluder, places.vertices, near)
+    received, slope = light(found.theta)
+    difference, robust = fit.differences(log_captured - np.log(received), places.pairs, places.weights, fit.SCALES[-1])
+    free = np.linalg.inv(found.hessian + fit.STRENGTH * prior)
+    angle = np.degrees(np.arccos(np.clip(near @ near.T, -1.0, 1.0)))
+    best_gain, best = 0.0, None
+    for width_deg in WIDTHS_DEG:
+        lobes = np.exp(-0.5 * (angle / width_deg) ** 2).astype(np.float32)
+        shading = lit @ (lobes / lobes.sum(axis=1, keepdims=True)).T
+        gain = _gains(shading, received, slope, difference, robust, places.pairs, free)
+        top = int(np.argmax(gain))
+        if gain[top] > best_gain:
+            best_gain, best = gain[top], Sun(near[top], width_deg, shading[:, top])
+    return best
+
+
+def _lit(occluder, vertices, directions):
+    """(N, S) float32: what white vertices send out under suns of irradiance 1, in the shadow of everything."""
+    lit = np.maximum(occluder.normals[vertices] @ directions.T.astype(np.float32), np.float32(0.0))
+    for start in range(0, len(vertices), 1024):
+        block = lit[start : start + 1024]
+        place, sun = np.nonzero(block)
+        some = vertices[start : start + 1024]
+        rays = np.hstack([occluder.origins[some][place], directions[sun].astype(np.float32)])
+        block[place, sun] *= ~occluder.occluded(rays)
+    return lit / np.float32(np.pi)
+
+
+def _gains(shading, received, slope, difference, robust, pairs, free):
+    """(S,) what the cost would fall by, to second order, with the best irradiance of each sun, not negative.
+
+    shading: (N, S). received, slope: of the light alone. free: (3 M, 3 M), inverse of its Gauss-Newton matrix: the
+    light makes room for the sun (Schur complement).
+    """
+    count, width = slope.shape[0], slope.shape[2]
+    gradient, own, across = [], [], []
+    for color in range(3):
+        change = shading / received[:, color, None].astype(np.float32)
+        gradient.append(fit.pulled(difference[:, color], robust, pairs, count) @ change)
+        spread = fit.laplacian(robust, pairs, count, change)
+        own.append(np.einsum("ns,ns->s", change, spread))
+        across.append(np.ascontiguousarray(slope[:, color]).T @ spread)
+    blocks = free.reshape(3, width, 3, width)
+    matrix = np.zeros((shading.shape[1], 3, 3))
+    for i in range(3):
+        matrix[:, i, i] = own[i] + _LEAST_CURVATURE
+        for j in range(3):
+            matrix[:, i, j] -= (across[i] * (blocks[i, :, j] @ across[j])).sum(axis=0)
+    gradient = np.stack(gradient, axis=1)
+    step = np.maximum(np.linalg.solve(matrix, -gradient[:, :, None])[:, :, 0], 0.0)
+    return -(gradient * step).sum(axis=1) - 0.5 * np.einsum("si,sij,sj->s", step, matrix, step)

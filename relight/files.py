@@ -1,0 +1,9 @@
+"""What relight can write, by the word of `--format`, and how the files are named."""
+
+FILES = {
+    "glb": "relit.glb",
+    "ply": "relit.ply",
+    "npy": "radiance.npy",
+    "splat": "relit_splat.ply",
+    "png": "preview.png",
+}

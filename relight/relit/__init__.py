@@ -1,0 +1,10 @@
+"""Relit splats: every Gaussian of a splat takes the change of light at its place on the mesh.
+
+binding = Binding(splats, scene)
+write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.ply")
+"""
+
+from .binding import Binding, relit
+from .write import write_relit_ply
+
+__all__ = ["Binding", "relit", "write_relit_ply"]

@@ -1,0 +1,270 @@
+"""A place in one square texture for every point of a scene's surface, and the point for every texel.
+
+Charts are xatlas's. The mesh is taken welded, in an order of its own, by the bits of its vertices: how it was cut into
+chunks changes no texel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.errors import InputError
+
+SMALLEST, LARGEST = 16, 8192
+"""Sides of a texture, in texels. Graphics cards take 8192; there is room for a tenth of that and a gutter in 16."""
+
+PADDING = 4
+"""Texels between charts: each has two of its own beside it, so two levels of mipmaps keep neighbours out."""
+
+FILLING = 0.68
+"""Share of the square that charts fill: .66 to .72 with xatlas on objects of 5,000 to 100,000 faces."""
+
+REACH = 2.0
+"""Texels beside a chart that are baked like those in it, at the nearest point of it: what bilinear filtering mixes."""
+
+PART_FACES = 4096
+"""Faces that are unwrapped together: xatlas's time grows faster than their number, 33 s for 100,000 at once and 5 s in
+parts, whose borders are 10% more seams."""
+
+
+@dataclass(frozen=True)
+class Atlas:
+    """Texture coordinates of a scene of V vertices and F faces, and the surface of its texels.
+
+    uv: (W, 2) float32 in [0, 1], u to the right, v down from the top row, as in glTF. vertex: (W,) int32, the scene
+    vertex that each is a copy of. faces: (F, 3) int32 of these, in the scene's order. chunks: list of the ranges of W,
+    one for each chunk. size: side of the texture in texels.
+    texels: (T,) int64 ascending, row * size + column, of the texels that show the surface, gutters included. face: (T,)
+    int32. weights: (T, 3) float32 of the face's corners. texel_size: width of one in the scene's unit, mean over charts.
+    inside: (T,) bool, whether its centre lies in its face; the others are gutter.
+    """
+
+    uv: np.ndarray
+    vertex: np.ndarray
+    faces: np.ndarray
+    chunks: list
+    size: int
+    texels: np.ndarray
+    face: np.ndarray
+    weights: np.ndarray
+    inside: np.ndarray
+    texel_size: float
+
+    def interpolate(self, values):
+        """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
+        values = np.ascontiguousarray(values, np.float32)
+        result = np.empty((len(self.texels), values.shape[1]), np.float32)
+        _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
+        return result
+
+    def image(self, values):
+        """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
+        return values[self._nearest].reshape(self.size, self.size, -1)
+
+    @property
+    def _nearest(self):
+        if "nearest" not in self.__dict__:
+            object.__setattr__(self, "nearest", _nearest_texel(self.texels, self.size))
+        return self.nearest
+
+
+def unwrap(scene, size):
+    """An Atlas of a scene in a texture of size x size texels.
+
+    Faces without an area get coordinates and no texels. Raises InputError for a size out of range and a scene without
+    an area.
+    """
+    size = check_size(size)
+    nodes, corners, order = welded(scene)
+    node_points = nodes[:, :3]
+    area = face_areas(node_points, corners)
+    total = float(area.sum())
+    if not 0.0 < total < np.inf:
+        raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
+    uv, vertex_node, faces, pixels = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
+    scale = size / pixels
+    uv = (uv * scale).astype(np.float32)
+    best = np.full((size, size), np.inf, np.float32)
+    face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
+    _draw(uv, faces, np.float32(REACH), best, face, weights)
+    texels = np.flatnonzero(face.ravel() >= 0)
+    if len(texels) == 0:
+        raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger --texture-size")
+    face, weights, inside = face.ravel()[texels], weights.reshape(-1, 3)[texels], best.ravel()[texels] == 0.0
+    # From the welded mesh back to the scene: its order of faces, its copies of vertices, chunk by chunk.
+    in_scene = np.empty_like(faces)
+    in_scene[order[0]] = np.take_along_axis(faces, order[2], axis=1)
+    weights = np.take_along_axis(weights, order[2][face], axis=1)
+    vertex, coordinates, final, chunks, first = [], [], [], [], 0
+    scene_faces = scene.faces
+    for chunk in scene.chunks:
+        rows = slice(first, first + len(chunk.faces))
+        first = rows.stop
+        both = np.stack([scene_faces[rows].ravel(), in_scene[rows].ravel()], axis=1)
+        unique, index = np.unique(both, axis=0, return_inverse=True)
+        start = chunks[-1].stop if chunks else 0
+        chunks.append(range(start, start + len(unique)))
+        vertex.append(unique[:, 0])
+        coordinates.append(uv[unique[:, 1]])
+        final.append(index.reshape(-1, 3) + start)
+    return Atlas(
+        np.clip(np.concatenate(coordinates) / np.float32(size), 0.0, 1.0),
+        np.concatenate(vertex).astype(np.int32),
+        np.concatenate(final).astype(np.int32),
+        chunks,
+        size,
+        texels,
+        order[0][face].astype(np.int32),
+        weights,
+        inside,
+        float(np.sqrt(total / max(int(inside.sum()), 1))),
+    )
+
+
+def check_size(size):
+    """The side of a texture as an int. Raises InputError outside SMALLEST..LARGEST."""
+    if isinstance(size, bool) or int(size) != size or not SMALLEST <= size <= LARGEST:
+        raise InputError(f"--texture-size {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
+    return int(size)
+
+
+def size_for(scene, detail):
+    """The power of two from 256 to 4096 at which a texel is no wider than `detail`, in the scene's unit, if one is."""
+    nodes, corners, _ = welded(scene)
+    needed = np.sqrt(face_areas(nodes[:, :3], corners).sum() / FILLING) / max(detail, 1e-30)
+    return int(2 ** np.clip(np.ceil(np.log2(max(needed, 1.0))), 8, 12))
+
+
+def welded(scene):
+    """The scene's vertices that differ, (M, 6) float32 of position and normal, ascending; faces (F, 3) of them.
+
+    Third, how these stand to the scene: the scene's face of each, the first corner of each there, and for each corner
+    of the scene's face which corner of ours it is.
+    """
+    content = np.hstack([scene.vertices, scene.normals]).astype(np.float32) + np.float32(0.0)
+    nodes, node = np.unique(content, axis=0, return_inverse=True)
+    corners = node.reshape(-1)[scene.faces]
+    turn = corners.argmin(axis=1)
+    corners = np.take_along_axis(corners, (turn[:, None] + np.arange(3)) % 3, axis=1)
+    order = np.lexsort(corners.T[::-1])
+    turn = turn[order]
+    return nodes, corners[order], (order, turn, (np.arange(3) - turn[:, None]) % 3)
+
+
+def face_areas(points, faces):
+    """(F,) float64."""
+    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def _charts(nodes, corners, texels_per_unit):
+    """xatlas: uv (W, 2) float64 in texels, the node of each (W,), faces (F, 3) of these, and the side they fill."""
+    import xatlas
+
+    atlas = xatlas.Atlas()
+    parts = _parts(nodes[:, :3], corners)
+    used = []
+    # xatlas takes distances below a fixed tolerance for none: the mesh comes to it in one size.
+    points = nodes[:, :3].astype(np.float64)
+    low, extent = points[corners].min(axis=(0, 1)), float(np.ptp(points[corners], axis=(0, 1)).max())
+    points = ((points - low) / extent).astype(np.float32)
+    for part in parts:
+        own, local = np.unique(corners[part], return_inverse=True)
+        used.append(own)
+        atlas.add_mesh(points[own], local.reshape(-1, 3).astype(np.uint32), nodes[own, 3:])
+    packing = xatlas.PackOptions()
+    packing.padding, packing.texels_per_unit, packing.resolution = PADDING + 2, texels_per_unit * extent, 0
+    atlas.generate(xatlas.ChartOptions(), packing)
+    uv, node, faces, count = [], [], np.zeros_like(corners), 0
+    for index, part in enumerate(parts):
+        origin, local, coordinates = atlas[index]
+        uv.append(coordinates)
+        node.append(used[index][origin])
+        faces[part] = local.astype(np.int64) + count
+        count += len(origin)
+    uv = np.concatenate(uv).astype(np.float64) * [atlas.width, atlas.height]
+    return uv, np.concatenate(node), faces, max(atlas.width, atlas.height)
+
+
+def _parts(points, faces):
+    """Faces in compact parts of at most PART_FACES: list of ascending indices."""
+    centers = points[faces].mean(axis=1)
+    pending, parts = [np.arange(len(faces))], []
+    while pending:
+        part = pending.pop()
+        if len(part) <= PART_FACES:
+            parts.append(part)
+            continue
+        order = part[np.argsort(centers[part, np.ptp(centers[part], axis=0).argmax()], kind="stable")]
+        pending += [np.sort(order[len(order) // 2 :]), np.sort(order[: len(order) // 2])]
+    return parts
+
+
+def _nearest_texel(texels, size):
+    """(size * size,) int32: for each texel the index of the nearest one that shows something."""
+    from scipy.ndimage import distance_transform_edt
+
+    index = np.full(size * size, -1, np.int32)
+    index[texels] = np.arange(len(texels), dtype=np.int32)
+    empty = (index < 0).reshape(size, size)
+    rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+    return index.reshape(size, size)[rows, columns].ravel()
+
+
+@njit(cache=True, nogil=True)
+def _draw(uv, faces, reach, best, face, weights):
+    """For each texel the face that its centre lies in, or the nearest within `reach`, and its weights there."""
+    size = best.shape[0]
+    for f in range(len(faces)):
+        ax, ay = np.float64(uv[faces[f, 0], 0]), np.float64(uv[faces[f, 0], 1])
+        bx, by = np.float64(uv[faces[f, 1], 0]), np.float64(uv[faces[f, 1], 1])
+        cx, cy = np.float64(uv[faces[f, 2], 0]), np.float64(uv[faces[f, 2], 1])
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        left = max(int(np.ceil(min(ax, bx, cx) - reach - 0.5)), 0)
+        right = min(int(np.floor(max(ax, bx, cx) + reach - 0.5)), size - 1)
+        top = max(int(np.ceil(min(ay, by, cy) - reach - 0.5)), 0)
+        bottom = min(int(np.floor(max(ay, by, cy) + reach - 0.5)), size - 1)
+        for row in range(top, bottom + 1):
+            y = row + 0.5
+            for column in range(left, right + 1):
+                x = column + 0.5
+                second = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                third = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                first = 1.0 - second - third
+                distance = 0.0
+                if first < 0.0 or second < 0.0 or third < 0.0:
+                    distance = np.inf
+                    for side in range(3):
+                        if side == 0:
+                            px, py, qx, qy = ax, ay, bx, by
+                        elif side == 1:
+                            px, py, qx, qy = bx, by, cx, cy
+                        else:
+                            px, py, qx, qy = cx, cy, ax, ay
+                        ex, ey = qx - px, qy - py
+                        length = ex * ex + ey * ey
+                        along = ((x - px) * ex + (y - py) * ey) / length if length > 0.0 else 0.0
+                        along = min(max(along, 0.0), 1.0)
+                        away = (x - px - along * ex) ** 2 + (y - py - along * ey) ** 2
+                        if away < distance:
+                            distance = away
+                            first = 1.0 - along if side == 0 else (along if side == 2 else 0.0)
+                            second = along if side == 0 else (1.0 - along if side == 1 else 0.0)
+                            third = along if side == 1 else (1.0 - along if side == 2 else 0.0)
+                    # A texel that is as near to a face as to the middle of its own is not taken from it by rounding.
+                    distance = max(distance, 1e-12)
+                if distance < best[row, column] and distance <= reach * reach:
+                    best[row, column], face[row, column] = distance, f
+                    weights[row, column, 0], weights[row, column, 1] = first, second
+                    weights[row, column, 2] = third
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(values, corners, face, weights, result):
+    for t in range(len(face)):
+        a, b, c = corners[face[t], 0], corners[face[t], 1], corners[face[t], 2]
+        for k in range(values.shape[1]):
+            result[t, k] = weights[t, 0] * values[a, k] + weights[t, 1] * values[b, k] + weights[t, 2] * values[c, k]

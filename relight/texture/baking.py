@@ -1,0 +1,200 @@
+"""What every texel of a scene's texture shows: the captured colour of its splat there, and the albedo below the light.
+
+An eye right above each texel looks down at the splats (`lines`): the mesh may pass a little above or below what they
+show, as one with few faces does everywhere.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from splat2mesh.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.errors import DataWarning, InputError
+from splat2mesh.splats import clean
+from splat2mesh.stages import Stages
+from splat2mesh.surface import dilated, training_pixel
+
+from ..albedo import albedo_of
+from .atlas import Atlas, check_size, size_for, unwrap
+from .lines import MEAN_OF_LOBE, Lines
+
+SEARCH = 0.02
+"""Of the diagonal: how far above and below the mesh splats are looked for."""
+
+CLEAR = 0.45
+"""Of the way to the next surface above or below: whatever is beyond belongs to that one."""
+
+LEAST_PIXELS = 2.0
+"""Training pixels that are searched in any case: in a contact or a fold the mesh leaves no way at all."""
+
+MIN_ALPHA = 0.5
+"""What a line must meet to count as seen; other texels are filled from those around."""
+
+FILL_FROM, FILL_SAMPLES = 4, 200_000
+"""Texels that fill an unseen one, and from how many they are chosen."""
+
+_STEP = 1e-4  # of the diagonal: rays for the next surface begin off their own
+
+
+@dataclass(frozen=True)
+class Baked:
+    """A texture of T texels for a scene of V vertices. captured, albedo: (T, 3) float32 linear.
+
+    unseen: number of texels where no splat was met; they were filled from those around.
+    """
+
+    atlas: Atlas
+    captured: np.ndarray
+    albedo: np.ndarray
+    unseen: int = 0
+
+    def image(self, colors):
+        """Linear colours of texels (T, 3) as a picture: (size, size, 3) uint8 sRGB."""
+        return self.atlas.image(bytes_from_unit(srgb_from_linear(np.asarray(colors, np.float32))))
+
+    def relit(self, irradiance, exposure):
+        """The picture under a light: (V, 3) linear irradiance of the vertices, and display value per unit.
+
+        irradiance: exit radiance that each vertex would have were it white itself. What exceeds 1 is clipped.
+        Raises InputError for another shape and for values that are not finite.
+        """
+        irradiance = _per_vertex(irradiance, self.atlas, "irradiance")
+        return self.image(self.albedo * self.atlas.interpolate(irradiance) * np.float32(exposure))
+
+
+def bake(
+    scene,
+    splats=None,  # Splats of the scene, as `source_splats` reads them; None: colours of the vertices alone
+    irradiance=None,  # (V, 3) on the capture day, unit of the captured colours; None: the captured colours are albedo
+    prior=None,  # of `albedo_of`
+    size=None,  # of the texture in texels; by default as fine as the splat
+    albedo=None,  # (V, 3) where it is known; then no splat is asked for it
+    stages=None,
+    by_degree=MEAN_OF_LOBE,
+):
+    """A Baked texture of a scene. Warns of texels that no splat was met at.
+
+    Raises InputError for arrays that do not fit, a size out of range and splats that cannot be used.
+    """
+    stages = stages or Stages()
+    if splats is not None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)  # making the scene of them has told it
+            splats, _ = clean(splats)
+        pixel = training_pixel(splats)
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    unit = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
+    with stages.stage("unwrap"):
+        if size is None:
+            size = size_for(scene, _edge(scene) / 2 if splats is None else pixel * unit)
+        atlas = unwrap(scene, check_size(size))
+    count = len(scene.vertices)
+    irradiance, albedo = (
+        None if given is None else _per_vertex(given, atlas, name, count)
+        for given, name in ((irradiance, "irradiance"), (albedo, "albedo"))
+    )
+    unseen = 0
+    with stages.stage("texels", total=len(atlas.texels)) as advance:
+        if splats is None:
+            vertex_colors = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
+            captured = atlas.interpolate(vertex_colors)
+            advance(len(captured))
+        else:
+            wide = dilated(splats, max(pixel, atlas.texel_size / unit))
+            captured, seen = _captured(scene, matrix, wide, pixel, atlas, by_degree, advance)
+            unseen = int((~seen).sum())
+    if unseen:
+        warnings.warn(
+            f"no splat was met at {unseen} of {len(captured)} texels; they have the colour around them",
+            DataWarning,
+            stacklevel=2,
+        )
+    if albedo is not None:
+        return Baked(atlas, captured, atlas.interpolate(albedo), unseen)
+    if irradiance is None:
+        return Baked(atlas, captured, captured, unseen)
+    return Baked(atlas, captured, albedo_of(captured, atlas.interpolate(irradiance), prior), unseen)
+
+
+def surface_points(scene, atlas):
+    """Where texels lie and their smooth normals, scene frame: (T, 3) float32 each."""
+    normals = atlas.interpolate(scene.normals)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    flat = lengths[:, 0] < 1e-6  # opposing normals cancel: such a texel looks along its face's own
+    if flat.any():
+        a, b, c = (scene.vertices[scene.faces[atlas.face[flat], corner]] for corner in range(3))
+        normals[flat] = np.cross(b - a, c - a)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return atlas.interpolate(scene.vertices), normals / np.maximum(lengths, 1e-30)
+
+
+def _captured(scene, matrix, splats, pixel, atlas, by_degree, advance):
+    """Linear colours of the splats at all texels, (T, 3) float32, and which of them met any: (T,) bool."""
+    points, normals = surface_points(scene, atlas)
+    back = np.linalg.inv(matrix)
+    points = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
+    turned = normals @ matrix[:3, :3]  # normals go by the inverse transpose of the points' matrix
+    normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    vertices = (scene.vertices @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
+    diagonal = float(np.linalg.norm(np.ptp(vertices[scene.faces], axis=(0, 1))))
+    least = min(LEAST_PIXELS * pixel, SEARCH * diagonal)
+    above, below = (
+        np.clip(CLEAR * gap, least, SEARCH * diagonal)
+        for gap in _gaps(vertices, scene.faces, points, normals, _STEP * diagonal)
+    )
+    lines = Lines(splats, points, float(max(above.max(), below.max())), by_degree)
+    colors, alpha, _ = lines.colors(points, normals, above, below, advance)
+    colors, seen = linear_from_srgb(np.clip(colors, 0.0, 1.0)), alpha >= MIN_ALPHA
+    if not seen.any():
+        raise InputError("no splat lies near the mesh: are they the splats that this scene was made from?")
+    if not seen.all():
+        colors[~seen] = _filled(points, colors, seen)
+    return colors, seen
+
+
+def _gaps(vertices, faces, points, normals, step):
+    """Ways from points to the next surface along the normals and against them: (T,) float32 each, inf where free."""
+    import open3d as o3d
+
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(
+        o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32))
+    )
+    for side in (1, -1):
+        gap = np.empty(len(points), np.float32)
+        for start in range(0, len(points), 1 << 20):
+            rows = slice(start, start + (1 << 20))
+            along = np.float32(side) * normals[rows]
+            rays = np.concatenate([points[rows] + np.float32(step) * along, along], axis=1)
+            gap[rows] = caster.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy()
+        yield gap + np.float32(step)
+
+
+def _filled(points, colors, seen):
+    """Colours of the texels that were not seen: of the nearest that were, by one over the squared distance."""
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(seen)
+    rows = rows[:: 1 + len(rows) // FILL_SAMPLES]
+    distance, index = cKDTree(points[rows]).query(points[~seen], min(FILL_FROM, len(rows)), workers=-1)
+    distance, index = distance.reshape(len(distance), -1), index.reshape(len(index), -1)
+    weights = 1.0 / np.maximum(distance, 1e-12) ** 2
+    weights /= weights.sum(axis=1, keepdims=True)
+    return np.einsum("nk,nkc->nc", weights, colors[rows[index]]).astype(np.float32)
+
+
+def _edge(scene):
+    """Median length of an edge, scene unit."""
+    ends = scene.vertices[scene.faces]
+    return float(np.median(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)))
+
+
+def _per_vertex(values, atlas, name, count=None):
+    values = np.asarray(values, np.float32)
+    expected = int(atlas.vertex.max()) + 1 if count is None else count
+    if values.ndim != 2 or values.shape[1] != 3 or len(values) < expected or (count and len(values) != count):
+        raise InputError(f"{name} must have shape ({expected}, 3), one RGB per scene vertex; found {values.shape}")
+    if not np.isfinite(values).all():
+        raise InputError(f"{name} of {int((~np.isfinite(values)).any(axis=1).sum())} vertices is not finite")
+    return values

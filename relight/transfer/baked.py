@@ -1,0 +1,104 @@
+"""A known motion, computed ahead: transfer in a few poses, blended linearly in between, for the time of two products.
+
+Between two poses in which nothing moves further than a tenth of the scene's diagonal, blending is 1 to 2% off; over
+half of that, half a percent (an arm over a table; hard shadows of suns do not blend and are not part of it). Poses lie
+close where that is needed: an interval is halved until the pose in its middle is what blending makes of its ends.
+"""
+
+import bisect
+from itertools import pairwise
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from ..product import Product
+
+DEFAULT_TOLERANCE = 0.02
+
+MAX_POSES = 1024
+
+
+class BakedMotion:
+    """Radiance of white vertices at any time of a motion that a LiveTransfer was led through.
+
+    times: list of the times, s, of the poses computed. errors: relative L2 error of the blended transfer in the middle
+    of each interval, found on the way. nbytes: memory of all poses.
+    """
+
+    def __init__(
+        self,
+        live,  # LiveTransfer, moved about
+        changes_at,  # time in s -> chunk -> (vertices, normals), as `LiveTransfer.update_all` takes them
+        duration_s,
+        tolerance=DEFAULT_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
+        shortest_s=1 / 60,  # intervals are not halved below this
+        first_s=0.5,  # longest interval: a motion that comes back within one would not be seen
+        half=True,  # store float16, half the memory
+        advance=lambda count: None,  # called with 1 for every pose computed
+    ):
+        """Raises InputError for a duration or steps that are not above 0, and for more than MAX_POSES poses."""
+        if not (np.isfinite(duration_s) and duration_s > 0.0 and shortest_s > 0.0 and first_s > 0.0):
+            raise InputError(f"a motion and its steps must last longer than 0 s, found {duration_s} s")
+        self._live, self._changes_at, self._advance = live, changes_at, advance
+        self._tolerance, self._shortest, self._half = tolerance, shortest_s, half
+        parts = [body.rows for body in live.bodies if len(body.rows)]
+        self._parts, self._poses, self.times, self.errors = parts, [], [], []
+        count = int(np.ceil(duration_s / first_s - 1e-9)) + 1
+        self._keep(0.0, before := self._computed(0.0))
+        for start, end in pairwise(np.linspace(0.0, duration_s, count).tolist()):
+            after = self._computed(end)
+            self._fill(start, before, end, after)
+            before = after
+
+    @property
+    def nbytes(self):
+        return sum(pose.nbytes for pose in self._poses)
+
+    def radiance(self, time_s, light, out=None, albedo=None):
+        """max(transfer . light, 0) x albedo at a time, (V, 3) float32; see `Product.radiance`.
+
+        Before the first pose it is that of the first, after the last that of the last.
+        """
+        after = bisect.bisect_right(self.times, time_s)
+        if after == 0 or after == len(self.times):
+            return self._poses[0 if after == 0 else -1].radiance(light, out, albedo)
+        first, last = self.times[after - 1], self.times[after]
+        share = (time_s - first) / (last - first)
+        out = self._poses[after - 1].radiance((1.0 - share) * np.asarray(light), out, albedo)
+        if share > 0.0:
+            out += self._poses[after].radiance(share * np.asarray(light), albedo=albedo)
+        return out
+
+    def _fill(self, start, before, end, after):
+        """Keep the poses after `start` up to `end`, whose transfers are given."""
+        if end - start <= self._shortest:
+            self._keep(end, after)
+            self.errors.append(float("nan"))
+            return
+        middle = (start + end) / 2.0
+        there = self._computed(middle)
+        off = (before + after) * np.float32(0.5) - there
+        error = max(_ratio(off[rows], there[rows]) for rows in self._parts)
+        if error <= self._tolerance:
+            self._keep(end, after)
+            self.errors.append(error)
+            return
+        self._fill(start, before, middle, there)
+        self._fill(middle, there, end, after)
+
+    def _computed(self, time_s):
+        self._live.update_all(self._changes_at(time_s))
+        self._advance(1)
+        return self._live.transfer.copy()
+
+    def _keep(self, time_s, transfer):
+        if len(self.times) == MAX_POSES:
+            raise InputError(f"the motion needs more than {MAX_POSES} poses by {time_s:g} s: raise the tolerance")
+        self.times.append(time_s)
+        self._poses.append(Product(transfer, self._half))
+
+
+def _ratio(off, whole):
+    norm = float(np.linalg.norm(whole))
+    return float(np.linalg.norm(off)) / norm if norm else 0.0

@@ -1,0 +1,102 @@
+"""The camera of the session: about a point, upright, and never lost."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+HIGHEST_DEG = 89.0
+"""Elevation at which looking down stops: straight down has no upright."""
+
+ORBIT_DEG = 180.0  # of a drag across the height of the window
+WHEEL = 1.12  # factor of distance for one step
+NEAREST, FARTHEST = 1e-3, 50.0  # distances to the target, over the scene's diagonal
+
+TOO_NEAR = 0.1
+"""Distance of a target from the eye, over the diagonal, that can only be a direction."""
+
+ROOM = 1.2
+"""Distance of an eye outside the scene, over that of a picture without bars above and below."""
+
+_AHEAD_COSINE = math.cos(math.radians(5.0))
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """An eye that looks at a target, y up.
+
+    target: (3,) scene frame. distance: of the eye from it. azimuth_deg: of the eye, from +z towards +x.
+    elevation_deg: of the eye, towards +y. fov_deg: horizontal. diagonal: of the scene.
+    """
+
+    target: tuple
+    distance: float
+    azimuth_deg: float
+    elevation_deg: float
+    fov_deg: float
+    diagonal: float
+
+    @classmethod
+    def of(cls, camera, vertices, diagonal):
+        """From a dict of eye, target and fov_deg, as `Scene.preview_camera`; its up is taken to be +y.
+
+        A target right before the eye only tells where to look, from within a scene: it moves to what is seen there.
+        """
+        eye = np.array(camera["eye"], float)
+        away = eye - camera["target"]
+        distance = float(np.linalg.norm(away))
+        away /= distance
+        if distance < TOO_NEAR * diagonal:
+            distance = _depth_ahead(vertices - eye, -away, TOO_NEAR * diagonal)
+            target = eye - distance * away
+        else:
+            target = np.array(camera["target"], float)
+            distance *= ROOM
+        elevation = math.degrees(math.asin(np.clip(away[1], -1.0, 1.0)))
+        azimuth = math.degrees(math.atan2(away[0], away[2]))
+        elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
+        return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
+
+    @property
+    def axes(self):
+        """Unit vectors (3, 3) in the scene frame: right, up, and backward, from the target to the eye."""
+        azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
+        right = (math.cos(azimuth), 0.0, -math.sin(azimuth))
+        level = math.cos(elevation)
+        backward = (math.sin(azimuth) * level, math.sin(elevation), math.cos(azimuth) * level)
+        return np.array([right, np.cross(backward, right), backward])
+
+    @property
+    def eye(self):
+        """(3,) scene frame."""
+        return np.array(self.target) + self.distance * self.axes[2]
+
+    def dragged(self, right, up):
+        """Looking around: a drag by these parts of the window's height takes the scene along."""
+        elevation = min(max(self.elevation_deg - ORBIT_DEG * up, -HIGHEST_DEG), HIGHEST_DEG)
+        return replace(self, azimuth_deg=(self.azimuth_deg - ORBIT_DEG * right) % 360.0, elevation_deg=elevation)
+
+    def moved(self, right, up, aspect):
+        """Sideways, by parts of the window's height, so that what is at the target stays under the mouse."""
+        height = 2.0 * self.distance * math.tan(math.radians(self.fov_deg) / 2.0) / aspect
+        shift = -height * (right * self.axes[0] + up * self.axes[1])
+        return replace(self, target=tuple(np.array(self.target) + shift))
+
+    def nearer(self, steps):
+        """Towards the target by steps of the wheel; negative ones lead away."""
+        distance = self.distance * WHEEL**-steps
+        return replace(self, distance=min(max(distance, NEAREST * self.diagonal), FARTHEST * self.diagonal))
+
+    def split_plane(self, share, aspect):
+        """Normal (3,) of the plane through the eye and the vertical line at `share` of the width; it points right."""
+        right, up, backward = self.axes
+        direction = right * (2.0 * share - 1.0) * math.tan(math.radians(self.fov_deg) / 2.0) - backward
+        normal = np.cross(direction, up)
+        return normal / np.linalg.norm(normal)
+
+
+def _depth_ahead(offsets, forward, least):
+    """Distance to the nearest of the vertices, (V, 3) from the eye, within 5 degrees of `forward`; `least` at least."""
+    depth = offsets @ forward
+    ahead = depth[depth > np.maximum(least, _AHEAD_COSINE * np.linalg.norm(offsets, axis=1))]
+    return float(ahead.min(initial=np.inf)) if len(ahead) else least

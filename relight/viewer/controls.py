@@ -1,0 +1,128 @@
+"""What a person can do in a session: one table that the window, its help, the README and the tests read."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from ..effects import BOUNCES, SHADOWS, SUN
+from .views import VIEWS
+
+ANGLE_STEP_DEG = 5.0
+EXPOSURE_STEP_EV = 0.25
+TOLERANCE_STEP = 2.0**0.5
+SPLIT_STEP = 0.05
+
+
+class Control(NamedTuple):
+    """One key. key: a VTK key symbol. text: for the help. act: called with the window.
+
+    chip: of a Session, the text of a button that does the same, or None without one. row: where the button stands,
+    "views" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
+    """
+
+    key: str
+    text: str
+    act: Callable
+    chip: Callable | None = None
+    row: str = ""
+    lit: Callable = lambda session: 0
+
+
+class Slider(NamedTuple):
+    """One slider. field: of the State. text: its name on screen. show: a value as text. logarithmic: its scale."""
+
+    field: str
+    text: str
+    show: Callable
+    logarithmic: bool = False
+
+
+def _change(**changes):
+    """An action that sets fields of the state; callables are given the state first."""
+
+    def act(window):
+        state = window.session.state
+        window.session.change(**{name: value(state) if callable(value) else value for name, value in changes.items()})
+
+    return act
+
+
+def _toggle(field):
+    return _change(**{field: lambda state: not getattr(state, field)})
+
+
+def _toggle_effect(name):
+    return _change(effects=lambda state: state.effects ^ {name})
+
+
+def _step(field, step):
+    return _change(**{field: lambda state: getattr(state, field) + step})
+
+
+def _next(field, step):
+    def act(window):
+        window.session.change(**{field: window.session.step_choice(field, step)})
+
+    return act
+
+
+def _effect(key, name, text):
+    def lit(session):
+        return (name in session.effects) * (1.0 if name in session.called_for else 0.5)
+
+    return Control(key, text, _toggle_effect(name), lambda session: name, "choices", lit)
+
+
+def _view(key, name):
+    view = VIEWS[name]
+    text = f"{view.title}: {view.text}"
+    return Control(key, text, _change(view=name), lambda s: view.title, "views", lambda s: s.state.view == name)
+
+
+CONTROLS = (
+    *(_view(str(number), name) for number, name in enumerate(VIEWS, 1)),
+    _effect("s", SHADOWS, "shadows on, off: sun and bounces need them"),
+    _effect("u", SUN, "sun on, off: concentrated light with sharp shadows"),
+    _effect("o", BOUNCES, "bounces on, off: light from surface to surface"),
+    Control("e", "next light", _next("environment", 1), lambda s: s.state.environment, "choices"),
+    Control("w", "previous light", _next("environment", -1)),
+    Control("a", "next albedo", _next("albedo", 1), lambda s: f"albedo {s.state.albedo}", "choices"),
+    Control("b", "before and after: captured left of the line", _toggle("split"), lambda s: "split", "choices",
+            lambda s: s.state.split),
+    Control("k", "sky behind the scene on, off", _toggle("sky"), lambda s: "sky", "choices", lambda s: s.state.sky),
+    Control("space", "turn the light by itself, stop", _toggle("turning"), lambda s: "turn", "choices",
+            lambda s: s.state.turning),
+    Control("Left", "turn the light back", _step("angle_deg", -ANGLE_STEP_DEG)),
+    Control("Right", "turn the light on", _step("angle_deg", ANGLE_STEP_DEG)),
+    Control("Up", "brighter", _step("exposure_ev", EXPOSURE_STEP_EV)),
+    Control("Down", "darker", _step("exposure_ev", -EXPOSURE_STEP_EV)),
+    Control("minus", "smaller tolerance: slower, exacter", _change(tolerance=lambda s: s.tolerance / TOLERANCE_STEP)),
+    Control("equal", "larger tolerance: faster", _change(tolerance=lambda s: s.tolerance * TOLERANCE_STEP)),
+    Control("n", "split line to the left", _step("split_at", -SPLIT_STEP)),
+    Control("m", "split line to the right", _step("split_at", SPLIT_STEP)),
+    Control("p", "save a picture, without this panel", lambda window: window.save_picture()),
+    Control("v", "record a turn of the light", lambda window: window.record()),
+    Control("x", "panel on, off", _toggle("panel")),
+    Control("r", "reset everything", lambda window: window.reset()),
+    Control("h", "this list on, off", _toggle("help"), lambda s: "keys", "views", lambda s: s.state.help),
+    Control("q", "quit", lambda window: window.quit()),
+)  # fmt: skip
+
+SLIDERS = (
+    Slider("angle_deg", "Light", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
+    Slider("exposure_ev", "Exposure", lambda value: f"{value:+.2f} EV"),
+    Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
+)
+
+MOUSE = (
+    ("left drag", "look around"),
+    ("right drag", "turn the light"),
+    ("mid drag", "move sideways"),
+    ("wheel", "nearer, farther"),
+)
+
+_KEY_NAMES = {"minus": "-", "equal": "=", "Left": "left", "Right": "right", "Up": "up", "Down": "down"}
+
+
+def key_name(control):
+    """A key as it is written on a keyboard."""
+    return _KEY_NAMES.get(control.key, control.key)

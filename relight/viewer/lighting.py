@@ -1,0 +1,313 @@
+"""What the session asks of the engine, in the order in which a person wants to see it.
+
+The only module of the viewer that knows the engine. It runs in the background process (`background`) and answers
+each wish with a few results: the light, then the transfers with which the window shades by itself at once, then
+what takes longer. Nothing here knows of windows.
+"""
+
+import time
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from .. import sh
+from ..effects import BOUNCES, SHADOWS, SUN, chosen_effects
+from ..engine import Relighter
+from ..environment import Environment
+from ..settings import Settings
+from ..transfer.analytic import analytic
+
+CONVERGED = Settings("raytraced", sh.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
+"""Of the reference for every vertex in the error view."""
+
+SAMPLE = 256
+"""Vertices of the stated error: its standard deviation over samples is about a sixteenth of that over vertices."""
+
+SAMPLE_RAYS = 1024
+"""Rays of each of them that gather bounced light: their noise is a quarter of that of the 64 rays of the engine."""
+
+MOST_PLANNERS = 8
+"""Tolerances whose plans are remembered."""
+
+DRAG_BANDS = 4
+"""Of the bounced light shown while the light is dragged, which is smoother than direct light."""
+
+UNSHADOWED_BANDS = 5
+"""Of light without shadows: Lambert's lobe keeps 0.4% of its energy beyond."""
+
+SKY_WIDTH = 1024
+"""Most columns of the sky that is shown behind the scene."""
+
+
+STAGES = {
+    "environment": "loading the light",
+    "plan": "planning",
+    "rays": "tracing shadows",
+    "check": "checking the plan",
+    "light": "splitting off suns",
+    "sunlight": "tracing suns",
+    "bounce rays": "tracing bounces",
+}
+"""The engine's stages in words; others keep their names."""
+
+
+class Wish(NamedTuple):
+    """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.effects.EFFECTS`.
+
+    reference: whether it also wants converged light at every vertex, for the error view.
+    """
+
+    environment: str
+    angle_deg: float
+    tolerance: float
+    effects: frozenset
+    albedo: str
+    reference: bool = False
+
+
+class Light(NamedTuple):
+    """An environment as the window needs it, unrotated.
+
+    coefficients: (100, 3) float64 of radiance, bands 10. sky: (H, W, 3) float32 linear, canonical lat-long.
+    warning: what had to be repaired, or "".
+    """
+
+    coefficients: np.ndarray
+    sky: np.ndarray
+    warning: str
+
+
+class Lit(NamedTuple):
+    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `relight.engine.Shading`. settings: in words.
+
+    effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
+    shading took, without what is computed once for a scene.
+    """
+
+    radiance: np.ndarray
+    suns: int
+    bounces: list
+    settings: str
+    effects: frozenset
+    predicted: float | None
+    seconds: float
+
+
+class Reference(NamedTuple):
+    """Converged light. radiance: (V, 3) float32. error: its own, relative L2, on the sampled vertices."""
+
+    radiance: np.ndarray
+    error: float
+
+
+class Lighting:
+    """A scene and all the lights and albedos that the session may choose from.
+
+    environments: dict of name -> Environment, or what `Environment.load` takes. albedos: dict of name -> (V, 3)
+    linear or None for white. options: of `Relighter`: method, effects, seed, bands, rays, cache.
+    stages: as of `splat2mesh.stages.Stages`; its `advance` may raise to end an answer early.
+    step: (kind, key) of the result in progress, or None.
+    """
+
+    def __init__(self, scene, environments, albedos, stages, **options):
+        self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
+        self.step = None
+        self._relighter = Relighter(scene, stages=stages, **options)
+        self._options, self._planners, self._converged = options, {}, None
+        self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
+
+    def answers(self, wish):
+        """Yield (kind, key, payload) of all that the wish needs and that was not yielded before.
+
+        Kinds in order: "unshadowed" ((V, K) float32), "light" (Light), "transfer" ((V, K)), "shading" (Lit), "bounced"
+        ((V, K', 3) float32: what bounces add to a transfer), "error" (float), "reference" (Reference). Of each kind the
+        receiver needs to keep the last alone. Raises InputError for a light that cannot be read.
+        """
+        for kind, key in keys(wish).items():
+            if self._sent.get(kind) != key:
+                self.step = kind, key
+                payload = getattr(self, f"_{kind}")(wish)
+                self._sent[kind], self.step = key, None
+                if payload is not None:
+                    yield kind, key, payload
+
+    def _light(self, wish):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            environment = self._environment(wish)
+            coefficients = environment.rotated(-environment.rotation_deg).sh(sh.MAX_BANDS)
+        step = -(-environment.radiance.shape[1] // SKY_WIDTH)
+        return Light(coefficients, _pooled(environment.radiance, step), "; ".join(str(w.message) for w in caught))
+
+    def _unshadowed(self, wish):
+        return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
+
+    def _transfer(self, wish):
+        planner, plan = self._planned(wish)
+        if plan is None:
+            if planner.method == "blinn-phong":
+                return None
+            return planner.transfer
+        transfer, done = planner._precomputed.transfer(plan.settings)
+        if done[:4] == self._transfer_sent:
+            return None
+        self._transfer_sent = done[:4]
+        return np.ascontiguousarray(transfer[:, : plan.settings.bands**2])
+
+    def _shading(self, wish):
+        environment, albedo = self._environment(wish), self.albedos[wish.albedo]
+        planner, plan = self._planned(wish)
+        whole = planner.shading(environment, albedo)  # with all effects: what is computed once, and the plan checked
+        settings = restricted(whole.settings, wish.effects)
+        start = time.perf_counter()
+        shading = planner.shading(environment, albedo, settings)
+        seconds = time.perf_counter() - start
+        predicted = None if plan is None else plan.error
+        words = str(shading.settings)
+        return Lit(*shading[:3], words, whole.settings.effects, predicted, seconds)
+
+    def _bounced(self, wish):
+        albedo, (planner, plan) = self.albedos[wish.albedo], self._planned(wish)
+        rays = 0 if plan is None else restricted(plan.settings, wish.effects).bounce_rays
+        if not rays or albedo is None:
+            return None
+        from ..transfer.bounces import transfer_with_bounces
+
+        plain = planner._precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
+        bounced, _ = transfer_with_bounces(plain, albedo, planner._precomputed.interreflection(rays, plain))
+        return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
+
+    def _error(self, wish):
+        environment, albedo = self._environment(wish), self.albedos[wish.albedo]
+        planner, _ = self._planned(wish)
+        whole = planner.shading(environment, albedo)
+        shown = planner.shading(environment, albedo, restricted(whole.settings, wish.effects))
+        return self._error_of(shown.radiance, whole.radiance, wish)
+
+    def _reference(self, wish):
+        if not wish.reference:
+            return None
+        if self._converged is None:  # rays of its own: what is shown must not be measured by itself
+            seed = self._options.get("seed", 0) + 1
+            self._converged = Relighter(self.scene, "raytraced", seed=seed, stages=self.stages)
+        shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
+        return Reference(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
+
+    def _error_of(self, shown, whole, wish):
+        """Relative L2 of radiance (V, 3) on the sample, against rays to every part of the light.
+
+        Direct light is that of `relight.reference`; what bounces is gathered over `SAMPLE_RAYS` of `whole`, (V, 3),
+        what the scene sends out with all effects.
+        """
+        from ..reference import reference
+
+        environment, albedo = self._environment(wish), self.albedos[wish.albedo]
+        occluder = self._relighter._precomputed.occluder
+        rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
+        key = wish.environment, wish.angle_deg
+        if self._sample[0] != key:
+            self._sample = key, reference(occluder, rows, environment)
+        expected = self._sample[1]
+        if albedo is not None:
+            expected = albedo[rows] * (expected + _gathered(occluder, rows, whole))
+        return float(np.linalg.norm(shown[rows] - expected) / max(np.linalg.norm(expected), 1e-30))
+
+    def _planned(self, wish):
+        """The Relighter of the wish's tolerance, and its Plan for the light, None where nothing can be planned.
+
+        All share what was traced.
+        """
+        if wish.tolerance not in self._planners:
+            while len(self._planners) >= MOST_PLANNERS:
+                self._planners.pop(next(iter(self._planners)))
+            options = {name: value for name, value in self._options.items() if name != "cache"}
+            planner = Relighter(self.scene, stages=self.stages, tolerance=wish.tolerance, **options)
+            planner._precomputed = self._relighter._precomputed
+            planner._planner._precomputed = self._relighter._precomputed
+            self._planners[wish.tolerance] = planner
+        planner = self._planners[wish.tolerance]
+        return planner, planner.plan_for(self._environment(wish), self.albedos[wish.albedo])
+
+    def _environment(self, wish):
+        """The Environment of a wish, turned. The last one stays loaded."""
+        if self._loaded[0] != wish.environment:
+            source = self.environments[wish.environment]
+            with self.stages.stage("environment"):
+                self._loaded = wish.environment, source if isinstance(source, Environment) else Environment.load(source)
+        environment = self._loaded[1]
+        return environment.rotated(wish.angle_deg - environment.rotation_deg)
+
+
+def keys(wish):
+    """What each kind of result depends on: a dict in the order of `Lighting.answers`. Equal keys, equal results."""
+    plan = wish.environment, wish.tolerance, wish.albedo
+    lit = (*plan, wish.angle_deg, wish.effects)
+    return {
+        "unshadowed": True,
+        "light": wish.environment,
+        "transfer": plan,
+        "shading": lit,
+        "bounced": (*plan, BOUNCES in wish.effects),
+        "error": lit,
+        "reference": (wish.environment, wish.angle_deg, wish.albedo) if wish.reference else None,
+    }
+
+
+def restricted(settings, effects):
+    """The Settings without what is not among `effects`."""
+    if SHADOWS not in effects and settings.rays:
+        return Settings("analytic", settings.bands)
+    if SUN not in effects:
+        settings = settings._replace(suns=0.0)
+    return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounces=0.0)
+
+
+def available_effects(options):
+    """The effects that `Relighter` would have with these options, a frozenset. Raises InputError for bad options."""
+    return chosen_effects(options.get("effects", "auto"), options.get("method", "auto"))[0]
+
+
+def check_albedos(scene, albedos):
+    """`albedos` as a dict of name -> (V, 3) float32 or None. Raises InputError for one that does not fit the scene."""
+    count = sum(len(chunk.vertices) for chunk in scene.chunks)
+    if not albedos:
+        raise InputError("the session needs at least one albedo: a dict of name -> (V, 3) linear, or None for white")
+    checked = {}
+    for name, albedo in albedos.items():
+        if albedo is not None:
+            albedo = np.asarray(albedo, np.float32)
+            if albedo.shape != (count, 3) or not ((albedo >= 0.0) & (albedo <= 1.0)).all():
+                raise InputError(f"albedo {name!r}: expected ({count}, 3) in [0, 1], found shape {albedo.shape}")
+        checked[str(name)] = albedo
+    return checked
+
+
+def _gathered(occluder, rows, radiance):
+    """What white vertices `rows` receive from a scene that sends out `radiance` (V, 3): (R, 3) float32.
+
+    As a row of `relight.transfer.bounces`, but of many more rays: the backs of faces are black.
+    """
+    from ..transfer import sampling
+
+    rays = np.zeros((len(rows), SAMPLE_RAYS, 6), np.float32)
+    azimuths = sampling.fibonacci_azimuths(SAMPLE_RAYS)
+    sampling.shoot(occluder.origins[rows], occluder.normals[rows], azimuths, 0, rays)
+    faces, uv, normals = occluder.first_hits(rays)
+    corners = occluder.faces[faces]
+    outward = np.einsum("rsi,rsi->rs", normals, occluder.normals[corners].sum(axis=2))
+    facing = np.einsum("rsi,rsi->rs", normals, rays[..., 3:])
+    front = (faces >= 0) & (np.where(outward >= 0.0, facing, -facing) < 0.0)
+    weights = np.concatenate([1.0 - uv.sum(axis=2, keepdims=True), uv], axis=2) * front[..., None]
+    return np.einsum("rsk,rskc->rc", weights, radiance[corners]).astype(np.float32) / SAMPLE_RAYS
+
+
+def _pooled(image, step):
+    """The image with `step` by `step` texels averaged; what is left over at its right and lower edge is dropped."""
+    if step <= 1:
+        return np.asarray(image, np.float32)
+    height, width = image.shape[0] // step, image.shape[1] // step
+    blocks = image[: height * step, : width * step].reshape(height, step, width, step, 3)
+    return blocks.mean(axis=(1, 3), dtype=np.float64).astype(np.float32)

@@ -1,0 +1,96 @@
+"""What runs for every frame: coefficients to radiance, radiance to the bytes of a screen, each in one compiled pass.
+
+NumPy takes several times as long for either, most of it in products with three columns and in temporary arrays.
+"""
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.color import bytes_from_unit, srgb_from_linear
+
+from ..tonemap import DESATURATION, SHOULDER_START
+from ..transfer.sampling import in_slices
+
+_STEPS = 2**14
+"""Of the table of the sRGB curve, whose steepest part rises by 0.2 bytes between two of them."""
+
+_TABLE = bytes_from_unit(srgb_from_linear(np.linspace(0.0, 1.0, _STEPS)))
+
+
+def harmonic_light(
+    transfer,  # (V, K) float32 of the white scene
+    coefficients,  # (K', 3) of radiance, K' at least K and K''
+    albedo=None,  # (V, 3) float32; white without
+    bounced=None,  # (3, V, K'') float32, what bounces add for each colour; it holds the albedo
+):
+    """Exit radiance (V, 3) float32: albedo * max(transfer c, 0) + bounced c, and nothing below 0."""
+    columns = np.ascontiguousarray(np.asarray(coefficients, np.float32).T)
+    radiance = np.zeros((len(transfer), 3), np.float32)
+    albedo = np.ones((1, 3), np.float32) if albedo is None else np.ascontiguousarray(albedo, np.float32)
+    bounced = np.zeros((3, len(transfer), 0), np.float32) if bounced is None else bounced
+    in_slices(_light, len(transfer), np.ascontiguousarray(transfer, np.float32), columns, albedo, bounced, radiance)
+    return radiance
+
+
+def display_bytes(
+    radiance,  # (V, 3) float32 linear
+    exposure,  # display value per unit of radiance
+    out=None,  # (V, 3) uint8 to write into
+):
+    """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, but for one in the last place.
+
+    Source: Khronos PBR Neutral, as `relight.tonemap.compress_highlights`.
+    """
+    radiance = np.ascontiguousarray(radiance, np.float32)
+    out = np.zeros(radiance.shape, np.uint8) if out is None else out
+    constants = np.float32(exposure), np.float32(SHOULDER_START), np.float32(DESATURATION)
+    in_slices(_display, len(radiance), radiance, *constants, _TABLE, out)
+    return out
+
+
+def prepare():
+    """Compile what is here, or load it compiled: seconds once, which would otherwise be a still window."""
+    light = harmonic_light(np.zeros((2, 1), np.float32), np.zeros((1, 3)))
+    display_bytes(light, 1.0)
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _light(begin, end, transfer, columns, albedo, bounced, radiance):
+    """Three dot products at once for each vertex; the relaxed order of sums lets them run in vectors."""
+    count, more = transfer.shape[1], bounced.shape[2]
+    for v in range(begin, end):
+        red, green, blue = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        for k in range(count):
+            value = transfer[v, k]
+            red += value * columns[0, k]
+            green += value * columns[1, k]
+            blue += value * columns[2, k]
+        tint = v if len(albedo) > 1 else 0
+        red = max(red, np.float32(0.0)) * albedo[tint, 0]
+        green = max(green, np.float32(0.0)) * albedo[tint, 1]
+        blue = max(blue, np.float32(0.0)) * albedo[tint, 2]
+        for k in range(more):
+            red += bounced[0, v, k] * columns[0, k]
+            green += bounced[1, v, k] * columns[1, k]
+            blue += bounced[2, v, k] * columns[2, k]
+        radiance[v, 0] = max(red, np.float32(0.0))
+        radiance[v, 1] = max(green, np.float32(0.0))
+        radiance[v, 2] = max(blue, np.float32(0.0))
+
+
+@njit(cache=True, nogil=True)
+def _display(begin, end, radiance, exposure, start, desaturation, table, out):
+    one, steps = np.float32(1.0), np.float32(len(table) - 1)
+    for v in range(begin, end):
+        red = max(radiance[v, 0] * exposure, np.float32(0.0))
+        green = max(radiance[v, 1] * exposure, np.float32(0.0))
+        blue = max(radiance[v, 2] * exposure, np.float32(0.0))
+        peak = max(red, green, blue)
+        if peak > start:
+            shown = one - (one - start) ** 2 / (peak + one - np.float32(2.0) * start)
+            saturation = one / (desaturation * (peak - shown) + one)
+            scale, white = shown * saturation / peak, shown * (one - saturation)
+            red, green, blue = red * scale + white, green * scale + white, blue * scale + white
+        out[v, 0] = table[int(min(red, one) * steps + np.float32(0.5))]
+        out[v, 1] = table[int(min(green, one) * steps + np.float32(0.5))]
+        out[v, 2] = table[int(min(blue, one) * steps + np.float32(0.5))]

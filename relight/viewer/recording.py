@@ -1,0 +1,91 @@
+"""A turn of the light as a film, every picture with its suns and bounces."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from splat2mesh.errors import InputError
+
+FRAMES = 72
+FRAMES_PER_SECOND = 18
+KINDS = ".gif", ".mp4"
+
+
+class Recording:
+    """Takes one picture whenever the light of an angle is complete, and goes on to the next: the window stays free.
+
+    path: .gif, or .mp4 where imageio-ffmpeg is installed; by default a free name in this folder. what: "light" turns
+    the light, "camera" the camera. panel: whether what is written on the window is recorded too.
+    Raises InputError for another kind of file and for one that cannot be written.
+    """
+
+    def __init__(self, window, path=None, frames=FRAMES, what="light", panel=False, overwrite=False):
+        path = _free() if path is None else Path(path)
+        check_film(path, frames, what, overwrite)
+        import imageio
+
+        self.path, self._window, self._frames, self._what, self._panel = path, window, frames, what, panel
+        self._state, self._orbit, self._done = window.session.state, window.orbit, 0
+        window.session.change(turning=False, help=False)
+        options = {"fps": FRAMES_PER_SECOND} if path.suffix == ".mp4" else {"duration": 1000 / FRAMES_PER_SECOND}
+        if path.suffix == ".gif":
+            options["loop"] = 0
+        try:
+            self._writer = imageio.get_writer(path, mode="I", **options)
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {error}") from None
+
+    def tick(self):
+        """Take the picture of this angle if its light is complete, else wait for it."""
+        session, window = self._window.session, self._window
+        if session.failure:
+            self.stop(session.failure)
+            return
+        if not session.settled:
+            session.hurry()
+            return
+        self._writer.append_data(window.picture(self._panel))
+        self._done += 1
+        window.note = f"recording {self._done} of {self._frames}; v stops it"
+        if self._done == self._frames:
+            self._end()
+            window.recorded(f"saved {self.path}")
+            return
+        turned = 360.0 * self._done / self._frames
+        if self._what == "light":
+            session.change(angle_deg=self._state.angle_deg + turned)
+        else:
+            window.look(self._orbit.dragged(-turned / 180.0, 0.0))
+
+    def stop(self, reason="stopped"):
+        """Drop the recording."""
+        self._end()
+        self.path.unlink(missing_ok=True)
+        self._window.recorded(f"recording dropped: {reason}")
+
+    def _end(self):
+        self._writer.close()
+        self._window.session.change(angle_deg=self._state.angle_deg, turning=self._state.turning)
+        self._window.look(self._orbit)
+
+
+def check_film(path, frames, what, overwrite=False):
+    """Raises InputError unless a film of this name, length and subject can be recorded."""
+    path = Path(path)
+    if path.suffix not in KINDS:
+        raise InputError(f"{path}: a film is one of {' '.join(KINDS)}, found {path.suffix or 'no suffix'}")
+    if path.suffix == ".mp4" and not find_spec("imageio_ffmpeg"):
+        raise InputError(f"{path}: films in .mp4 need imageio-ffmpeg: pip install imageio-ffmpeg; or record a .gif")
+    if frames != int(frames) or frames < 2:
+        raise InputError(f"a film needs a whole number of frames, 2 or more, found {frames}")
+    if what not in ("light", "camera"):
+        raise InputError(f"a film is of the light or the camera, found {what!r}")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists: choose another name, or pass overwrite")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: its folder does not exist")
+
+
+def _free():
+    from .window import free_name
+
+    return free_name("turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif"))

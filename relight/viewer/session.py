@@ -1,0 +1,354 @@
+"""The state of an interactive session and the light that belongs to it. Knows nothing of windows.
+
+A change of the light shows at once: one product of the transfer that the window holds with the new coefficients, and
+another for bounced light in few bands. Suns and bounces in full, errors and references follow from the background
+(`background`) when the light has not moved for `REST_SECONDS`.
+"""
+
+import time
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from splat2mesh.color import linear_from_srgb
+from splat2mesh.errors import InputError
+
+from .. import skies
+from ..effects import BOUNCES, EFFECTS, SHADOWS
+from ..environment import Environment, turned_about_y
+from ..tonemap import auto_exposure
+from .background import Process
+from .lighting import Wish, available_effects, check_albedos, keys
+from .quick import display_bytes, harmonic_light, prepare
+from .views import VIEWS
+
+REST_SECONDS = 0.15
+"""Of stillness before the background takes up a new angle: for a hand that stops, not one that slows down."""
+
+TURN_DEG_PER_SECOND = 36.0
+
+RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
+"""Of what can be slid. Angles wrap around; the rest is clipped."""
+
+
+@dataclass(frozen=True)
+class State:
+    """All that a person can set, but the camera.
+
+    environment, albedo, view: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
+    exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
+    width. sky: the light shows behind the scene. turning: the light turns by itself.
+    """
+
+    environment: str
+    albedo: str
+    view: str = "relit"
+    angle_deg: float = 0.0
+    exposure_ev: float = 0.0
+    tolerance: float = 0.02
+    effects: frozenset = frozenset(EFFECTS)
+    split: bool = False
+    split_at: float = 0.5
+    sky: bool = True
+    help: bool = False
+    panel: bool = True
+    turning: bool = False
+
+
+class Session:
+    """One scene under the lights of a list, with what a person has set.
+
+    state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
+    progress: (label, fraction or None) of the work in the background, or None. message: what there is to tell, or "".
+    revision: grows with everything that may change the picture.
+    """
+
+    def __init__(
+        self,
+        scene,
+        environments,  # dict of name -> Environment or what Environment.load takes; the first is shown first
+        albedos=None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
+        exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
+        tolerance=0.02,
+        background=Process,
+        **options,  # of Relighter: method, effects, seed, bands, rays
+    ):
+        """Start the background. Raises InputError for albedos and options that do not fit."""
+        self.scene = scene
+        captured = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
+        self.albedos = check_albedos(scene, {"captured": captured, "white": None} if albedos is None else albedos)
+        self.environments = dict(environments)
+        self.available = available_effects(options)
+        if not RANGES["tolerance"][0] <= tolerance <= RANGES["tolerance"][1]:
+            low, high = RANGES["tolerance"]
+            raise InputError(f"the tolerance of a session must be from {low:g} to {high:g}, found {tolerance:g}")
+        first = next(iter(self.environments))
+        angle = getattr(self.environments[first], "rotation_deg", 0.0)
+        self.start = State(first, next(iter(self.albedos)), angle_deg=angle, tolerance=tolerance)
+        self.start = replace(self.start, effects=frozenset(self.available))
+        self.state, self.revision, self.message, self.progress = self.start, 0, "", None
+        self._given_exposure, self._exposures = exposure, {}
+        self._found, self._memory = {}, {}  # newest results by kind; what was derived from them, by name
+        self._asked, self._answered, self._ended, self._moved = None, None, "", -np.inf
+        self.light_seconds = None
+        self._background = background(scene, self.environments, self.albedos, options)
+        self._ask()
+        prepare()
+
+    def change(self, **changes):
+        """Set fields of the state; values outside their range are brought into it. Raises InputError for names."""
+        changes = {name: self._checked(name, value) for name, value in changes.items()}
+        state = replace(self.state, **changes)
+        if state == self.state:
+            return
+        self.state = state
+        self.revision += 1
+        if set(changes) - {"angle_deg"}:
+            self.message = ""
+        if set(changes) <= {"angle_deg", "tolerance"}:
+            self._moved = time.perf_counter()
+        else:
+            self._ask()
+
+    def reset(self):
+        """Everything as at the start."""
+        self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
+
+    def poll(self):
+        """Take in what the background has found. Never waits; call it often."""
+        for kind, *rest in self._background.poll():
+            getattr(self, f"_take_{kind}")(*rest)
+            self.revision += kind != "progress"
+        if not self.state.turning and time.perf_counter() - self._moved > REST_SECONDS:
+            self._ask()
+
+    def hurry(self):
+        """Ask the background for the present light at once, as if it had rested."""
+        self._moved = -np.inf
+        self._ask()
+
+    def finish(self, timeout=600.0):
+        """Wait for all that the present state needs. Raises InputError when it cannot be had."""
+        deadline = time.perf_counter() + timeout
+        self.hurry()
+        while not self.settled:
+            self.poll()
+            if self.failure:
+                raise InputError(self.failure)
+            if time.perf_counter() > deadline:
+                raise InputError(f"the light did not come within {timeout:g} s; give it longer, or a larger tolerance")
+            time.sleep(0.002)
+
+    def close(self):
+        """End the background process."""
+        self._background.close()
+
+    @property
+    def wish(self):
+        """What the present state needs from the background."""
+        s = self.state
+        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, VIEWS[s.view].reference)
+
+    @property
+    def effects(self):
+        """The effects that take part: those switched on; sun and bounces only among shadows."""
+        on = self.state.effects & self.available
+        return on if SHADOWS in on else frozenset()
+
+    @property
+    def settled(self):
+        """Whether the background has answered the present state in full."""
+        return self._answered == (self.wish, "")
+
+    @property
+    def failure(self):
+        """Why the background cannot answer the present state, or ""."""
+        answered = self._answered is not None and self._answered[0] == self._asked
+        return self._answered[1] if answered else self._ended
+
+    @property
+    def light(self):
+        """The newest Light that has been loaded, or None. It may still be the one before."""
+        return self._found["light"][1] if "light" in self._found else None
+
+    @property
+    def light_name(self):
+        """Name of the environment that is shown, or None before the first."""
+        return self._found["light"][0] if "light" in self._found else None
+
+    @property
+    def complete(self):
+        """Whether suns, bounces and shadows are all in what `radiance` returns."""
+        return self._lit() is not None
+
+    @property
+    def lit(self):
+        """The Lit that is shown, or None while it is on its way."""
+        return self._lit()
+
+    @property
+    def error(self):
+        """Relative L2 error of what is shown, on sampled vertices, or None while it is unknown."""
+        return self._current("error")
+
+    @property
+    def called_for(self):
+        """The effects that the plan calls for at this tolerance; all while it is unknown."""
+        key, lit = self._found.get("shading", (None, None))
+        return lit.effects if lit is not None and key[:3] == keys(self.wish)["shading"][:3] else self.available
+
+    @property
+    def reference(self):
+        """The Reference of the present light, or None."""
+        return self._current("reference")
+
+    @property
+    def waiting_for(self):
+        """What is still missing in the picture, in words; "" when it is complete."""
+        if self.complete or self.light is None:
+            return ""
+        missing = [name for name in EFFECTS if name in self.effects & self.called_for]
+        if SHADOWS in missing and "transfer" in self._found:
+            missing.remove(SHADOWS)
+            if BOUNCES in missing and self._bounced() is not None:
+                missing = [name for name in missing if name != BOUNCES] or ["the last of the bounces"]
+        if not missing:
+            return "the light"
+        return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
+
+    def radiance(self):
+        """What the vertices send out under the present light, (V, 3) float32 linear; None before the first light.
+
+        In full where it is there, else by spherical harmonics alone.
+        """
+        lit = self._lit()
+        if lit is not None:
+            return lit.radiance
+        if self.light is None:
+            return None
+        wish, newest = self.wish, [id(self._found.get(kind)) for kind in ("light", "transfer", "bounced")]
+        return self.remembered("quick", (wish.angle_deg, wish.effects, wish.albedo, *newest), self.quick_radiance)
+
+    def exposure(self):
+        """Display value per unit of radiance. The automatic one is that of the starting angle, so that turning the
+        light does not breathe."""
+        if self._given_exposure is None:
+            key = self.light_name, self.state.albedo
+            if key not in self._exposures:
+                angle = self.state.angle_deg if not self._exposures else self.start.angle_deg
+                self._exposures[key] = auto_exposure(self.quick_radiance(angle))
+        base = self._given_exposure if self._given_exposure is not None else self._exposures[key]
+        return base * 2.0**self.state.exposure_ev
+
+    def colors(self):
+        """What the present view colours the surface by: (V, 3) uint8 sRGB."""
+        view = VIEWS[self.state.view]
+        if view.live:
+            return view.colors(self)
+        return self.remembered("colors", (self.state.view, self.state.albedo), lambda: view.colors(self))
+
+    def shown_bytes(self):
+        """sRGB bytes (V, 3) of the relit scene: the captured colours before the first light."""
+        radiance = self.radiance()
+        return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
+
+    def step_choice(self, name, step):
+        """The name `step` places on in the list of "environment", "albedo" or "view", around its end."""
+        names = list({"environment": self.environments, "albedo": self.albedos, "view": VIEWS}[name])
+        return names[(names.index(getattr(self.state, name)) + step) % len(names)]
+
+    def _checked(self, name, value):
+        choices = {"environment": self.environments, "albedo": self.albedos, "view": VIEWS}
+        if name in choices and value not in choices[name]:
+            raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
+        if name in RANGES and name != "tolerance":
+            low, high = RANGES[name]
+            if not np.isfinite(value):
+                raise InputError(f"{name} must be a finite number, found {value}")
+            return float(value) % high if name == "angle_deg" else float(min(max(value, low), high))
+        if name == "tolerance":
+            return float(f"{min(max(value, RANGES[name][0]), RANGES[name][1]):.2g}")  # each value is a plan of its own
+        return frozenset(value) if name == "effects" else value
+
+    def _ask(self):
+        wish = self.wish
+        if wish != self._asked:
+            self._asked = wish
+            self._background.submit(wish)
+
+    def _take_progress(self, label, fraction):
+        self.progress = label, fraction
+
+    def _take_result(self, kind, key, payload):
+        if kind == "bounced":
+            payload = np.ascontiguousarray(np.moveaxis(payload, 2, 0))  # a colour's coefficients beside each other
+        self._found[kind] = key, payload
+        if kind == "light" and payload.warning:
+            self.message = payload.warning
+
+    def _take_done(self, wish):
+        self._answered = wish, ""
+        self.progress = None
+
+    def _take_failed(self, wish, text):
+        self._answered = wish, text
+        if wish == self._asked:
+            self.message, self.progress = text, None
+
+    def _take_ended(self, text):
+        self.message, self.progress = text + ": what is shown stays by spherical harmonics", None
+        self._ended = text
+
+    def _current(self, kind):
+        """The payload of a kind if it belongs to the present wish, else None."""
+        key, payload = self._found.get(kind, (None, None))
+        return payload if key is not None and key == keys(self.wish)[kind] else None
+
+    def _lit(self):
+        return self._current("shading")
+
+    def _bounced(self):
+        """Bounced light per coefficient for the present albedo, (3, V, K'), or None; of a coarser level if need be."""
+        key, payload = self._found.get("bounced", (None, None))
+        return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
+
+    def quick_radiance(self, angle_deg=None):
+        """Radiance (V, 3) by spherical harmonics alone, with what is there, at an angle: the present one by default."""
+        began = time.perf_counter()
+        shadowed = SHADOWS in self.effects and "transfer" in self._found
+        transfer = self._found["transfer" if shadowed else "unshadowed"][1]
+        turned = turned_about_y(self.light.coefficients, self.state.angle_deg if angle_deg is None else angle_deg)
+        bounced = self._bounced() if BOUNCES in self.effects else None
+        radiance = harmonic_light(transfer, turned, self.albedos[self.state.albedo], bounced)
+        self.light_seconds = time.perf_counter() - began
+        return radiance
+
+    def remembered(self, name, key, compute):
+        """What `compute()` returned for this key the last time it was asked for under this name."""
+        if self._memory.get(name, (None,))[0] != key:
+            self._memory[name] = key, compute()
+        return self._memory[name][1]
+
+
+def choices_of(environment, folder=None):
+    """The lights of a session: a dict of name -> Environment or path, the given one first.
+
+    environment: an Environment, or what `Environment.load` takes. folder: its .exr and .hdr files follow; the built-in
+    lights come last. Raises InputError for an environment that cannot be read and for a folder that is none.
+    """
+    from pathlib import Path
+
+    if not isinstance(environment, Environment):
+        environment = Environment.load(environment)
+    choices = {environment.name: environment}
+    if folder is not None:
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: expected a folder of .exr and .hdr files; no such folder")
+        files = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in (".exr", ".hdr"))
+        if not files:
+            raise InputError(f"{folder}: holds no .exr or .hdr file")
+        for path in files:
+            choices.setdefault(path.stem, path)
+    for name in skies.BUILTIN:
+        choices.setdefault(name, name)
+    return choices

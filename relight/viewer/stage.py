@@ -1,0 +1,215 @@
+"""What the window shows behind its panel: the surface in colours of the session's, the captured one, the sky."""
+
+import math
+
+import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
+from vtkmodules.vtkCommonCore import vtkPoints
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPlane, vtkPolyData
+from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkTexture, vtkWindowToImageFilter
+
+from .quick import display_bytes
+from .raster import SOFTWARE, Raster
+
+BACKGROUND = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
+"""Behind the scene without its sky, below and above: sRGB."""
+
+DOME = 64, 128
+"""Patches of the sky's sphere, up and around: directions within one are off by under 0.02 degrees."""
+
+SKY_RADIUS = 1.1
+"""Of the sky's sphere about the eye, over the distance of the farthest corner of the scene."""
+
+MOVING_SAMPLES, RESTING_SAMPLES = 0, 8
+"""Of each pixel: smooth edges take software rendering twice the time, so only a still picture has them."""
+
+
+class Stage:
+    """Surface and sky in a VTK renderer. Colours are written in place: no geometry is sent twice."""
+
+    def __init__(self, renderer, scene):
+        self._renderer = renderer
+        points = vtkPoints()
+        points.SetData(numpy_to_vtk(np.ascontiguousarray(scene.vertices, np.float32), deep=True))
+        cells = vtkCellArray()
+        faces = np.ascontiguousarray(scene.faces)
+        cells.SetData(3, numpy_to_vtkIdTypeArray(faces.astype(np.int64).ravel(), deep=True))
+        self._surface, self._colors, self._shown = _surface(points, cells, scene.colors_srgb.copy())
+        self._captured, _, self._before = _surface(points, cells, scene.colors_srgb.copy())
+        self._scene = scene
+        self._captured.VisibilityOff()
+        self._planes = vtkPlane(), vtkPlane()
+        self._sky, self._texture = _dome()
+        self._sky_bytes = None
+        self._picture = vtkTexture()
+        self._picture.SetColorModeToDirectScalars()
+        self._raster = None
+        for actor in (self._surface, self._captured, self._sky):
+            renderer.AddActor(actor)
+        renderer.SetBackground(*BACKGROUND[0])
+        renderer.SetBackground2(*BACKGROUND[1])
+        renderer.GradientBackgroundOn()
+
+    def color(self, colors):
+        """Show the surface in these sRGB bytes, (V, 3) uint8."""
+        self._shown[:] = colors
+        self._colors.Modified()
+
+    def paint_sky(self, sky, exposure):
+        """Draw the sky, (H, W, 3) linear in canonical lat-long, unrotated."""
+        height, width = sky.shape[:2]
+        shown = display_bytes(np.ascontiguousarray(sky).reshape(-1, 3), exposure).reshape(height, width, 3)
+        # A texel more on every side: what lies beyond the seam, and beyond the poles.
+        wide = np.concatenate([shown[:, -1:], shown, shown[:, :1]], axis=1)
+        wide = np.concatenate([wide[:1], wide, wide[-1:]])
+        image = vtkImageData()
+        image.SetDimensions(width + 2, height + 2, 1)
+        image.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(wide[::-1]).reshape(-1, 3), deep=True))
+        self._texture.SetInputData(image)
+        edge = np.array([1.0 / (width + 2), 1.0 / (height + 2)])
+        places = edge + _grid() * (1.0 - 2.0 * edge)
+        self._sky.GetMapper().GetInput().GetPointData().SetTCoords(numpy_to_vtk(places.astype(np.float32), deep=True))
+        self._sky_bytes = shown
+
+    def turn_sky(self, angle_deg):
+        """Turn the sky by an active Ry(+angle)."""
+        self._sky.SetOrientation(0.0, angle_deg, 0.0)
+
+    def show_sky(self, shown):
+        """Whether the sky stands behind the scene."""
+        self._sky.SetVisibility(bool(shown) and self._sky_bytes is not None)
+
+    def split(self, normal=None, eye=None):
+        """Show the captured colours where `normal` of a plane through `eye` points away from; without one, nowhere."""
+        self._captured.SetVisibility(normal is not None)
+        for actor, plane, sign in ((self._surface, self._planes[0], 1.0), (self._captured, self._planes[1], -1.0)):
+            mapper = actor.GetMapper()
+            if normal is None:
+                mapper.RemoveAllClippingPlanes()
+                continue
+            plane.SetOrigin(*eye)
+            plane.SetNormal(*(sign * np.asarray(normal)))
+            if mapper.GetNumberOfClippingPlanes() == 0:
+                mapper.AddClippingPlane(plane)
+
+    def software(self):
+        """Whether OpenGL draws on the CPU. Known once there is a window."""
+        name = self._renderer.GetRenderWindow().ReportCapabilities().lower()
+        lines = [line for line in name.splitlines() if "renderer string" in line]
+        return any(kind in line for line in lines for kind in SOFTWARE)
+
+    def rasterised(self, orbit, size, split=None, angle_deg=None):
+        """The picture as `look` and the rest would draw it, without smooth edges: (H, W, 3) uint8, bottom row first.
+
+        split: place of the split line, or None. angle_deg: of the sky; None for the plain background.
+        """
+        if self._raster is None:
+            self._raster = Raster(self._scene.vertices, self._scene.faces, self._scene.diagonal)
+        self._raster.look(orbit, size)
+        captured, sky = (None if split is None else self._before), (None if angle_deg is None else self._sky_bytes)
+        background = np.round(255.0 * np.array(BACKGROUND))
+        return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, background)
+
+    def show_picture(self, picture):
+        """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that."""
+        actors = self._surface, self._captured, self._sky
+        if picture is None:
+            self._renderer.TexturedBackgroundOff()
+            self._surface.VisibilityOn()
+            return
+        for actor in actors:
+            actor.VisibilityOff()
+        image = vtkImageData()
+        image.SetDimensions(picture.shape[1], picture.shape[0], 1)
+        image.GetPointData().SetScalars(numpy_to_vtk(np.ascontiguousarray(picture).reshape(-1, 3), deep=True))
+        self._picture.SetInputData(image)
+        self._renderer.SetBackgroundTexture(self._picture)
+        self._renderer.TexturedBackgroundOn()
+
+    def look(self, orbit):
+        """Look from an Orbit."""
+        camera = self._renderer.GetActiveCamera()
+        camera.SetPosition(*orbit.eye)
+        camera.SetFocalPoint(*orbit.target)
+        camera.SetViewUp(0.0, 1.0, 0.0)
+        camera.UseHorizontalViewAngleOn()
+        camera.SetViewAngle(orbit.fov_deg)
+        low, high = np.reshape(self._surface.GetBounds(), (3, 2)).T
+        farthest = float(np.linalg.norm(np.maximum(np.abs(orbit.eye - low), np.abs(orbit.eye - high))))
+        self._sky.SetPosition(*orbit.eye)
+        self._sky.SetScale(SKY_RADIUS * farthest)
+        self._renderer.ResetCameraClippingRange(*self._surface.GetBounds())
+        near, _ = camera.GetClippingRange()
+        camera.SetClippingRange(min(near, farthest / 2.0), SKY_RADIUS**2 * farthest)
+
+
+def pixels(render_window):
+    """What a window shows, (H, W, 3) uint8, top row first."""
+    grabber = vtkWindowToImageFilter()
+    grabber.SetInput(render_window)
+    grabber.SetInputBufferTypeToRGB()
+    grabber.ReadFrontBufferOff()
+    grabber.ShouldRerenderOff()
+    grabber.Update()
+    image = grabber.GetOutput()
+    width, height, _ = image.GetDimensions()
+    return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 3)[::-1].copy()
+
+
+def _grid():
+    """Places (N, 2) in 0..1 of the dome's vertices in the unrotated image: to the right, and upwards."""
+    right, up = np.meshgrid(np.linspace(0.0, 1.0, DOME[1] + 1), np.linspace(0.0, 1.0, DOME[0] + 1))
+    return np.stack([right.ravel(), up.ravel()], axis=1)
+
+
+def _dome():
+    """A sphere to paint the sky on from within, and its texture; its vertices stand in the canonical directions.
+
+    VTK's own skybox looks its texels up by arc tangents for every pixel, which software rendering feels, and cannot
+    be turned: its lat-long lookup is fixed.
+    """
+    u, v = _grid().T
+    longitude, latitude = math.pi * (1.0 - 2.0 * u), math.pi * (v - 0.5)
+    level = np.cos(latitude)
+    corners = np.stack([np.sin(longitude) * level, np.sin(latitude), np.cos(longitude) * level], axis=1)
+    row, column = (index.ravel() for index in np.indices(DOME))
+    first = row * (DOME[1] + 1) + column
+    faces = np.stack([first, first + 1, first + DOME[1] + 2, first + DOME[1] + 1], axis=1)
+    points, cells = vtkPoints(), vtkCellArray()
+    points.SetData(numpy_to_vtk(corners.astype(np.float32), deep=True))
+    cells.SetData(4, numpy_to_vtkIdTypeArray(faces.astype(np.int64).ravel(), deep=True))
+    mesh = vtkPolyData()
+    mesh.SetPoints(points)
+    mesh.SetPolys(cells)
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(mesh)
+    mapper.ScalarVisibilityOff()
+    texture = vtkTexture()
+    texture.InterpolateOn()
+    texture.SetWrap(vtkTexture.ClampToEdge)
+    texture.SetColorModeToDirectScalars()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.SetTexture(texture)
+    actor.GetProperty().LightingOff()
+    actor.GetProperty().SetInterpolationToFlat()
+    actor.VisibilityOff()
+    actor.UseBoundsOff()
+    return actor, texture
+
+
+def _surface(points, cells, colors):
+    """An actor that shows bytes (V, 3) as they are, the VTK array of the bytes, and the bytes that it reads."""
+    mesh = vtkPolyData()
+    mesh.SetPoints(points)
+    mesh.SetPolys(cells)
+    array = numpy_to_vtk(colors)  # shares the memory, which the caller keeps
+    mesh.GetPointData().SetScalars(array)
+    mapper = vtkPolyDataMapper()
+    mapper.SetInputData(mesh)
+    mapper.SetColorModeToDirectScalars()
+    actor = vtkActor()
+    actor.SetMapper(mapper)
+    actor.GetProperty().LightingOff()
+    actor.GetProperty().SetInterpolationToFlat()  # without light no normals are needed
+    return actor, array, colors

@@ -1,0 +1,323 @@
+"""The window of a session: mouse, keys, the loop, pictures and recordings."""
+
+import os
+import sys
+import time
+from ctypes.util import find_library
+from pathlib import Path
+
+import numpy as np
+
+from splat2mesh.errors import InputError
+
+from ..preview import default_camera
+from .camera import Orbit
+from .controls import CONTROLS, SLIDERS
+from .raster import prepare
+from .session import TURN_DEG_PER_SECOND
+
+SIZE = 1280, 800
+LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
+RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
+PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
+IDLE_SECONDS = 0.005  # between two looks at mouse and background
+FRAMES_AVERAGED = 12
+
+_MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
+_NO_DISPLAY = "no display: save a picture with --screenshot FILE, or start it in a notebook"
+
+
+class Window:
+    """A PyVista window over a Session. `run` it, or call `tick` from a loop of your own.
+
+    session: the Session. plotter: the pyvista.Plotter. orbit: the camera. note: a line of the window's own.
+    Raises InputError where PyVista or a display is missing.
+    """
+
+    def __init__(self, session, size=SIZE, off_screen=False):
+        pyvista = load_pyvista(off_screen)
+        from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
+
+        from .panel import Panel
+        from .stage import Stage
+
+        self.session = session
+        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
+        self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
+        self.panel = Panel(self.plotter.renderer)
+        self.plotter.camera_set = True  # or the first picture would look from somewhere else
+        camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
+        self._home = self.orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
+        self._open, self._recording, self._drag = True, None, None
+        self._drawn, self._sky, self._resting = None, None, False
+        self._software = self._seen_from = None
+        self._moved = self._panelled = self._ticked = -np.inf
+        self._times = []
+        style = vtkInteractorStyleUser()
+        style.AddObserver("CharEvent", lambda *_: None)  # or VTK's own keys would act too
+        self.plotter.iren.style = style
+        self.plotter.iren.clear_key_event_callbacks()
+        interactor = self.plotter.iren.interactor
+        for event, act in (
+            ("KeyPressEvent", lambda: self.press_key(interactor.GetKeySym())),
+            ("MouseMoveEvent", self._move),
+            ("MouseWheelForwardEvent", lambda: self.look(self.orbit.nearer(1))),
+            ("MouseWheelBackwardEvent", lambda: self.look(self.orbit.nearer(-1))),
+            ("ExitEvent", self.quit),
+            *((f"{button}Button{way}Event", self._press(button) if way == "Press" else self._release)
+              for button in ("Left", "Middle", "Right") for way in ("Press", "Release")),
+        ):  # fmt: skip
+            interactor.AddObserver(event, lambda *_, act=act: act())
+        self._interactor = interactor
+
+    @property
+    def size(self):
+        """Width and height in pixels, as they are now."""
+        return tuple(self.plotter.render_window.GetSize())
+
+    @property
+    def frames_per_second(self):
+        """Of the last pictures while something moves, else None."""
+        times = self._times
+        if len(times) < 3 or time.perf_counter() - times[-1] > 0.5:
+            return None
+        return (len(times) - 1) / (times[-1] - times[0])
+
+    def run(self):
+        """Show the window until it is closed."""
+        self.tick()
+        self.plotter.show(auto_close=False, interactive=False, interactive_update=True)
+        self.plotter.iren.initialize()
+        while self._open and not self._interactor.GetDone():
+            self.plotter.iren.process_events()
+            if not self.tick():
+                time.sleep(IDLE_SECONDS)
+        self.close()
+
+    def tick(self):
+        """One round of the loop: what the background found, what moves, a picture if it would differ.
+
+        Returns whether it drew one.
+        """
+        session, now = self.session, time.perf_counter()
+        session.poll()
+        if session.state.turning and self._recording is None:
+            elapsed = min(now - self._ticked, 0.5) if np.isfinite(self._ticked) else 0.0
+            session.change(angle_deg=session.state.angle_deg + TURN_DEG_PER_SECOND * elapsed)
+        self._ticked = now
+        if self._recording is not None:
+            self._recording.tick()
+        drawn = session.revision, self.orbit, self.size, self.note
+        changed = drawn != self._drawn
+        if changed:
+            self._moved = now
+            self._times = [*self._times[-FRAMES_AVERAGED:], now] if now - max(self._times, default=0) < 0.5 else [now]
+        rests = now - self._moved > RESTING_SECONDS
+        sharpens = rests and not self._resting
+        if changed or sharpens:
+            self._draw_scene(rests)
+        if changed or now - self._panelled > PANEL_SECONDS:
+            self._panelled = now
+            rate = self.frames_per_second if not rests else None
+            changed |= self.panel.draw(session, self.size, rate, self.note)
+        elif sharpens:
+            self.panel.draw(session, self.size, None, self.note)
+        if not (changed or sharpens):
+            return False
+        self.plotter.render_window.Render()
+        return True
+
+    def finish(self, timeout=600.0):
+        """Wait until the picture is complete, and draw it with smooth edges."""
+        self.session.finish(timeout)
+        self._draw_now()
+
+    def picture(self, panel=True):
+        """What the window shows, (H, W, 3) uint8, edges smooth, with or without everything that is written on it."""
+        from .stage import pixels
+
+        self._draw_now(panel)
+        image = pixels(self.plotter.render_window)
+        if not panel:
+            self._drawn = None  # the panel has to come back
+        return image
+
+    def press_key(self, key):
+        """Do what the control of this VTK key symbol does; other keys do nothing."""
+        for control in CONTROLS:
+            if control.key in (key, key.lower() if len(key) == 1 else key):
+                self.note = ""
+                control.act(self)
+                return
+
+    def look(self, orbit):
+        """Look from an Orbit."""
+        self.orbit = orbit
+
+    def reset(self):
+        """Everything as at the start, the camera too."""
+        self.session.reset()
+        self.orbit, self.note = self._home, ""
+
+    def save_picture(self, path=None):
+        """Save what is shown, without the panel, as a PNG: by default under the first free name in this folder."""
+        from ..export import write_png
+
+        path = Path(path) if path else free_name("relight_{:04d}.png")
+        try:
+            write_png(path, self.picture(panel=False))
+        except (OSError, InputError) as error:
+            self.note = f"cannot save {path}: {error}"
+        else:
+            self.note = f"saved {path}"
+
+    def record(self, path=None, **options):
+        """Start to record a turn of the light, or stop and drop the recording that runs."""
+        from .recording import Recording
+
+        if self._recording is not None:
+            self._recording.stop()
+        else:
+            self._recording = Recording(self, path, **options)
+
+    def recorded(self, note):
+        """A recording has ended, as its note tells."""
+        self._recording, self.note = None, note
+
+    @property
+    def is_open(self):
+        """Whether nobody has closed it yet."""
+        return self._open
+
+    @property
+    def recording(self):
+        """Whether a recording runs."""
+        return self._recording is not None
+
+    def quit(self):
+        """Close the window soon."""
+        self._open = False
+
+    def close(self):
+        """Close the window and end the background. Once more does nothing."""
+        self._open = False
+        self.session.close()
+        self.plotter.close()
+
+    def _draw_now(self, panel=True):
+        self.session.poll()
+        self._draw_scene(True)
+        self.panel.draw(self.session, self.size, None, self.note, bare=not panel)
+        self.plotter.render_window.Render()
+
+    def _draw_scene(self, rests):
+        """Bring surface, sky and camera up to date, for a picture that rests or one that moves.
+
+        Where OpenGL draws on the CPU, it draws a picture at rest once, under whatever the panel comes to show, and one
+        under a light that moves not at all; cameras that move are its own.
+        """
+        from .stage import MOVING_SAMPLES, RESTING_SAMPLES, pixels
+
+        session, stage, glass = self.session, self._stage, self.plotter.render_window
+        if self._software is None and self._drawn is not None:  # OpenGL tells once it has drawn
+            self._software = stage.software()
+            if self._software:
+                prepare()
+        state, size = session.state, self.size
+        still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
+        self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
+        stage.color(session.colors())
+        behind = state.sky and state.view == "relit" and session.light is not None
+        if behind:
+            painted = id(session.light), session.exposure()
+            if painted != self._sky:
+                self._sky = painted
+                stage.paint_sky(session.light.sky, session.exposure())
+        if self._software and still and not rests:
+            angle, split = (state.angle_deg if behind else None), (state.split_at if state.split else None)
+            glass.SetMultiSamples(MOVING_SAMPLES)
+            stage.show_picture(stage.rasterised(self.orbit, size, split, angle))
+            return
+        stage.show_picture(None)
+        stage.look(self.orbit)
+        if state.split:
+            stage.split(self.orbit.split_plane(state.split_at, size[0] / size[1]), self.orbit.eye)
+        else:
+            stage.split()
+        if behind:
+            stage.turn_sky(state.angle_deg)
+        stage.show_sky(behind)
+        glass.SetMultiSamples(RESTING_SAMPLES if rests else MOVING_SAMPLES)
+        if self._software and rests:
+            self.panel.hide()
+            glass.SwapBuffersOff()
+            glass.Render()
+            picture = pixels(glass)[::-1]
+            glass.SwapBuffersOn()
+            glass.SetMultiSamples(MOVING_SAMPLES)
+            stage.show_picture(picture)
+
+    def _press(self, button):
+        def press():
+            x, y = self._interactor.GetEventPosition()
+            hot = next((hot for hot in self.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
+            self._drag = button, hot, (x, y)
+            if hot is None:
+                return
+            if hot.value is None:
+                self.press_key(hot.name)
+            elif hot.name in [slider.field for slider in SLIDERS]:
+                self.session.change(**{hot.name: hot.value(x, y)})
+
+        return press
+
+    def _move(self):
+        if self._drag is None:
+            return
+        button, hot, (before_x, before_y) = self._drag
+        x, y = self._interactor.GetEventPosition()
+        self._drag = button, hot, (x, y)
+        width, height = self.size
+        right, up = (x - before_x) / height, (y - before_y) / height
+        if hot is not None:
+            if hot.value is not None:
+                self.session.change(**{hot.name: hot.value(x, y)})
+        elif button == "Right" or (button == "Left" and self._interactor.GetShiftKey()):
+            self.session.change(angle_deg=self.session.state.angle_deg + LIGHT_DEG * right)
+        elif button == "Middle":
+            self.orbit = self.orbit.moved(right, up, width / height)
+        else:
+            self.orbit = self.orbit.dragged(right, up)
+
+    def _release(self):
+        self._drag = None
+
+
+def load_pyvista(off_screen):
+    """The module, told which kind of OpenGL there is. Raises InputError where it is missing or has no display."""
+    screen = os.name == "nt" or os.uname().sysname == "Darwin"
+    if not screen and not os.environ.get("DISPLAY"):
+        if not off_screen:
+            raise InputError(_NO_DISPLAY)
+        # Else VTK tries X first, and complains on stderr.
+        kind = "vtkEGLRenderWindow" if find_library("EGL") else "vtkOSOpenGLRenderWindow"
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", kind)
+    try:
+        import pyvista
+    except ImportError:
+        raise InputError(_MISSING) from None
+    return pyvista
+
+
+def free_name(pattern):
+    """The first path of this pattern, counted from 1, that does not exist."""
+    number = 1
+    while Path(pattern.format(number)).exists():
+        number += 1
+    return Path(pattern.format(number))
+
+
+def in_notebook():
+    """Whether this Python runs in a notebook's kernel."""
+    shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
+    return shell is not None and hasattr(shell, "kernel")
