@@ -49,6 +49,7 @@ class Relighter:
         with as many bands and rays as suit the method.
     cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
     max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
+    precomputed: that of another Relighter of the same scene, with its seed and cache, to share what was traced.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
@@ -65,6 +66,7 @@ class Relighter:
         budget_s=None,
         cache=None,
         max_speed=math.inf,
+        precomputed=None,
     ):
         if method not in METHODS:
             raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
@@ -75,8 +77,8 @@ class Relighter:
         self._bands = None if bands is None else sh.check_bands(bands)
         self._rays = None if rays is None else check_rays(rays)
         self.stages = Stages() if stages is None else stages
-        self._precomputed = Precomputed(scene, int(seed), cache, self.stages)
-        self._still = Still(self._precomputed, self.stages)
+        self.precomputed = precomputed or Precomputed(scene, int(seed), cache, self.stages)
+        self._still = Still(self.precomputed, self.stages)
         self._everything = everything(method, self.effects, self._bands, self._rays)
         self._planner = self._latest = self._albedo = self._live = self._posed = None
         self._max_speed = max_speed
@@ -84,7 +86,7 @@ class Relighter:
             from .planning.planner import Planner
 
             fixed = None if method == "auto" else method, self._bands, self._rays, None if self._auto else self.effects
-            self._planner = Planner(self._precomputed, tolerance, budget_s, fixed, self.stages)
+            self._planner = Planner(self.precomputed, tolerance, budget_s, fixed, self.stages)
 
     @property
     def method(self):
@@ -94,7 +96,7 @@ class Relighter:
     @property
     def occluder(self):
         """The Occluder of the whole scene."""
-        return self._precomputed.occluder
+        return self.precomputed.occluder
 
     @property
     def transfer(self):
@@ -102,34 +104,34 @@ class Relighter:
 
         Where it is planned, as the latest light called for it; it may have more bands than the plan says.
         """
-        return self._precomputed.transfer(self._settings_now())[0]
+        return self.precomputed.transfer(self._settings_now())[0]
 
     @property
     def rays_traced(self):
         """How many rays were shot for transfers and bounces so far; none for what was kept."""
-        return self._precomputed.rays_traced
+        return self.precomputed.rays_traced
 
     def interreflection(self, rays=BOUNCE_RAYS):
         """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
         if self._posed is not None:
             return self._posed.interreflection(rays, self._live.lit.transfer)
-        return self._precomputed.interreflection(rays, self.transfer)
+        return self.precomputed.interreflection(rays, self.transfer)
 
     def computed(self, settings):
         """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
-        transfer = self._precomputed.transfer(settings)[0]
-        bounces = self._precomputed.interreflection(settings.bounce_rays, transfer)
+        transfer = self.precomputed.transfer(settings)[0]
+        bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
         return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
 
     @property
     def cache(self):
         """The Cache in use; it may be one that keeps nothing."""
-        return self._precomputed.cache
+        return self.precomputed.cache
 
     @property
     def seed(self):
         """Of the ray directions."""
-        return self._precomputed.seed
+        return self.precomputed.seed
 
     def plan_for(self, environment, albedo_linear=None, angles=1):
         """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.

@@ -151,7 +151,7 @@ class Lighting:
             if planner.method == "blinn-phong":
                 return None
             return planner.transfer
-        transfer, done = planner._precomputed.transfer(plan.settings)
+        transfer, done = planner.precomputed.transfer(plan.settings)
         if done[:4] == self._transfer_sent:
             return None
         self._transfer_sent = done[:4]
@@ -176,8 +176,8 @@ class Lighting:
             return None
         from ..transfer.bounces import transfer_with_bounces
 
-        plain = planner._precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
-        bounced, _ = transfer_with_bounces(plain, albedo, planner._precomputed.interreflection(rays, plain))
+        plain = planner.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
+        bounced, _ = transfer_with_bounces(plain, albedo, planner.precomputed.interreflection(rays, plain))
         return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
 
     def _error(self, wish):
@@ -205,7 +205,7 @@ class Lighting:
         from ..reference import reference
 
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
-        occluder = self._relighter._precomputed.occluder
+        occluder = self._relighter.occluder
         rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
         key = wish.environment, wish.angle_deg
         if self._sample[0] != key:
@@ -224,10 +224,8 @@ class Lighting:
             while len(self._planners) >= MOST_PLANNERS:
                 self._planners.pop(next(iter(self._planners)))
             options = {name: value for name, value in self._options.items() if name != "cache"}
-            planner = Relighter(self.scene, stages=self.stages, tolerance=wish.tolerance, **options)
-            planner._precomputed = self._relighter._precomputed
-            planner._planner._precomputed = self._relighter._precomputed
-            self._planners[wish.tolerance] = planner
+            options |= {"stages": self.stages, "tolerance": wish.tolerance, "precomputed": self._relighter.precomputed}
+            self._planners[wish.tolerance] = Relighter(self.scene, **options)
         planner = self._planners[wish.tolerance]
         return planner, planner.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
