@@ -4,6 +4,7 @@ import numpy as np
 
 from .cache import Cache, array_key
 from .transfer.analytic import analytic
+from .transfer.bounces import Interreflection, visible_fraction
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
@@ -51,21 +52,26 @@ class Precomputed:
     def interreflection(self, rays, transfer):
         """The Interreflection of the scene, so many rays per vertex; rows complement what `transfer` sees."""
         if rays not in self._interreflections:
-            from .transfer.bounces import Interreflection, visible_fraction
+            self._interreflections[rays] = [self._matrix(rays, visible_fraction(transfer)), transfer]
+        matrix, scaled_to = self._interreflections[rays]
+        if scaled_to is not transfer:
+            matrix.scale_to(visible_fraction(transfer))
+            self._interreflections[rays][1] = transfer
+        return matrix
 
-            visible, kept = visible_fraction(transfer), self.cache.get("bounces", rays, self.seed)
-            if kept is not None:
-                with self._stages.stage("bounce rays kept"):
-                    self._interreflections[rays] = Interreflection.restored(rays, kept, visible)
-            else:
-                occluder = self.occluder
-                with self._stages.stage("bounce rays", len(visible)) as advance:
-                    found = Interreflection(occluder, rays, self.seed, visible, advance)
-                self.rays_traced += rays * len(visible)
-                self._interreflections[rays] = found
-                with self._stages.stage("keep"):
-                    self.cache.put("bounces", rays, self.seed, **found.arrays())
-        return self._interreflections[rays]
+    def _matrix(self, rays, visible):
+        """The Interreflection, kept from before or computed."""
+        kept = self.cache.get("bounces", rays, self.seed)
+        if kept is not None:
+            with self._stages.stage("bounce rays kept"):
+                return Interreflection.restored(rays, kept, visible)
+        occluder = self.occluder
+        with self._stages.stage("bounce rays", len(visible)) as advance:
+            found = Interreflection(occluder, rays, self.seed, visible, advance)
+        self.rays_traced += rays * len(visible)
+        with self._stages.stage("keep"):
+            self.cache.put("bounces", rays, self.seed, **found.arrays())
+        return found
 
     def _kept(self, settings):
         """(key, transfer) of the smallest kept transfer that serves, or None."""

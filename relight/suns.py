@@ -85,13 +85,16 @@ class Suns:
 
 class Rest(Environment):
     """An environment without its suns. Its image has them cut off; its coefficients hold in addition what makes up
-    for their shining as points, so that with the suns' own they are those of the whole, in any number of bands."""
+    for their shining as points, so that with the suns' own they are those of the whole, in any number of bands.
 
-    def __init__(self, whole, image, suns):
+    width: estimated relative error of their shining as points.
+    """
+
+    def __init__(self, whole, image, suns, width):
         """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
-        self._whole, self._suns = whole, suns
+        self._whole, self._suns, self.width = whole, suns, width
 
     def sh(self, bands):
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh`, rotation included."""
@@ -155,10 +158,11 @@ def _split(environment, bands, tolerance, limit):
         return environment, Suns.none()
     (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
     if missed:
-        _, cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
+        (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
     suns, rest = _suns(cut.spots, label), image.copy()
     rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
-    return Rest(environment, rest, suns), suns
+    width = math.sqrt(max(error**2 - cut.contrast**2, 0.0))
+    return Rest(environment, rest, suns, width), suns
 
 
 class _Cut(NamedTuple):

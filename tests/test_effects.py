@@ -6,12 +6,12 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from relight import Environment, Relighter, cli
+from relight import Environment, Relighter, cli, precomputed
 from relight.blinnphong import blinn_phong
 from relight.effects import EFFECTS, chosen_effects
 from relight.reference import reference
 from relight.suns import split
-from relight.transfer import bounces, occluder, visibility
+from relight.transfer import occluder, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
@@ -274,7 +274,7 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
 
     counted(occluder, "Occluder")
     counted(visibility, "Visibility")
-    counted(bounces, "Interreflection")
+    counted(precomputed, "Interreflection")
     relighter = Relighter(scene, rays=8)
     assert calls == []
     relighter.shade(noon)

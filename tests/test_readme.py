@@ -7,6 +7,7 @@ import pytest
 
 import relight.cli
 import splat2mesh.cli
+from relight.viewer.controls import CONTROLS, MOUSE, key_name
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
@@ -41,6 +42,13 @@ def test_the_readme_names_no_option_that_does_not_exist():
     for command in ("splat2mesh", "relight"):
         known = {option for name, option in OPTIONS if name == command}
         assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", section(text, command))) - known == set()
+
+
+def test_the_readme_lists_the_keys_of_the_session():
+    text = section((ROOT / "README.md").read_text(encoding="utf-8"), "The session")
+    listed = dict(re.findall(r"\| `([^`]+)` \| ([^|]+) (?=\|)", text))
+    assert listed == {key_name(control): control.text for control in CONTROLS}
+    assert all(f"{button}: {meaning}" in text for button, meaning in MOUSE)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)

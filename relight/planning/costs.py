@@ -15,16 +15,18 @@ VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.22  # averaging and completing, per coefficient
 ANALYTIC_COEFFICIENT = 0.02
 PRODUCT_COEFFICIENT = 0.004  # for every light
+SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = 0.6  # per sun: half of them stand before a vertex
-FIRST_HIT = 2.0  # per bounce ray: what it meets, and its place in the matrix
+FIRST_HIT = 1.2  # per bounce ray: what it meets, and its place in the matrix
 BOUNCE = 0.02  # per bounce ray and bounce
 NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over averaging
 
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
-BOUNCE_NOISE = {8: 0.16, 16: 0.104, 32: 0.069, 64: 0.05, 128: 0.042}
-"""Error of bounced light by rays per vertex, over the bounced light (a table's true mesh, docs/light.md)."""
+BOUNCE_NOISE = {8: 0.083, 16: 0.051, 32: 0.03, 64: 0.021, 128: 0.014, 256: 0.0085, 512: 0.0055}
+"""Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
+meet anything, the noisier. Upper end of three scenes with shares of .06 to .15; a corner with .33 has two thirds."""
 
 NEURAL_GAIN = {32: 0.88, 64: 0.84}
 """Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
@@ -33,6 +35,11 @@ NEURAL_GAIN = {32: 0.88, 64: 0.84}
 def expected_suns(tolerance):
     """How many suns a split within a tolerance may need."""
     return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
+
+
+def bounce_error(rays, share):
+    """Error, over all light, of bouncing a share of it by so many rays per vertex; without rays it is missing."""
+    return min(share, BOUNCE_NOISE[rays] * share**0.5) if rays else share
 
 
 def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounces=4):
@@ -44,6 +51,8 @@ def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounce
         once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
     if settings.method == "neural":
         once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
+    if settings.suns:
+        once += SPLIT
     once += FIRST_HIT * settings.bounce_rays * vertices
     each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * vertices
     each += BOUNCE * settings.bounce_rays * bounces * vertices

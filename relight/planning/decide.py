@@ -33,6 +33,9 @@ SUN_WIDTH = 0.5  # of that is taken for what is lost where a patch shines as a p
 
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
+NEAR_LEAST = 1.1
+"""Where no setting is within the target: so near the least error it may as well be cheap."""
+
 MAX_SPLITS = 2
 """How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
 
@@ -94,6 +97,10 @@ def planned(
     )
 
 
+def _quickest(candidate):
+    return candidate[:2]
+
+
 class _Choice:
     """All settings worth considering for what was measured."""
 
@@ -115,10 +122,10 @@ class _Choice:
         for _ in range(MAX_SPLITS + 1):
             if self._budget_s is None:
                 good = [each for each in self._candidates if each.error <= self._target]
-                best = min(good) if good else min(self._candidates, key=lambda each: each.error)
+                best = min(good, key=_quickest) if good else self._least()
             else:
                 good = [each for each in self._candidates if each.seconds <= self._budget_s]
-                best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates)
+                best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates, key=_quickest)
             key = best.settings.bands, best.settings.suns
             if not best.settings.suns or key in self._splits or len(self._splits) == MAX_SPLITS:
                 break
@@ -126,10 +133,15 @@ class _Choice:
             self._candidates = [self._rated(each.settings) for each in self._candidates]
         return best
 
+    def _least(self):
+        """The quickest of those that come close to the least error there is."""
+        least = min(each.error for each in self._candidates)
+        return min((each for each in self._candidates if each.error <= NEAR_LEAST * least), key=_quickest)
+
     def curve(self):
         """[(seconds, error, Settings)]: every candidate that no quicker one equals, from quick to exact."""
         found = []
-        for each in sorted(self._candidates):
+        for each in sorted(self._candidates, key=_quickest):
             if not found or each.error < 0.97 * found[-1].error:
                 found.append(each)
         return [tuple(each) for each in found]
@@ -163,7 +175,10 @@ class _Choice:
             rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
             rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
         else:
-            rows.append(("bands", measured.open_truncation(settings.bands), f"{settings.bands} kept"))
+            plain, count = measured.open_truncation(settings.bands), self.sun_count(settings)
+            rows.append((SUN, plain, f"split into {count}" if settings.suns else "skipped"))
+            left = measured.open_truncation(settings.bands, **self.rest(settings))
+            rows.append(("bands", left, f"{settings.bands} kept"))
         if measured.bounced is None:
             rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
         else:
@@ -215,6 +230,9 @@ class _Choice:
         if self._method in (None, "analytic") and not self._effects:
             for bands in BANDS if self._bands is None else (self._bands,):
                 yield Settings("analytic", bands)
+                if self._method is None and self._effects is None and not self._shadowed.any():
+                    # A convex scene has a sun but no shadows.
+                    yield from (Settings("analytic", bands, suns=each) for each in self._sun_choices() if each)
 
     def _sun_choices(self):
         found = [max(LEAST_SUN_TOLERANCE, SUN_PART * tolerance) for tolerance in self._tolerances]
@@ -243,13 +261,19 @@ class _Choice:
     def _but_noise(self, settings):
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
-        parts = [float(measured.bounces[0]) * costs.BOUNCE_NOISE.get(settings.bounce_rays, 1.0), settings.bounces]
+        parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounces]
         if settings.rays:
-            parts += [self._truncation(settings), SUN_WIDTH * settings.suns]
+            parts += [self._truncation(settings), self._sun_width(settings)]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]
         else:
-            parts += [float(np.linalg.norm(measured.shadows)), measured.open_truncation(settings.bands)]
+            open_truncation = measured.open_truncation(settings.bands, **self.rest(settings))
+            parts += [float(np.linalg.norm(measured.shadows)), open_truncation, self._sun_width(settings)]
         return math.hypot(*parts)
+
+    def _sun_width(self, settings):
+        """Error of patches of light that shine as points: as planned for, or more where suns ran out."""
+        split = self._splits.get((settings.bands, settings.suns))
+        return max(SUN_WIDTH * settings.suns, 0.0 if split is None else split[2])
 
     def _truncation(self, settings):
         return self.measured.truncation(settings.bands, **self.rest(settings))
@@ -272,5 +296,5 @@ class _Choice:
 
     def _split(self, key):
         rest, found = suns.split(self._environment, *key)
-        self._splits[key] = (rest.radiance if len(found) else None), found
+        self._splits[key] = (rest.radiance if len(found) else None), found, getattr(rest, "width", 0.0)
         self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])

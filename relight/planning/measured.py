@@ -16,6 +16,9 @@ from .paths import DEPTH, Bounced
 UNSEEN_AMBIENCE = 1.5
 """Assumed where no vertex of the sample has anything before it: light from where the hidden part is, over the mean."""
 
+DARK = 1e-3
+"""Errors are over at least this part of what open surfaces would send on: no promise holds in the dark."""
+
 
 class Measured:
     """A sample of a scene under an environment: what its effects contribute.
@@ -33,13 +36,13 @@ class Measured:
         self._light = cells.turned(self._cells, self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
-        direct = self._norm(self._full)
         self._known = {}  # what is derived from all light, from each level of it, from each image
         self.bounced = None
         if bouncing:
             coefficients = np.tensordot(self._project, self._light, axes=(1, 0))
             self.bounced = Bounced(sample, albedo, coefficients)
-        self.total = np.maximum(np.hypot(direct, self._bounce_norm()), 1e-30)
+        open_norm = self._norm(self._through(sample.open, self._light))
+        self.total = np.maximum(self._all_light(), np.maximum(DARK * open_norm, 1e-30))
 
     @cached_property
     def shadows(self):
@@ -62,9 +65,13 @@ class Measured:
         `image` of what stays."""
         return self._truncations(level, image)[bands - 1]
 
-    def open_truncation(self, bands):
-        """Error of keeping so many bands of the light on a scene without shadows."""
-        return self._open_truncations[bands - 1]
+    def open_truncation(self, bands, level=None, image=None):
+        """As `truncation`, on a scene without shadows."""
+        key = "open", level if image is None else id(image)
+        if key not in self._known:
+            light, coefficients = self._rest(level, image)[:2]
+            self._known[key] = self._losses(self._through(self.sample.open, light), self._open_transfer, coefficients)
+        return self._known[key][bands - 1]
 
     def ray_noise(self, deviation, bands, level=None, image=None):
         """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
@@ -99,9 +106,8 @@ class Measured:
         return self._rest(level, image)[1]
 
     @cached_property
-    def _open_truncations(self):
-        transfer = self.sample.open.astype(np.float64) @ self._basis
-        return self._losses(self._through(self.sample.open, self._light), transfer, self.coefficients())
+    def _open_transfer(self):
+        return self.sample.open.astype(np.float64) @ self._basis
 
     @cached_property
     def _ambience(self):
@@ -168,5 +174,9 @@ class Measured:
         product = (halves[0] * tint * halves[1] * tint).sum(axis=2)
         return np.sqrt(np.maximum(np.tensordot(self.sample.weights, product, axes=(0, 0)), 0.0))
 
-    def _bounce_norm(self):
-        return 0.0 if self.bounced is None else self._halves_norm(self.bounced.halves.sum(axis=1))
+    def _all_light(self):
+        """(TURNS,) norms of direct light and all that bounces, of which the halves tell the square without noise."""
+        if self.bounced is None:
+            return self._norm(self._full)
+        halves = [self._full + half.sum(axis=0) for half in self.bounced.halves]
+        return self._halves_norm(np.stack(halves))

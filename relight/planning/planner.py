@@ -55,7 +55,8 @@ class Planner:
             transfer = self._precomputed.transfer(settings)[0]
             with self._stages.stage("check"):
                 plan.checked = plan.check(settings, transfer[plan.rows, : settings.bands**2])
-            if plan.checked <= self._tolerance or plan.budget_s is not None or fixed_rays or not left:
+            hopeless = plan.error > self._tolerance  # by other things than the rays, as was known before
+            if plan.checked <= self._tolerance or hopeless or plan.budget_s is not None or fixed_rays or not left:
                 return
             plan.settings = settings._replace(rays=2 * settings.rays)
 

@@ -99,7 +99,7 @@ class Interreflection:
             self._blocks.append(_packed(columns, weights, used))
             advance(len(shot))
         self.back_hits = back / max(int(self.hits.sum()), 1)
-        self._scale = self._scales(visible)
+        self.scale_to(visible)
 
     @classmethod
     def restored(cls, rays, arrays, visible=None):
@@ -114,7 +114,7 @@ class Interreflection:
             part = slice(entry, entry + starts[-1])
             self._blocks.append((starts, arrays["columns"][part], arrays["weights"][part]))
             row, entry = row + size, part.stop
-        self._scale = self._scales(visible)
+        self.scale_to(visible)
         return self
 
     def arrays(self):
@@ -164,6 +164,10 @@ class Interreflection:
         with ThreadPoolExecutor(os.cpu_count()) as pool:  # the kernels release the GIL
             list(pool.map(work, parts, self._blocks))
         return result.reshape(radiance.shape)
+
+    def scale_to(self, visible):
+        """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
+        self._scale = self._scales(visible)
 
     def _scales(self, visible):
         """(V,) float32: what turns the plain sums over hits into rows."""

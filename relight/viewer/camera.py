@@ -18,6 +18,8 @@ TOO_NEAR = 0.1
 ROOM = 1.2
 """Distance of an eye outside the scene, over that of a picture without bars above and below."""
 
+PICTURE_ASPECT = 4.0 / 3.0  # for which the cameras of scenes are made
+
 _AHEAD_COSINE = math.cos(math.radians(5.0))
 
 
@@ -56,6 +58,10 @@ class Orbit:
         azimuth = math.degrees(math.atan2(away[0], away[2]))
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
+
+    def in_frame(self, aspect):
+        """The same, from as much farther as a window lower than a picture, (width over height), shows less."""
+        return replace(self, distance=self.distance * max(1.0, aspect / PICTURE_ASPECT))
 
     @property
     def axes(self):

@@ -47,7 +47,8 @@ class Window:
         self.panel = Panel(self.plotter.renderer)
         self.plotter.camera_set = True  # or the first picture would look from somewhere else
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
-        self._home = self.orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
+        orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
+        self._home = self.orbit = orbit.in_frame(size[0] / size[1])
         self._open, self._recording, self._drag = True, None, None
         self._drawn, self._sky, self._resting = None, None, False
         self._software = self._seen_from = None
