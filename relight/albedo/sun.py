@@ -39,7 +39,7 @@ _LEAST_CURVATURE = 1e-9  # of the cost: a sun that no place sees gains nothing, 
 
 class Sun(NamedTuple):
     """direction: (3,) unit, scene frame. width_deg: spread of its lobe. received: (N,) irradiance over pi of places
-    by a sun of irradiance 1. radiance: (3,) irradiance at right angles, or None before it is fitted."""
+    by a sun of irradiance 1. irradiance: (3,) at right angles, or None before it is fitted."""
 
     direction: np.ndarray
     width_deg: float
