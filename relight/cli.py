@@ -8,7 +8,7 @@ from pathlib import Path
 
 from . import __version__
 from .effects import EFFECTS
-from .files import FILES
+from .files import BAKED, FILES
 from .transfer import METHODS
 
 EXAMPLES = """examples:
@@ -74,9 +74,7 @@ def parser():
     add("--screenshot", metavar="FILE", help="with --view: write this .png of it, and open no window")
 
     add = parser.add_argument_group("motion").add_argument
-    add(
-        "--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too"
-    )
+    add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
     add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
 
     add = parser.add_argument_group("results").add_argument
@@ -84,6 +82,9 @@ def parser():
     add("-o", "--output", metavar="OUT", help=output)
     kinds = f"any of {' '.join(FILES)} (default: glb png)"
     add("--format", nargs="+", default=["glb", "png"], choices=FILES, metavar="KIND", help=kinds)
+    bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
+    add("--bake", nargs="+", choices=BAKED, metavar="WHAT", help=bake)
+    add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")

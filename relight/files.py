@@ -7,3 +7,6 @@ FILES = {
     "splat": "relit_splat.ply",
     "png": "preview.png",
 }
+
+BAKED = ("texture", "transfer")
+"""What `--bake` can make: textured meshes, and images of the transfer for shaders."""

@@ -4,21 +4,18 @@ import json
 from pathlib import Path
 
 from splat2mesh.console import peak_mb
-from splat2mesh.formats import WRITERS, kind_of, write_splats
 from splat2mesh.outputs import staged_folder
 from splat2mesh.scene import Scene
 from splat2mesh.sources import source_splats
 
-from . import __version__, export, sh
+from . import __version__, sh
 from .appearance import CHOICES, appearance_of
 from .cache import Cache
 from .engine import Relighter
 from .environment import Environment
-from .files import FILES
 from .planning.plan import DEFAULT_TOLERANCE
+from .results import PICTURE_SIZE, Results
 from .tonemap import auto_exposure
-
-PICTURE_SIZE = 960, 720
 
 
 class Job:
@@ -40,8 +37,7 @@ class Job:
 
                 self._animation = Animation(self.source)
             self.scene = self._animation.scene if options.animate else Scene.load(self.source)
-            if "splat" in options.format:
-                self._splats, self._splat_paths = source_splats(self.scene, options.splat)
+            self._splats = self._source(options) if "splat" in options.format or options.bake else None
         tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         with stages.stage("load"):
             cache = None if options.no_cache else Cache.of_scene(self.scene)
@@ -64,8 +60,13 @@ class Job:
         self.albedo = self.appearance.albedo
         planned = not options.view
         self.plan = self.relighter.plan_for(self.environment, self.albedo, len(angles)) if planned else None
-        self._binding = None
         self._lights = [self.environment.rotated(angle) for angle in angles]
+
+    def _source(self, options):
+        """(Splats, paths) that the scene was made from; None for a mesh file, whose textures need none."""
+        if self.source.is_dir() or "splat" in options.format:
+            return source_splats(self.scene, options.splat)
+        return None
 
     def session(self):
         """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
@@ -90,37 +91,26 @@ class Job:
 
     def results(self, folders):
         """Light the scene and fill a folder for each angle; yields the report of each, JSON-clean."""
-        options, stages = self.options, self.stages
+        options = self.options
+        baked = tuple(options.bake or ())
+        results = Results(
+            self.relighter, self.appearance, options.format, baked, self._splats, options.texture_size, options.seed
+        )
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
         first = self.relighter.shading(self._lights[0], self.albedo)
         exposure = self._exposure(first)
-        preview = None
         for light, folder in zip(self._lights, folders, strict=True):
             shading = first if light is self._lights[0] else self.relighter.shading(light, self.albedo)
-            radiance = shading.radiance
-            if "png" in options.format:
-                from .preview import Preview
-
-                with stages.stage("preview"):
-                    preview = preview or Preview(self.scene, None, *PICTURE_SIZE)
-                    picture = preview.render(radiance, light, exposure)
             report = self._report(light, shading, exposure)
-            with stages.stage("write"), staged_folder(folder) as staging:
-                if "glb" in options.format:
-                    extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                    written = staging / FILES["glb"], self.scene, radiance, exposure, extras
-                    report["clipped_vertices"] = export.write_glb(*written)
-                if "ply" in options.format:
-                    export.write_ply(staging / FILES["ply"], self.scene, radiance, exposure)
-                if "npy" in options.format:
-                    export.write_npy(staging / FILES["npy"], self.scene, radiance)
-                if "splat" in options.format:
-                    report["files"] += self._write_splats(staging, radiance, exposure)
-                if "png" in options.format:
-                    export.write_png(staging / FILES["png"], picture)
-                report.update(warnings=list(self._messages), seconds=dict(stages.seconds), peak_mb=peak_mb())
-                (staging / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+            with staged_folder(folder) as staging:
+                report["files"], told = results.write(staging, light, shading.radiance, exposure)
+                report.update(told)
+                self._write_report(staging, report)
             yield report
+
+    def _write_report(self, folder, report):
+        report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
+        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
 
     def film(self, folder):
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
@@ -145,28 +135,8 @@ class Job:
         report = self._report(light, self._shading, written.exposure)
         report |= {"animation": animation.name, "frames": written.frames, "fps": options.fps}
         report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-        report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
-        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        self._write_report(folder, report)
         return written.note, report
-
-    def _write_splats(self, folder, radiance, exposure):
-        """The splats in the light of `radiance`, also in the format of their source: names of files beyond FILES."""
-        from .relit import Binding, write_relit_ply
-
-        if self._binding is None:
-            with self.stages.stage("bind splats"):
-                self._binding = Binding(self._splats, self.scene, seed=self.options.seed)
-        with self.stages.stage("relight splats"):
-            received = self.appearance.received(radiance)
-            relit = self._binding.relit(self.appearance.irradiance, received, exposure)
-        source = self._splat_paths[0] if len(self._splat_paths) == 1 else None
-        write_relit_ply(folder / FILES["splat"], relit, source)
-        kind = kind_of(source) if source else "ply"
-        if kind == "ply" or kind not in WRITERS:
-            return []
-        name = f"relit_splat.{kind}"
-        write_splats(folder / name, relit, kind)
-        return [name]
 
     def _report(self, light, shading, exposure):
         options, settings = self.options, shading.settings
@@ -190,7 +160,7 @@ class Job:
             "plan": None if self.plan is None else self.plan.as_dict(),
             "rays_traced": self.relighter.rays_traced,
             "exposure": exposure,
-            "files": [FILES[kind] for kind in FILES if kind in options.format],
+            "files": [],
         }
 
     def _exposure(self, first):

@@ -14,7 +14,7 @@ from splat_samples import make_splats, unit_vectors
 
 from relight import Environment, cli, layouts, sh
 from splat2mesh.frames import scene_from_splat
-from splat2mesh.meshfile import Mesh
+from splat2mesh.meshfile import Mesh, write_mesh_ply
 from splat2mesh.rasterize import rasterize
 from splat2mesh.scene import Scene
 from splat2mesh.splats import Splats
@@ -332,9 +332,14 @@ def test_relight_writes_what_is_documented(tmp_path):
     kinds = [kind for kind in cli.FILES if kind != "splat"]  # this scene was not made from one
     options = "--method", "analytic", "--albedo", "captured", "--format", *kinds, "-q"
     assert cli.main(list(map(str, (tmp_path / "scene", "-o", out, *options)))) == 0
-    assert {path.name for path in out.iterdir()} | {cli.FILES["splat"]} == names("file", "holds")
-    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    assert set(report) == names("report.json")
+    write_mesh_ply(tmp_path / "mesh.ply", small_mesh())
+    baked = tmp_path / "baked"
+    options = "--bake", "texture", "transfer", "--texture-size", "64", "--tolerance", "0.1", "--format", "npy", "-q"
+    assert cli.main(list(map(str, (tmp_path / "mesh.ply", "-o", baked, *options)))) == 0
+    written = {path.name for folder in (out, baked) for path in folder.iterdir()}
+    assert written | {cli.FILES["splat"]} == names("file", "holds")
+    report, other = (json.loads((folder / "report.json").read_text(encoding="utf-8")) for folder in (out, baked))
+    assert set(report) | set(other) == names("report.json")
     extras = pygltflib.GLTF2().load(out / "relit.glb").scenes[0].extras
     assert set(extras) == names("extras")
     assert extras["exposure"] == report["exposure"] and extras["clipped_vertices"] == report["clipped_vertices"]

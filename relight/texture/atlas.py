@@ -5,6 +5,7 @@ chunks changes no texel.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -34,9 +35,9 @@ class Atlas:
 
     uv: (W, 2) float32 in [0, 1], u to the right, v down from the top row, as in glTF. vertex: (W,) int32, the scene
     vertex that each is a copy of. faces: (F, 3) int32 of these, in the scene's order. chunks: list of the ranges of W,
-    one for each chunk. size: side of the texture in texels.
+    one for each chunk. vertices: V. size: side of the texture in texels.
     texels: (T,) int64 ascending, row * size + column, of the texels that show the surface, gutters included. face: (T,)
-    int32. weights: (T, 3) float32 of the face's corners. texel_size: width of one in the scene's unit, mean over charts.
+    int32. weights: (T, 3) float32 of the face's corners. texel_size: width of one in the scene's unit, a mean.
     inside: (T,) bool, whether its centre lies in its face; the others are gutter.
     """
 
@@ -44,6 +45,7 @@ class Atlas:
     vertex: np.ndarray
     faces: np.ndarray
     chunks: list
+    vertices: int
     size: int
     texels: np.ndarray
     face: np.ndarray
@@ -62,11 +64,9 @@ class Atlas:
         """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
         return values[self._nearest].reshape(self.size, self.size, -1)
 
-    @property
+    @cached_property
     def _nearest(self):
-        if "nearest" not in self.__dict__:
-            object.__setattr__(self, "nearest", _nearest_texel(self.texels, self.size))
-        return self.nearest
+        return _nearest_texel(self.texels, self.size)
 
 
 def unwrap(scene, size):
@@ -77,14 +77,11 @@ def unwrap(scene, size):
     """
     size = check_size(size)
     nodes, corners, order = welded(scene)
-    node_points = nodes[:, :3]
-    area = face_areas(node_points, corners)
-    total = float(area.sum())
+    total = float(face_areas(nodes[:, :3], corners).sum())
     if not 0.0 < total < np.inf:
         raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
-    uv, vertex_node, faces, pixels = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
-    scale = size / pixels
-    uv = (uv * scale).astype(np.float32)
+    uv, faces, pixels = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
+    uv = (uv * (size / pixels)).astype(np.float32)
     best = np.full((size, size), np.inf, np.float32)
     face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
     _draw(uv, faces, np.float32(REACH), best, face, weights)
@@ -113,6 +110,7 @@ def unwrap(scene, size):
         np.concatenate(vertex).astype(np.int32),
         np.concatenate(final).astype(np.int32),
         chunks,
+        len(scene.vertices),
         size,
         texels,
         order[0][face].astype(np.int32),
@@ -159,7 +157,7 @@ def face_areas(points, faces):
 
 
 def _charts(nodes, corners, texels_per_unit):
-    """xatlas: uv (W, 2) float64 in texels, the node of each (W,), faces (F, 3) of these, and the side they fill."""
+    """xatlas: uv (W, 2) float64 in texels, faces (F, 3) of these, and the side of the square that they fill."""
     import xatlas
 
     atlas = xatlas.Atlas()
@@ -184,7 +182,24 @@ def _charts(nodes, corners, texels_per_unit):
         faces[part] = local.astype(np.int64) + count
         count += len(origin)
     uv = np.concatenate(uv).astype(np.float64) * [atlas.width, atlas.height]
-    return uv, np.concatenate(node), faces, max(atlas.width, atlas.height)
+    return *_without_holes(uv, np.concatenate(node), faces), max(atlas.width, atlas.height)
+
+
+def _without_holes(uv, node, faces):
+    """Slivers that xatlas left out, at (0, 0), shown in the colour of one of their corners in another face."""
+    lost = np.flatnonzero((uv[faces] == 0.0).all(axis=(1, 2)))
+    if len(lost) == 0:
+        return uv, faces
+    kept = np.ones(len(faces), bool)
+    kept[lost] = False
+    placed = np.full(node.max() + 1, -1)
+    placed[node[faces[kept]]] = faces[kept]
+    faces, added = faces.copy(), []
+    for face in lost:
+        known = placed[node[faces[face]]].max()
+        added.append(uv[known] if known >= 0 else np.zeros(2))
+    faces[lost] = len(uv) + 3 * np.arange(len(lost))[:, None] + np.arange(3)
+    return np.concatenate([uv, np.repeat(added, 3, axis=0)]), faces
 
 
 def _parts(points, faces):

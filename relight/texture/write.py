@@ -2,6 +2,7 @@
 
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 
@@ -28,8 +29,8 @@ def write_textured_glb(
 ):
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
 
-    Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The same
-    input gives the same bytes. Raises InputError for a picture of another size.
+    Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
+    same input gives the same bytes. Raises InputError for a picture of another size.
     """
     import pygltflib as gltf
 
@@ -76,21 +77,19 @@ def write_textured_glb(
 def write_transfer(
     folder,
     baked,
-    transfer,  # (V, K) of the vertices, or (T, K) of the texels, K >= 9
+    transfer,  # (V, K) of the vertices, K >= 9
 ):
-    """Write transfer_0.exr, transfer_1.exr and transfer_2.exr: linear half floats, unscaled, coefficients 3 i + (R, G, B).
+    """Write transfer_0.exr, transfer_1.exr and transfer_2.exr: linear half floats, unscaled.
 
-    With albedo.png and transfer.json, which says the same, a shader can light the mesh: see docs/texture.md. A vertex's
-    transfer is interpolated. Returns the names of the files. Raises InputError for another shape.
+    Image i holds coefficients 3 i, 3 i + 1 and 3 i + 2 in R, G and B, those of the vertices interpolated. With
+    albedo.png and transfer.json, which says the same, a shader can light the mesh: see docs/texture.md.
+    Returns the names of the files. Raises InputError for another shape.
     """
-    transfer, atlas = np.asarray(transfer, np.float32), baked.atlas
-    if transfer.ndim != 2 or transfer.shape[1] < TRANSFER_BANDS**2:
-        raise InputError(f"transfer images need (V, 9) coefficients or more, found {transfer.shape}")
-    traced = len(transfer) == len(atlas.texels)
-    if not traced and len(transfer) <= atlas.vertex.max():
-        raise InputError(f"transfer must have a row per scene vertex or per texel, found {len(transfer)}")
-    used = np.ascontiguousarray(transfer[:, : TRANSFER_BANDS**2])
-    values = used if traced else atlas.interpolate(used)
+    transfer, atlas = np.asarray(transfer), baked.atlas
+    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < TRANSFER_BANDS**2:
+        raise InputError(f"transfer images need ({atlas.vertices}, 9) coefficients or more, found {transfer.shape}")
+    values = atlas.interpolate(transfer[:, : TRANSFER_BANDS**2])
+    folder = Path(folder)
     names = []
     for index in range(TRANSFER_BANDS):
         names.append(f"transfer_{index}.exr")
@@ -107,7 +106,7 @@ def write_transfer(
         "scale": 1.0,
         "offset": 0.0,
         "includes": "cosine lobe over pi and shadows: constant light of radiance 1 gives 1 where nothing hides it",
-        "texels": "traced" if traced else "interpolated from the vertices",
+        "texels": "interpolated from the vertices",
     }
     names.append("transfer.json")
     with staged_file(folder / names[-1]) as staging:
