@@ -20,7 +20,7 @@ CURVE_POWER = 2.4
 
 SOFTNESS = 0.1
 """Of the median irradiance: where less than this arrived, the mean change weighs more than the place's own. It gains
-0.1 dB on a table and costs an object as much; with 0.4 that loses 2 dB."""
+0.1 dB on a tabletop and costs an object 0.2; 0.4 costs that one 2 dB."""
 
 LEAST, MOST = 1e-4, 1e4
 """Range of a change of light: a ratio of what a display can show has no more."""
