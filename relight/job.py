@@ -164,8 +164,13 @@ class Job:
         }
 
     def _exposure(self, first):
-        """Display value per unit of radiance: 2^EV, else what the brightest of the lights calls for."""
+        """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
+        a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
         if self.options.exposure is not None:
             return 2.0**self.options.exposure
         others = (self.relighter.shade(light, self.albedo) for light in self._lights[1:])
-        return min([auto_exposure(first.radiance), *map(auto_exposure, others)])
+        exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
+        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        if capture is None or not mean > 0.0:
+            return exposure
+        return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))

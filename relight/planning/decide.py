@@ -14,8 +14,8 @@ from .measured import Measured
 from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
 from .sample import Sample
 
-SAFETY = 0.8
-"""A plan is laid for this part of the tolerance: what is measured on a sample is off by about a tenth, and what is done
+SAFETY = 0.75
+"""A plan is laid for this part of the tolerance: what a sample measures is off by a tenth or more, and what is done
 is checked against the tolerance itself."""
 
 SKIPPED = 0.35

@@ -1,8 +1,4 @@
-"""What every texel of a scene's texture shows: the captured colour of its splat there, and the albedo below the light.
-
-An eye right above each texel looks down at the splats (`lines`): the mesh may pass a little above or below what they
-show, as one with few faces does everywhere.
-"""
+"""What every texel of a scene's texture shows: the colour of the splat there as captured, and the albedo below it."""
 
 import warnings
 from dataclasses import dataclass
@@ -13,36 +9,21 @@ from splat2mesh.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.splats import clean
 from splat2mesh.stages import Stages
-from splat2mesh.surface import dilated, training_pixel
+from splat2mesh.surface import training_pixel
 
 from ..albedo import albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
-from .lines import Lines
-
-SEARCH_ABOVE, SEARCH_BELOW = 0.02, 0.05
-"""Of the diagonal: how far above and below the mesh splats are looked for. 5,000 faces are off by 0.5% here and there,
-and Gaussians lie under the surface that they show: with 0.5% both ways 2 dB are lost, with 1% 0.7 dB."""
-
-CLEAR = 0.45
-"""Of the way to the next surface above or below: whatever is beyond belongs to that one."""
-
-LEAST_PIXELS = 2.0
-"""Training pixels that are searched in any case: in a contact or a fold the mesh leaves no way at all."""
-
-MIN_ALPHA = 0.5
-"""What a line must meet to count as seen; other texels are filled from those around."""
+from .views import seen_colors, views_of
 
 FILL_FROM, FILL_SAMPLES = 4, 200_000
 """Texels that fill an unseen one, and from how many they are chosen."""
-
-_STEP = 1e-4  # of the diagonal: rays for the next surface begin off their own
 
 
 @dataclass(frozen=True)
 class Baked:
     """A texture of T texels for a scene of V vertices. captured, albedo: (T, 3) float32 linear.
 
-    unseen: number of texels where no splat was met; they were filled from those around.
+    unseen: number of texels that no view of the splat shows; they were filled from those around.
     """
 
     atlas: Atlas
@@ -71,9 +52,11 @@ def bake(
     prior=None,  # of `albedo_of`
     size=None,  # of the texture in texels; by default as fine as the splat
     albedo=None,  # (V, 3) where it is known; then no splat is asked for it
+    views=None,  # list of View in the frame of the splats; chosen by default
     stages=None,
+    seed=0,  # of the choice
 ):
-    """A Baked texture of a scene. Warns of texels that no splat was met at.
+    """A Baked texture of a scene. Warns of texels that no view of the splat shows.
 
     Raises InputError for arrays that do not fit, a size out of range and splats that cannot be used.
     """
@@ -94,18 +77,19 @@ def bake(
         for given, name in ((irradiance, "irradiance"), (albedo, "albedo"))
     )
     unseen = 0
-    with stages.stage("texels", total=len(atlas.texels)) as advance:
-        if splats is None:
-            vertex_colors = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
-            captured = atlas.interpolate(vertex_colors)
-            advance(len(captured))
-        else:
-            wide = dilated(splats, max(pixel, atlas.texel_size / unit))
-            captured, seen = _captured(scene, matrix, wide, pixel, atlas, advance)
-            unseen = int((~seen).sum())
+    if splats is None:
+        with stages.stage("texels"):
+            captured = atlas.interpolate(linear_from_srgb(scene.colors_srgb / np.float32(255.0)))
+    else:
+        with stages.stage("views"):
+            if views is None:
+                splats, views = views_of(scene, splats, atlas.texel_size / unit, seed)
+        with stages.stage("texels", total=len(views)) as advance:
+            captured, seen = _captured(scene, matrix, splats, views, atlas, advance)
+        unseen = int((~seen).sum())
     if unseen:
         warnings.warn(
-            f"no splat was met at {unseen} of {len(captured)} texels; they have the colour around them",
+            f"no view of the splat shows {unseen} of {len(captured)} texels; they have the colour around them",
             DataWarning,
             stacklevel=2,
         )
@@ -128,47 +112,21 @@ def surface_points(scene, atlas):
     return atlas.interpolate(scene.vertices), normals / np.maximum(lengths, 1e-30)
 
 
-def _captured(scene, matrix, splats, pixel, atlas, advance):
-    """Linear colours of the splats at all texels, (T, 3) float32, and which of them met any: (T,) bool."""
+def _captured(scene, matrix, splats, views, atlas, advance):
+    """Linear colours of the splats at all texels, (T, 3) float32, and which of them a view shows: (T,) bool."""
     points, normals = surface_points(scene, atlas)
     back = np.linalg.inv(matrix)
     points = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
     turned = normals @ matrix[:3, :3]  # normals go by the inverse transpose of the points' matrix
     normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)).astype(np.float32)
     vertices = (scene.vertices @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
-    diagonal = float(np.linalg.norm(np.ptp(vertices[scene.faces], axis=(0, 1))))
-    least = min(LEAST_PIXELS * pixel, SEARCH_ABOVE * diagonal)
-    gaps = _gaps(vertices, scene.faces, points, normals, _STEP * diagonal)
-    above, below = (
-        np.clip(CLEAR * gap, least, search * diagonal)
-        for gap, search in zip(gaps, (SEARCH_ABOVE, SEARCH_BELOW), strict=True)
-    )
-    lines = Lines(splats, points, float(max(above.max(), below.max())))
-    colors, alpha = lines.colors(points, normals, above, below, advance)
-    colors, seen = linear_from_srgb(np.clip(colors, 0.0, 1.0)), alpha >= MIN_ALPHA
+    colors, seen = seen_colors(splats, views, vertices, scene.faces, points, normals, advance)
     if not seen.any():
-        raise InputError("no splat lies near the mesh: are they the splats that this scene was made from?")
+        raise InputError("no view of the splat shows the mesh: is it the splat that this scene was made from?")
+    colors = linear_from_srgb(np.clip(colors, 0.0, 1.0))
     if not seen.all():
         colors[~seen] = _filled(points, colors, seen)
     return colors, seen
-
-
-def _gaps(vertices, faces, points, normals, step):
-    """Ways from points to the next surface along the normals and against them: (T,) float32 each, inf where free."""
-    import open3d as o3d
-
-    caster = o3d.t.geometry.RaycastingScene()
-    caster.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices), o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32))
-    )
-    for side in (1, -1):
-        gap = np.empty(len(points), np.float32)
-        for start in range(0, len(points), 1 << 20):
-            rows = slice(start, start + (1 << 20))
-            along = np.float32(side) * normals[rows]
-            rays = np.concatenate([points[rows] + np.float32(step) * along, along], axis=1)
-            gap[rows] = caster.cast_rays(o3d.core.Tensor.from_numpy(rays))["t_hit"].numpy()
-        yield gap + np.float32(step)
 
 
 def _filled(points, colors, seen):
