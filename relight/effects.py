@@ -2,11 +2,10 @@
 
 from splat2mesh.errors import InputError
 
+from .settings import BOUNCES, EFFECTS, SHADOWS, SUN
 from .transfer import SHADOWING
 
-SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
-"""shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
-directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
+__all__ = ["BOUNCES", "EFFECTS", "SHADOWS", "SUN", "chosen_effects", "plan"]
 
 
 def plan(scene, environment, tolerance=None, albedo_linear=None, **wishes):

@@ -2,8 +2,11 @@
 
 from typing import NamedTuple
 
-from .effects import BOUNCES, SHADOWS, SUN
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, NEURAL_RAYS, SHADOWING
+
+SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
+"""shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
+directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
 
 SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
 """Where nothing is planned: the defaults of `suns.split`, of `bounces.Interreflection` and of `with_bounces`."""
@@ -29,7 +32,7 @@ class Settings(NamedTuple):
 
     @property
     def effects(self):
-        """The names of `effects.EFFECTS` that it has."""
+        """The names of EFFECTS that it has."""
         has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
         return frozenset(name for name, there in has if there)
 

@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 from scipy.special import sph_harm_y
 
-from relight import Environment, suns
+from relight import Environment, clusters, suns
 from relight.layouts import row_solid_angles, texel_directions
 from relight.reference import reference
 from relight.suns import Suns, split
@@ -240,7 +240,7 @@ def test_error_at_an_edge_is_the_documented_integral():
     share = 6 * spread  # density 1/2 over a width of 12 spreads
     measured = (wrong**2).mean() * share * (cosine**2).mean() / np.pi**2
     # 40,000 walls of which a sixth matter: 2%; 400 points of the spot: 3%.
-    assert suns._EDGE_ERROR * spread == pytest.approx(measured, rel=0.1)
+    assert clusters._EDGE_ERROR * spread == pytest.approx(measured, rel=0.1)
 
 
 # -- rays to the suns

@@ -6,8 +6,7 @@ import time
 import numpy as np
 
 from .. import suns
-from ..effects import BOUNCES, SHADOWS, SUN
-from ..settings import Settings
+from ..settings import BOUNCES, SHADOWS, SUN, Settings
 from ..transfer import SHADOWING
 from . import cells, costs
 from .measured import Measured

@@ -9,7 +9,7 @@ from splat2mesh.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.errors import DataWarning, InputError
 from splat2mesh.splats import clean
 from splat2mesh.stages import Stages
-from splat2mesh.surface import training_pixel
+from splat2mesh.surface import dilated, training_pixel
 
 from ..albedo import albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
@@ -84,6 +84,8 @@ def bake(
         with stages.stage("views"):
             if views is None:
                 splats, views = views_of(scene, splats, atlas.texel_size / unit, seed)
+            else:
+                splats = dilated(splats, pixel)
         with stages.stage("texels", total=len(views)) as advance:
             captured, seen = _captured(scene, matrix, splats, views, atlas, advance)
         unseen = int((~seen).sum())

@@ -86,6 +86,12 @@ def check_film(path, frames, what, overwrite=False):
 
 
 def _free():
-    from .window import free_name
-
     return free_name("turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif"))
+
+
+def free_name(pattern):
+    """The first path of this pattern, counted from 1, that does not exist."""
+    number = 1
+    while Path(pattern.format(number)).exists():
+        number += 1
+    return Path(pattern.format(number))

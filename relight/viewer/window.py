@@ -163,6 +163,7 @@ class Window:
     def save_picture(self, path=None):
         """Save what is shown, without the panel, as a PNG: by default under the first free name in this folder."""
         from ..export import write_png
+        from .recording import free_name
 
         path = Path(path) if path else free_name("relight_{:04d}.png")
         try:
@@ -308,14 +309,6 @@ def load_pyvista(off_screen):
     except ImportError:
         raise InputError(_MISSING) from None
     return pyvista
-
-
-def free_name(pattern):
-    """The first path of this pattern, counted from 1, that does not exist."""
-    number = 1
-    while Path(pattern.format(number)).exists():
-        number += 1
-    return Path(pattern.format(number))
 
 
 def in_notebook():
