@@ -160,7 +160,7 @@ def scene_folder(tmp_path, torus):
 
 
 def relight(*arguments):
-    """Exit code of the command, run in this process with few rays; a ring of random colours has no light to take out."""
+    """Exit code of the command, run in this process with few rays."""
     return cli.main(["--albedo", "captured", *map(str, arguments), "--rays", "8"])
 
 

@@ -16,7 +16,8 @@ PIXELS = 256, 1024
 """Range of the longer side of a picture. In it, a pixel is about as wide as a texel."""
 
 MIN_COSINE = 0.05
-"""A picture that sees a texel at a flatter angle is not asked. Weights are the cosine over the squared distance."""
+"""A picture that sees a texel at a flatter angle is not asked. Weights are the squared cosine; the distance must not
+count: the few views from within would outweigh all others, 1.0 dB on an object and 1.7 dB on a guitar."""
 
 DEPTH_TOLERANCE = 0.02
 """Of the diagonal: where what a picture shows is further before or behind the texel, it is something else."""
@@ -90,8 +91,7 @@ def _shown(view, rendering, caster, points, normals, diagonal):
     rays = np.concatenate([points[rows] + np.float32(_STEP * diagonal) * normals[rows], towards[rows]], axis=1)
     free = ~caster.test_occlusions(o3d.core.Tensor.from_numpy(rays.astype(np.float32)), tfar=0.999).numpy()
     rows = rows[free]
-    weight = cosine[rows] * (diagonal / distance[rows]) ** 2
-    return rows, pixels[free], weight.astype(np.float32)
+    return rows, pixels[free], cosine[rows] ** 2
 
 
 def _bilinear(image, places):
