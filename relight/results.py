@@ -84,7 +84,8 @@ class Results:
             if look.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
                 known = {"albedo": np.ones_like(look.captured) if look.albedo is None else look.albedo}
                 known = {} if look.albedo is look.captured else known
-            self._texture = bake(self._scene, self._splats, size=self._texture_size, stages=self._stages, **known)
+            known |= {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
+            self._texture = bake(self._scene, self._splats, **known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
