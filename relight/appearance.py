@@ -7,6 +7,7 @@ import numpy as np
 
 from splat2mesh.color import linear_from_srgb
 from splat2mesh.errors import DataWarning, InputError
+from splat2mesh.scene import Scene
 
 from .cache import array_key
 from .settings import Settings
@@ -63,25 +64,13 @@ def _given(albedo, captured):
 
 
 def _without_light(captured, capture_env, relighter):
-    from .albedo import Prior, estimate, with_known_light
+    from .albedo import Prior
 
     cache = relighter.cache
     key = array_key(captured, None if capture_env is None else capture_env.radiance), relighter.seed
     kept = cache.get("albedo", *key)
     if kept is None:
-        known = relighter.computed(CAPTURE)
-        with relighter.stages.stage("albedo"):
-            if capture_env is None:
-                found = estimate(relighter.occluder, captured, relighter.seed, **known)
-            else:
-                found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
-        kept = {
-            "albedo": found.albedo,
-            "irradiance": found.irradiance,
-            "image": found.environment.radiance,
-            **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},
-            **{name: np.asarray(getattr(found, name)) for name in _DESCRIBED},
-        }
+        kept = _of_objects(captured, capture_env, relighter)
         cache.put("albedo", *key, **kept)
     if not kept["separable"]:
         message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
@@ -90,6 +79,47 @@ def _without_light(captured, capture_env, relighter):
     described["light"] = "estimated" if capture_env is None else capture_env.name
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
     return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described)
+
+
+def _of_objects(captured, capture_env, relighter):
+    """Dict of arrays of the estimate; of a layout each object by itself, in the light that it alone was captured in.
+
+    What a layout has only once, as the report tells it, is that of the object with the most vertices.
+    """
+    from .engine import Relighter
+
+    scene, objects = relighter.scene, relighter.scene.source.get("objects")
+    if not objects or len(objects) == 1:
+        return _estimated(captured, capture_env, relighter)
+    ends = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
+    parts = []
+    for first, last in (each["chunks"] for each in objects):
+        alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
+        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone))
+    kept = dict(max(parts, key=lambda part: len(part["albedo"])))
+    for name in ("albedo", "irradiance"):
+        kept[name] = np.concatenate([part[name] for part in parts])
+    failed = [each["name"] for each, part in zip(objects, parts, strict=True) if not part["separable"]]
+    if failed:
+        kept["separable"], kept["reason"] = np.array(False), np.array(f"of {', '.join(failed)}")
+    return kept
+
+
+def _estimated(captured, capture_env, relighter):
+    from .albedo import estimate, with_known_light
+
+    known = relighter.computed(CAPTURE)
+    with relighter.stages.stage("albedo"):
+        if capture_env is None:
+            found = estimate(relighter.occluder, captured, relighter.seed, **known)
+        else:
+            found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
+    return {
+        "albedo": found.albedo,
+        "irradiance": found.irradiance,
+        **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},
+        **{name: np.asarray(getattr(found, name)) for name in _DESCRIBED},
+    }
 
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")

@@ -1,6 +1,7 @@
 """What both command lines share: one-line errors, exit codes, warnings and results on the right streams."""
 
 import json
+import os
 import sys
 import traceback
 import warnings
@@ -28,10 +29,14 @@ def run(command, options):
     except Exception as error:
         text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
-    if options.json:
-        print(json.dumps(result))
-    elif not options.quiet:
-        print("\n".join(lines))
+    try:
+        if options.json:
+            print(json.dumps(result))
+        elif not options.quiet:
+            print("\n".join(lines))
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read along has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_DONE
 
 
