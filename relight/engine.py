@@ -150,7 +150,7 @@ class Relighter:
         self,
         environment,  # Environment
         albedo_linear=None,  # (V, 3) in [0, 1], white without
-        settings=None,  # Settings; by default as planned or fixed
+        settings=None,  # Settings; by default as planned or fixed. While chunks move, those of before
     ):
         """Light a scene: a Shading. A new light or rotation costs one product of matrices, a ray for each vertex and
         sun, and a sparse product for each bounce. Where truncated light rings below 0, it is 0.
@@ -158,7 +158,9 @@ class Relighter:
         Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
         """
         tint = self._tint(albedo_linear)
-        if settings is None:
+        if self._live is not None:
+            settings = self._live.settings  # a new light is not planned while things move
+        elif settings is None:
             planned = self._planner is not None and self._method in PLANNED
             settings = self._planner.settled(environment, tint) if planned else self._everything
         self._latest = settings

@@ -32,7 +32,7 @@ on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (s
 DEFAULT_LIMIT = 128
 """Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""
 
-_LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
+LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
 _OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
 _FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
 _POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
@@ -41,7 +41,7 @@ _PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below w
 _POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
 _LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
 _ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
-_GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
+GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
 _PROBES = 256  # vertices beside walls, for the estimate
 
 
@@ -173,7 +173,7 @@ def _cuts(environment, image, coarse):
     brightness = luminance(image)
     around = _around(brightness)
     power = 4.0 * np.pi * environment.mean_luminance
-    for level in _LEVELS * environment.mean_luminance:
+    for level in LEVELS * environment.mean_luminance:
         row, column = np.nonzero(brightness > level)
         if not len(row):
             continue
@@ -219,9 +219,9 @@ class _Coarse:
 
     def __init__(self, image, bands):
         height, width, _ = image.shape
-        self._rows, self._columns = _pooling((height, width), _GRID)
+        self._rows, self._columns = _pooling((height, width), GRID)
         self._full, self._banded, self._project = _probes(bands)
-        self._cells = pooled(image, _GRID).reshape(-1, 3)
+        self._cells = pooled(image, GRID).reshape(-1, 3)
         self._shape = height, width
         self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
 
@@ -254,8 +254,8 @@ def _imagined():
     """The imagined vertices' exit radiance (P, cells) float32, directions and solid angles of the cells."""
     normals = fibonacci_sphere(_PROBES).astype(np.float32)
     walls = np.random.default_rng(0).normal(size=normals.shape).astype(np.float32)
-    cells = layouts.texel_directions(*_GRID).reshape(-1, 3)
-    areas = np.repeat(layouts.row_solid_angles(*_GRID).ravel(), _GRID[1])
+    cells = layouts.texel_directions(*GRID).reshape(-1, 3)
+    areas = np.repeat(layouts.row_solid_angles(*GRID).ravel(), GRID[1])
     toward = cells.T.astype(np.float32)
     full = np.maximum(normals @ toward, np.float32(0.0)) * (areas / np.pi).astype(np.float32)
     full[walls @ toward <= 0.0] = 0.0

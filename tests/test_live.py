@@ -94,6 +94,17 @@ def test_light_may_change_while_things_move_and_several_move_by_themselves(scene
     assert difference(relighter.shading(noon).radiance, expected) < 0.03
 
 
+def test_a_new_light_while_things_move_traces_nothing_of_the_pose_before(scene, light):
+    relighter = Relighter(scene, tolerance=0.05)
+    relighter.shading(light)
+    poses, mesh = moved(scene, 1, (0.5, 0.2, 0.7))
+    relighter.update(1, mesh.vertices, mesh.normals)
+    before = relighter.rays_traced
+    studio = relighter.shading(Environment.load("studio"), settings=SUNLIT)
+    assert relighter.rays_traced == before and studio.settings != SUNLIT
+    assert difference(studio.radiance, Relighter(poses).shade(Environment.load("studio"))) < 0.1
+
+
 def test_too_fast_is_computed_later(scene, light):
     relighter = Relighter(scene, max_speed=0.5)
     relighter.shading(light, settings=SUNLIT)

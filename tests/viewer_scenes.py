@@ -9,6 +9,8 @@ from relight.viewer.session import Session, choices_of
 from splat2mesh.meshfile import Mesh
 from splat2mesh.scene import Scene
 
+SIZE = 480, 360  # of small windows
+
 
 def ball_on_plate(resolution=10, **fields):
     """A ball over a plate, 500 vertices in two chunks, coloured by position: the ball's shadow falls on the plate."""
@@ -38,3 +40,9 @@ def session_of(scene, environment="noon", **options):
 def constant(radiance=1.0):
     """The same light from everywhere."""
     return Environment(np.full((16, 32, 3), radiance, np.float32), "constant")
+
+
+def bare(window):
+    """The settled picture without the panel."""
+    window.session.finish()
+    return window.picture(panel=False).astype(int)

@@ -6,14 +6,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from .. import layouts, sh
-from ..suns import fibonacci_sphere, pooled
+from ..suns import GRID, fibonacci_sphere, pooled
 
-GRID = 64, 128
 TURNS = 8
 """Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""
-
-LEVELS = 160.0 * 0.5 ** np.arange(7)
-"""Where luminance may be cut off by suns, over its mean; as `suns.split` tries."""
 
 
 def cells_of(image):

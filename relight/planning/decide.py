@@ -8,7 +8,7 @@ import numpy as np
 from .. import suns
 from ..settings import BOUNCES, SHADOWS, SUN, Settings
 from ..transfer import SHADOWING
-from . import cells, costs
+from . import costs
 from .measured import Measured
 from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
 from .sample import Sample
@@ -93,7 +93,7 @@ def planned(
         contributions=choice.contributions(best.settings),
         curve=choice.curve(),
         planning_s=time.perf_counter() - start,
-        check=choice.checked,
+        choice=choice,
         rows=sample.rows,
     )
 
@@ -292,7 +292,7 @@ class _Choice:
         key = settings.bands, settings.suns
         if key in self._splits:
             return {"image": self._splits[key][0]}
-        levels = range(len(cells.LEVELS))
+        levels = range(len(suns.LEVELS))
         errors = [self.measured.truncation(settings.bands, level) for level in levels]
         good = [level for level in levels if errors[level] <= 0.5 * settings.suns]
         return {"level": good[0] if good else int(np.argmin(errors))}

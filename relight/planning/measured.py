@@ -10,6 +10,7 @@ import numpy as np
 from splat2mesh.color import luminance
 
 from ..sh import MAX_BANDS
+from ..suns import LEVELS
 from . import cells
 from .paths import DEPTH, Bounced
 
@@ -153,7 +154,7 @@ class Measured:
         if image is not None:
             return cells.turned(cells.cells_of(image), self._directions)
         brightness = luminance(self._cells)
-        limit = cells.LEVELS[level] * brightness.mean()
+        limit = LEVELS[level] * brightness.mean()
         kept = np.minimum(1.0, limit / np.maximum(brightness, 1e-30))
         return cells.turned(self._cells * kept[..., None], self._directions)
 

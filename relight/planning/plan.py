@@ -1,7 +1,6 @@
 """A plan: what will be done, how far off it will be, what it will take, and why; in memory, as JSON, as a table."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +22,8 @@ class Plan:
     tolerance, budget_s: as asked; None for the other. vertices, rays: size of the sample.
     contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
     quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
-    check: from Settings and a transfer (S, K) of the sample's `rows` that error; None in a plan kept from before.
+    choice: what it was chosen from, which tells that error for Settings and a transfer (S, K) of the sample's `rows`,
+    and what they contribute; None in a plan kept from before.
     """
 
     settings: Settings
@@ -38,7 +38,7 @@ class Plan:
     curve: list
     planning_s: float
     checked: float | None = None
-    check: Callable | None = field(default=None, repr=False)
+    choice: object = field(default=None, repr=False)
     rows: np.ndarray | None = field(default=None, repr=False)
 
     def as_dict(self):
