@@ -2,7 +2,7 @@
 
 from splat2mesh import __version__
 
-_HOMES = {"Environment": "environment", "Relighter": "engine"}
+_HOMES = {"Environment": "light.environment", "Relighter": "engine.relighter"}
 __all__ = [*_HOMES, "__version__"]
 
 

@@ -7,8 +7,8 @@ import warnings
 from pathlib import Path
 
 from . import __version__
-from .effects import EFFECTS
-from .files import BAKED, FILES
+from .output.kinds import BAKED, FILES
+from .planning.effects import EFFECTS
 from .transfer import METHODS
 
 EXAMPLES = """examples:
@@ -96,7 +96,7 @@ def parser():
 
 def main(arguments=None):
     """Run the command; returns the exit code."""
-    from splat2mesh.console import run
+    from splat2mesh.base.console import run
 
     return run(_command, parser().parse_args(arguments))
 
@@ -106,7 +106,7 @@ def angles_from(text):
 
     Raises InputError for anything else than DEG or START:STOP:STEP.
     """
-    from splat2mesh.errors import InputError
+    from splat2mesh.base.errors import InputError
 
     try:
         values = [float(part) for part in text.split(":")]
@@ -124,9 +124,9 @@ def angles_from(text):
 
 
 def _command(options):
-    from splat2mesh.console import wants_progress
-    from splat2mesh.errors import InputError
-    from splat2mesh.stages import Stages
+    from splat2mesh.base.console import wants_progress
+    from splat2mesh.base.errors import InputError
+    from splat2mesh.base.progress import Stages
 
     from .planning.plan import check_wishes
     from .transfer import check_rays
@@ -182,7 +182,7 @@ def _viewed(job):
 
 
 def _planned(job):
-    from splat2mesh.errors import InputError
+    from splat2mesh.base.errors import InputError
 
     if job.plan is None:
         raise InputError(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
@@ -191,7 +191,7 @@ def _planned(job):
 
 def _output_folders(options, source, angles):
     """The folder of every angle. Raises InputError, before any work, for one that may not be written."""
-    from splat2mesh.outputs import check_output
+    from splat2mesh.base.outputs import check_output
 
     if options.output and len(angles) == 1:
         folders = [Path(options.output)]

@@ -3,19 +3,20 @@
 import json
 from pathlib import Path
 
-from splat2mesh.console import peak_mb
-from splat2mesh.outputs import staged_folder
-from splat2mesh.scene import Scene
-from splat2mesh.sources import source_splats
+from splat2mesh.base.console import peak_mb
+from splat2mesh.base.outputs import staged_folder
+from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.sources import source_splats
 
-from . import __version__, sh
-from .appearance import CHOICES, appearance_of
-from .cache import Cache
-from .engine import Relighter
-from .environment import Environment
+from . import __version__
+from .engine.appearance import CHOICES, appearance_of
+from .engine.relighter import Relighter
+from .light.environment import Environment
+from .light.tonemap import auto_exposure
+from .output.results import PICTURE_SIZE, Results
 from .planning.plan import DEFAULT_TOLERANCE
-from .results import PICTURE_SIZE, Results
-from .tonemap import auto_exposure
+from .sh import harmonics
+from .transfer.store import Cache
 
 
 class Job:
@@ -29,11 +30,11 @@ class Job:
         self.source = Path(options.scene)
         with stages.stage("environment"):
             if options.bands is not None:
-                sh.check_bands(options.bands)
+                harmonics.check_bands(options.bands)
             self.environment = Environment.load(options.env)
         with stages.stage("load"):
             if options.animate:
-                from .animation import Animation
+                from .animation.animation import Animation
 
                 self._animation = Animation(self.source)
             self.scene = self._animation.scene if options.animate else Scene.load(self.source)
@@ -114,7 +115,7 @@ class Job:
 
     def film(self, folder):
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .frames import FILM, animate, frame_times
+        from .animation.film import FILM, animate, frame_times
 
         options, animation, (light,) = self.options, self._animation, self._lights
         count = len(frame_times(animation.duration_s, options.fps))

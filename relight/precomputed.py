@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from .cache import Cache, array_key
 from .transfer.analytic import analytic
 from .transfer.bounces import Interreflection, visible_fraction
+from .transfer.store import Cache, array_key
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
@@ -18,7 +18,7 @@ class Precomputed:
     """
 
     def __init__(self, scene, seed, cache=None, stages=None):
-        from splat2mesh.stages import Stages
+        from splat2mesh.base.progress import Stages
 
         self.scene, self.seed = scene, seed
         self.sizes = np.array([len(chunk.vertices) for chunk in scene.chunks])

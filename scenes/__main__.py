@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from splat2mesh import console
-from splat2mesh.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.errors import InputError
-from splat2mesh.formats import write_inria_ply
-from splat2mesh.outputs import check_output, staged_folder
+from splat2mesh.base import console
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import check_output, staged_folder
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.splats.formats import write_inria_ply
 
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
 from .kinds import KINDS, build

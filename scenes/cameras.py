@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splat2mesh.view import View
+from splat2mesh.render.view import View
 
 SCENE_FROM_SPLAT = np.diag([1.0, -1.0, -1.0, 1.0])
 """(4, 4) rigid transform, Rx(180), its own inverse: trained splats are y-down, scenes y-up."""

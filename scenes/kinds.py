@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 from . import albedo, shapes
 

@@ -7,8 +7,8 @@ compared to.
 
 import numpy as np
 
-from splat2mesh.color import luminance
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
 
 from .splat import PLASTIC
 

@@ -7,8 +7,8 @@ whose mesh is known. A spacing is the side of the square that one splat has to c
 import numpy as np
 from scipy.special import expit, ndtri
 
-from splat2mesh.color import srgb_from_linear
-from splat2mesh.splats import SH_C0, Splats
+from splat2mesh.scene.color import srgb_from_linear
+from splat2mesh.splats.splats import SH_C0, Splats
 
 from .cameras import FLIP
 

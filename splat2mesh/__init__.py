@@ -10,7 +10,13 @@ os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 # OpenMP threads spin while they wait; where other work shares the cores that costs milliseconds a parallel loop.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-_HOMES = {"convert": "pipeline", "Splats": "splats", "Scene": "scene", "InputError": "errors", "DataWarning": "errors"}
+_HOMES = {
+    "convert": "pipeline",
+    "Splats": "splats.splats",
+    "Scene": "scene.scene",
+    "InputError": "base.errors",
+    "DataWarning": "base.errors",
+}
 __all__ = [*_HOMES, "__version__"]
 
 

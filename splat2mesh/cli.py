@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from . import __version__
-from .console import peak_mb, run, wants_progress
+from .base.console import peak_mb, run, wants_progress
 
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
@@ -76,9 +76,9 @@ def main(arguments=None):
 
 
 def _command(options):
-    from .errors import InputError
-    from .outputs import check_output
-    from .scene import META
+    from .base.errors import InputError
+    from .base.outputs import check_output
+    from .scene.scene import META
 
     source = Path(options.input)
     if not source.exists():
@@ -88,9 +88,9 @@ def _command(options):
         return _plan(options)
     check_output(output, options.overwrite, META)
 
+    from .base.progress import Stages
     from .layout import convert_layout, is_layout
     from .pipeline import convert
-    from .stages import Stages
 
     start = time.perf_counter()
     stages = Stages(show=wants_progress(options))

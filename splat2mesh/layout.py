@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from .chunks import DEFAULT_MAX_VERTICES
-from .errors import DataWarning, InputError
-from .frames import UP_CHOICES
-from .placing import placed_mesh, similarity
-from .scene import Scene
-from .sources import describe
+from .base.errors import DataWarning, InputError
+from .scene.chunks import DEFAULT_MAX_VERTICES
+from .scene.scene import Scene
+from .scene.sources import describe
+from .splats.placing import placed_mesh, similarity
+from .views.upright import UP_CHOICES
 
 _SOG_META = "meta.json"
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras")
@@ -69,8 +69,8 @@ def convert_layout(
     after object; its scene_from_splat is the identity, source["objects"] tells what stands where.
     Raises InputError for a layout, or a splat in it, that cannot be used.
     """
+    from .base.progress import Stages
     from .pipeline import DEFAULT_VERTICES, check_settings, convert
-    from .stages import Stages
 
     vertices = DEFAULT_VERTICES if vertices is None else vertices
     placements = _placements(path, cameras)

@@ -4,19 +4,19 @@ import warnings
 
 import numpy as np
 
-from .background import far_background, views_from_within
-from .cameras import read_colmap, spread_out
-from .chunks import DEFAULT_MAX_VERTICES
-from .errors import DataWarning, InputError
-from .formats import read_splats
-from .frames import UP_CHOICES, scene_from_splat
-from .meshfile import Mesh
-from .scene import Scene
-from .sources import describe
-from .splats import clean
-from .stages import Stages
-from .surface import EFFORTS, WAYS, as_trained, extract, training_pixel
-from .viewpoints import bounds_of, picture_view, virtual_views
+from .base.errors import DataWarning, InputError
+from .base.progress import Stages
+from .scene.chunks import DEFAULT_MAX_VERTICES
+from .scene.mesh import Mesh
+from .scene.scene import Scene
+from .scene.sources import describe
+from .splats.formats import read_splats
+from .splats.splats import clean
+from .surface.background import far_background, views_from_within
+from .surface.extract import EFFORTS, WAYS, as_trained, extract, training_pixel
+from .views.cameras import read_colmap, spread_out
+from .views.upright import UP_CHOICES, scene_from_splat
+from .views.viewpoints import bounds_of, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
 
@@ -116,9 +116,11 @@ def convert(
 
 def _reconstruct(part, views, surface, effort, vertices, stages, statistics):
     """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
-    from .coloring import vertex_colors, vertex_thickness
-    from .fairing import fair
-    from .mesh import decimate, drop_small_components, fill_holes, trim_borders, vertex_normals
+    from .scene.mesh import vertex_normals
+    from .surface.clean import drop_small_components, fill_holes, trim_borders
+    from .surface.color import vertex_colors, vertex_thickness
+    from .surface.decimate import decimate
+    from .surface.fair import fair
 
     splats, pixel = part
     raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)

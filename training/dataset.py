@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relight import sh
-from splat2mesh.errors import InputError
+from relight.sh import harmonics
+from splat2mesh.base.errors import InputError
 
 COEFFICIENTS = ".coefficients.txt"
 
@@ -37,7 +37,7 @@ def published_meshes(folder):
             counts = f"{len(vertices)} vertices, {len(normals)} normals, {len(rows)} rows of coefficients"
             raise InputError(f"{file}: expected as many of each, found {counts}")
         # (-1)^m on either side: the change of sign between the two phases is the one that 3DGS files need.
-        yield Published(name, vertices, normals, sh.from_3dgs(rows.reshape(-1, 9, 3)))
+        yield Published(name, vertices, normals, harmonics.from_3dgs(rows.reshape(-1, 9, 3)))
 
 
 def _table(file, columns):

@@ -11,7 +11,7 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
-from relight import cga, sh
+from relight.sh import cga, harmonics
 from relight.transfer.neuralgash import unit_points
 
 from .labels import as_rgb, transfer_labels
@@ -238,7 +238,7 @@ def _round(kind, examples, rng):
         # Points of a unit frame stay as they are in it: `encoded` would frame the chosen ones anew.
         motors = cga.vertex_motors(points, normals) if kind == "motor" else np.concatenate([points, normals], axis=1)
         inputs.append(motors.astype(np.float32))
-        targets.append(example.transfer[chosen] @ sh.rotation_matrix(turn, 3).T.astype(np.float32))
+        targets.append(example.transfer[chosen] @ harmonics.rotation_matrix(turn, 3).T.astype(np.float32))
     order = rng.permutation(PER_MESH * len(examples))
     inputs, targets = np.concatenate(inputs)[order], as_rgb(np.concatenate(targets)[order])
     whole = max(len(order) // BATCH, 1) * BATCH  # the rest would be a batch too small to normalise by

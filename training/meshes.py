@@ -11,8 +11,8 @@ import numpy as np
 
 from scenes import shapes
 from scenes.kinds import BOWL, COLUMN, VASE, build
-from splat2mesh.errors import InputError
-from splat2mesh.meshfile import read_mesh
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.meshfile import read_mesh
 
 FEWEST, MOST = 700, 7000
 """Vertices of a generated mesh, spread evenly in their logarithm: coarse ones shade as fine ones do."""

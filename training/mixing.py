@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from relight import sh
+from relight.sh import harmonics
 from relight.transfer.features import (
     BAND_FEATURES,
     ESTIMATES,
@@ -163,8 +163,8 @@ def samples(mesh, rays, vertices, seed=0):
     rng = np.random.default_rng(seed)
     drawn = np.sort(rng.choice(len(origins), min(vertices, len(origins)), replace=False))
     label = raytraced(occluder, neighbors.vertices[drawn], BANDS, LABEL_RAYS, seed=2**32 + 1).astype(np.float64)
-    basis = sh.evaluate(normals, BANDS)
-    lobe = (sh.lambert_coefficients(BANDS) / np.pi)[sh.degrees_and_orders(BANDS)[0]]
+    basis = harmonics.evaluate(normals, BANDS)
+    lobe = (harmonics.lambert_coefficients(BANDS) / np.pi)[harmonics.degrees_and_orders(BANDS)[0]]
     shadow = label - basis[drawn] * lobe
     found = []
     for number in rays:

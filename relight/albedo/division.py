@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 DARKEST, LIGHTEST = 0.02, 0.95
 """Range of the albedo: soot to fresh snow. What is outside is an error of the light, and above 1 light would grow."""

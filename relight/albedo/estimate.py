@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splat2mesh.color import luminance
-from splat2mesh.errors import DataWarning, InputError
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.color import luminance
 
-from .. import layouts, sh
-from ..environment import Environment
+from ..light import projections
+from ..light.environment import Environment
+from ..sh import harmonics
 from . import fit, samples, sun
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
@@ -107,7 +108,7 @@ def estimate(
     problem = scene.problem()
     if problem:
         return scene.as_captured(problem)
-    basis = sh.evaluate(scene.places.directions, LIGHT_BANDS)
+    basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
     start[0] = np.log(scene.start()) / _UNIT
@@ -204,7 +205,7 @@ class _Scene:
 
     def direct(self, environment):
         """Direct light on the white scene, (V, 3) float32, not negative."""
-        from ..suns import split
+        from ..light.sun_split import split
         from ..transfer.sunlight import sunlight
 
         bands = math.isqrt(self.transfer.shape[1])
@@ -253,7 +254,7 @@ def _prior(bands):
     Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l.
     """
     width = bands**2
-    degree, _ = sh.degrees_and_orders(bands)
+    degree, _ = harmonics.degrees_and_orders(bands)
     gray = np.full((3, 3), 1.0 / 3.0)
     color = np.eye(3) - gray
     mean = (gray / BRIGHTNESS**2 + color / COLOR**2) * _UNIT**2
@@ -265,13 +266,13 @@ def _prior(bands):
 
 def _image(theta, lamp=None):
     """(H, W, 3) float32 radiance of the logarithm's coefficients (K, 3), and of a Sun beside it."""
-    directions = layouts.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
-    exponent = sh.evaluate(directions, math.isqrt(len(theta))) @ theta
+    directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    exponent = harmonics.evaluate(directions, math.isqrt(len(theta))) @ theta
     radiance = np.exp(np.clip(exponent, -30.0, 30.0)).reshape(HEIGHT, WIDTH, 3)
     if lamp is not None:
         angle = np.degrees(np.arccos(np.clip(directions @ lamp.direction, -1.0, 1.0))).reshape(HEIGHT, WIDTH)
         lobe = np.exp(-0.5 * (angle / lamp.width_deg) ** 2)
-        area = layouts.row_solid_angles(HEIGHT, WIDTH).reshape(-1, 1)
+        area = projections.row_solid_angles(HEIGHT, WIDTH).reshape(-1, 1)
         radiance += (lobe / (lobe * area).sum())[:, :, None] * lamp.irradiance
     return radiance.astype(np.float32)
 

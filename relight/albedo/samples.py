@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..suns import fibonacci_sphere
+from ..sh.sphere import fibonacci_sphere
 from ..transfer.neighbors import ranked_nodes
 
 SAMPLES = 2500

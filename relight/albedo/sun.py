@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splat2mesh.color import luminance
+from splat2mesh.scene.color import luminance
 
-from .. import sh
-from ..suns import fibonacci_sphere
+from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
 from . import fit
 
 CAP_DEG = 25.0
@@ -99,7 +99,7 @@ def with_sun(
 def _candidate(occluder, places, light, log_captured, found, prior, bands):
     """The Sun, not fitted, whose addition would gain most; None where no place sees any."""
     sphere = fibonacci_sphere(CANDIDATES)
-    brightness = luminance(np.exp(np.clip(sh.evaluate(sphere, bands) @ found.theta, -30.0, 30.0)))
+    brightness = luminance(np.exp(np.clip(harmonics.evaluate(sphere, bands) @ found.theta, -30.0, 30.0)))
     near = sphere[sphere @ sphere[np.argmax(brightness)] > np.cos(np.radians(CAP_DEG))]
     lit = _lit(occluder, places.vertices, near)
     received, slope = light(found.theta)

@@ -5,8 +5,10 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .. import layouts, sh
-from ..suns import GRID, fibonacci_sphere, pooled
+from ..light import projections
+from ..light.sun_split import GRID, pooled
+from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
 
 TURNS = 8
 """Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""
@@ -23,7 +25,7 @@ def turned(image_cells, directions):
     Every cell's light goes to the direction nearest to it, none is lost.
     """
     nearest = _nearest(directions)
-    areas = np.broadcast_to(layouts.row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
+    areas = np.broadcast_to(projections.row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
     energy = image_cells.reshape(-1, 3) * areas[:, None]
     light = np.zeros((directions, TURNS, 3))
     for turn in range(TURNS):
@@ -35,13 +37,13 @@ def turned(image_cells, directions):
 @lru_cache(4)
 def basis(directions):
     """SH basis at the directions: (D, K) float64, all bands."""
-    return sh.evaluate(fibonacci_sphere(directions), sh.MAX_BANDS)
+    return harmonics.evaluate(fibonacci_sphere(directions), harmonics.MAX_BANDS)
 
 
 @lru_cache(4)
 def _nearest(directions):
     """Of every cell in every turn the nearest of D directions: (TURNS, cells)."""
-    toward = layouts.texel_directions(*GRID).reshape(-1, 3)
+    toward = projections.texel_directions(*GRID).reshape(-1, 3)
     tree = cKDTree(fibonacci_sphere(directions))
     found = []
     for turn in range(TURNS):

@@ -5,11 +5,11 @@ import time
 
 import numpy as np
 
-from .. import suns
-from ..settings import BOUNCES, SHADOWS, SUN, Settings
+from ..light import suns
 from ..transfer import SHADOWING
+from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from . import costs
-from .measured import Measured
+from .effect_errors import Measured
 from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
 from .sample import Sample
 

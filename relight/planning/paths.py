@@ -5,7 +5,7 @@ Two halves of the paths give the squared size of each bounce without the noise o
 
 import numpy as np
 
-from .. import sh
+from ..sh import harmonics
 
 PATHS = 24  # of each vertex, in two halves
 DEPTH = 4  # bounces that are followed; what comes after is taken for a geometric series
@@ -26,7 +26,7 @@ class Bounced:
         coefficients,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
         seed=0,
     ):
-        from splat2mesh.color import luminance
+        from splat2mesh.scene.color import luminance
 
         count, turns = len(sample.rows), coefficients.shape[1]
         coefficients = coefficients[: SMOOTH_BANDS**2].reshape(SMOOTH_BANDS**2, -1)
@@ -44,7 +44,9 @@ class Bounced:
             face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
             if depth:
                 free = face < 0
-                light = np.maximum(sh.evaluate(toward[free], SMOOTH_BANDS) @ coefficients, 0.0).reshape(-1, turns, 3)
+                light = np.maximum(harmonics.evaluate(toward[free], SMOOTH_BANDS) @ coefficients, 0.0).reshape(
+                    -1, turns, 3
+                )
                 at = half[free], np.full(free.sum(), depth - 1), start[free]
                 np.add.at(self.halves, at, light * weight[free][:, None])
                 np.add.at(self.grey, at, light * dull[free][:, None])

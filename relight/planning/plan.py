@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from ..settings import Settings
+from ..transfer.settings import Settings
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from ..cache import array_key
-from ..splitlight import image_key
+from ..engine.split_light import image_key
+from ..transfer.store import array_key
 from .decide import planned
 from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
 

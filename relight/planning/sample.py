@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from ..suns import fibonacci_sphere
+from ..sh.sphere import fibonacci_sphere
 from ..transfer import sampling
 
 SCAN_VERTICES, SCAN_RAYS = 4096, 16

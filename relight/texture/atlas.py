@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 SMALLEST, LARGEST = 16, 8192
 """Sides of a texture, in texels. Graphics cards take 8192; there is room for a tenth of that and a gutter in 16."""

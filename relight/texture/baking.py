@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splat2mesh.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from splat2mesh.errors import DataWarning, InputError
-from splat2mesh.splats import clean
-from splat2mesh.stages import Stages
-from splat2mesh.surface import dilated, training_pixel
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.progress import Stages
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.splats.splats import clean
+from splat2mesh.surface.extract import dilated, training_pixel
 
 from ..albedo import albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
-from .views import seen_colors, views_of
+from .pictures import seen_colors, views_of
 
 FILL_FROM, FILL_SAMPLES = 4, 200_000
 """Texels that fill an unseen one, and from how many they are chosen."""

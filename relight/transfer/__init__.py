@@ -1,11 +1,11 @@
 """Radiance transfer: how every vertex of a white scene receives light from every direction.
 
-A transfer is (V, K) float32, K = B^2 coefficients in the basis of `relight.sh`; the exit radiance of a
+A transfer is (V, K) float32, K = B^2 coefficients in the basis of `relight.sh.harmonics`; the exit radiance of a
 white diffuse vertex is its row times the light's coefficients. It holds Lambert's A_l / pi, so that under
 a constant sky of radiance 1 an unoccluded vertex gives exactly 1. Here: what needs no heavy import.
 """
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 METHODS = ("auto", "raytraced", "neural", "neural-gash", "analytic", "blinn-phong")
 

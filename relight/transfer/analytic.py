@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import sh
-from ..normals import unit_normals
+from ..sh import harmonics
+from ..sh.normals import unit_normals
 
 
 def analytic(
@@ -15,6 +15,6 @@ def analytic(
     Normals are used as `unit_normals` returns them. Raises InputError for bands outside 1..10.
     Source: Ramamoorthi, Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
     """
-    degree, _ = sh.degrees_and_orders(sh.check_bands(bands))
-    lobe = (sh.lambert_coefficients(bands) / np.pi).astype(np.float32)
-    return sh.evaluate(unit_normals(normals), bands) * lobe[degree]
+    degree, _ = harmonics.degrees_and_orders(harmonics.check_bands(bands))
+    lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)
+    return harmonics.evaluate(unit_normals(normals), bands) * lobe[degree]

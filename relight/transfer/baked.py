@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from ..product import Product
+from .apply import Product
 
 DEFAULT_TOLERANCE = 0.02
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 from . import sampling
 from .neighbors import ranked_nodes

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 from . import check_rays, sampling
 from .neighbors import ranked_nodes

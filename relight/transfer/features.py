@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from .. import sh
+from ..sh import harmonics
 from . import filtering
 from .sampling import in_slices, legendre_factors, squared_lobe
 
@@ -62,7 +62,7 @@ def estimate(
     def tables(bands):
         return (
             legendre_factors(bands),
-            (sh.lambert_coefficients(bands) / np.pi).astype(np.float32),
+            (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32),
             squared_lobe(bands),
         )
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .. import sh
+from ..sh import harmonics
 from .sampling import add_lobes, in_slices, legendre_factors, squared_lobe
 
 NOISE = 0.078
@@ -61,7 +61,7 @@ def average(
     noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, but for f (1 - f)
     strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
     accepted = np.float32(noise * TOLERANCE * strict)
-    lobe = (sh.lambert_coefficients(bands) / np.pi).astype(np.float32)
+    lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)
     tables = legendre_factors(bands), lobe, squared_lobe(bands)
     rows = neighbors.starts, neighbors.columns
     guide, old = np.zeros((count, bands**2), np.float32), np.zeros((count, _COLUMNS), np.float32)

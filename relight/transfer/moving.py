@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from .. import rotors, sh
-from ..normals import unit_normals
+from ..sh import harmonics, rotors
+from ..sh.normals import unit_normals
 from . import DEFAULT_BANDS, DEFAULT_RAYS, check_rays, sampling
 from .analytic import analytic
 from .bodies import STATIC, Body, Frame, Sight
@@ -45,7 +45,7 @@ class LiveTransfer:
         ranks=None,  # (V,) integers below V, by which vertices get their rays; along a curve in space without
     ):
         """Raises InputError for chunks not there or named twice, bands outside 1..10, rays outside 1..65536."""
-        self.bands, self.ray_count, self.max_speed = sh.check_bands(bands), check_rays(rays), float(max_speed)
+        self.bands, self.ray_count, self.max_speed = harmonics.check_bands(bands), check_rays(rays), float(max_speed)
         counts = [len(chunk.vertices) for chunk in scene.chunks]
         self._starts = np.append(0, np.cumsum(counts))
         self._body_of = _bodies(moving, len(counts))

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 from .bodies import Sight
 from .reach import Beams

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from .. import sh
+from ..sh import harmonics
 from .analytic import analytic
 from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
@@ -46,7 +46,7 @@ def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: 
     an unoccluded vertex has: on that scale, because a vertex in the dark has next to none of its own. It is 0 where
     no ray within four rings met anything, or all did: the network knows no more than that.
     """
-    sh.check_bands(bands)
+    harmonics.check_bands(bands)
     return from_visibility(Visibility(occluder, rays, seed, advance=advance), bands)
 
 
@@ -75,7 +75,7 @@ def mixed(
         complete = completed(normals[part], estimates.model[part], estimates.rest[part])
         chosen = differing(estimates, begin, end)
         if len(chosen):
-            vertex, band = describe(estimates, begin, end, sh.evaluate(normals[part], _bands(estimates)), chosen)
+            vertex, band = describe(estimates, begin, end, harmonics.evaluate(normals[part], _bands(estimates)), chosen)
             weights, squares = session.run(None, {"vertex": vertex, "band": np.ascontiguousarray(band[:, :bands])})
             mix(estimates, begin, chosen, weights, complete)
             variance = (2 * np.arange(bands) + 1) * squares * estimates.noise[begin + chosen, None]

@@ -10,10 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from .. import cga
-from ..normals import unit_normals
+from ..sh import cga
+from ..sh.normals import unit_normals
 from .sessions import open_session, workers_of
 
 MODEL = "neural-gash"
@@ -36,7 +36,7 @@ def neural_gash(
     normals,  # (V, 3), scene frame, any length
     advance=lambda count: None,  # called with the number of vertices done
 ):
-    """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh`.
+    """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
     The network gives three colours, equal but for its own rounding as its labels were; this is their mean, cut to what
     a white vertex can have. Depends on the vertex and the bounds of the scene, and to 1e-6 on no order or batch.

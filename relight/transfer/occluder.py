@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from ..normals import unit_normals
+from ..sh.normals import unit_normals
 
 MAX_OFFSET = 1e-4
 """Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .. import sh
+from ..sh import harmonics
 from . import check_rays, sampling
 from .visibility import BATCH_RAYS, Visibility, completed
 
@@ -23,7 +23,7 @@ def raytraced_scene(
     on no order of vertices or faces and on no division into chunks.
     Raises InputError for bands outside 1..10 and rays outside 1..65536.
     """
-    sh.check_bands(bands)
+    harmonics.check_bands(bands)
     return Visibility(occluder, rays, seed, advance=advance).transfer(bands)
 
 
@@ -44,7 +44,7 @@ def raytraced(
     A vertex's row depends on its position, its normal, the seed and the occluder, and on nothing else.
     Raises InputError for bands outside 1..10 and rays outside 1..65536.
     """
-    bands, rays = sh.check_bands(bands), check_rays(rays)
+    bands, rays = harmonics.check_bands(bands), check_rays(rays)
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     transfer = np.zeros((len(origins), bands**2), np.float32)
 

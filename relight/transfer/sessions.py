@@ -3,7 +3,7 @@
 import os
 from importlib import resources
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 PROVIDERS = (
     # TF32 keeps 10 bits of each factor: errors of 1e-3, where every other provider has 1e-6.

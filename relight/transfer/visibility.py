@@ -6,9 +6,9 @@ ray again, and more rays only those that are new: 128 rays of a million vertices
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from .. import sh
+from ..sh import harmonics
 from . import check_rays, sampling
 from .analytic import analytic
 from .filtering import average, steps_for
@@ -92,7 +92,7 @@ class Visibility:
         Raises InputError for bands outside 1..10.
         """
         vertices, node = self.neighbors.vertices, self.neighbors.node
-        occluder, bands, rays = self._occluder, sh.check_bands(bands), self.rays
+        occluder, bands, rays = self._occluder, harmonics.check_bands(bands), self.rays
         transfer = np.zeros((len(node), bands**2), np.float32)
         model, _ = self.gathered(bands, transfer, vertices)
         average(self.neighbors, self.normals, model, transfer, rays, steps_for(rays, bands))

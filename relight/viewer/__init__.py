@@ -7,7 +7,7 @@ Modules: `session` state and light, `background` and `lighting` the heavy work i
 surface is coloured by, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
 """
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 __all__ = ["record_turntable", "view"]
 
@@ -44,7 +44,7 @@ def view(
 
             return shown(window)
         if screenshot:
-            from ..export import write_png
+            from ..output.mesh_files import write_png
 
             window.finish()
             write_png(screenshot, window.picture())

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ..effects import BOUNCES, SHADOWS, SUN
-from .views import VIEWS
+from ..planning.effects import BOUNCES, SHADOWS, SUN
+from .modes import VIEWS
 
 ANGLE_STEP_DEG = 5.0
 EXPOSURE_STEP_EV = 0.25

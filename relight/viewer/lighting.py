@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from .. import sh
-from ..effects import BOUNCES, SHADOWS, SUN, chosen_effects
-from ..engine import Relighter
-from ..environment import Environment
-from ..settings import Settings
+from ..engine.relighter import Relighter
+from ..light.environment import Environment
+from ..planning.effects import BOUNCES, SHADOWS, SUN, chosen_effects
+from ..sh import harmonics
 from ..transfer.analytic import analytic
+from ..transfer.settings import Settings
 
-CONVERGED = Settings("raytraced", sh.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
+CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
 """Of the reference for every vertex in the error view."""
 
 SAMPLE = 256
@@ -55,7 +55,7 @@ STAGES = {
 
 
 class Wish(NamedTuple):
-    """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.effects.EFFECTS`.
+    """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.planning.effects.EFFECTS`.
 
     reference: whether it also wants converged light at every vertex, for the error view.
     """
@@ -81,7 +81,7 @@ class Light(NamedTuple):
 
 
 class Lit(NamedTuple):
-    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `relight.engine.Shading`. settings: in words.
+    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `engine.relighter.Shading`. settings: in words.
 
     effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
     shading took, without what is computed once for a scene.
@@ -108,7 +108,7 @@ class Lighting:
 
     environments: dict of name -> Environment, or what `Environment.load` takes. albedos: dict of name -> (V, 3)
     linear or None for white. options: of `Relighter`: method, effects, seed, bands, rays, cache.
-    stages: as of `splat2mesh.stages.Stages`; its `advance` may raise to end an answer early.
+    stages: as of `splat2mesh.base.progress.Stages`; its `advance` may raise to end an answer early.
     step: (kind, key) of the result in progress, or None.
     """
 
@@ -138,7 +138,7 @@ class Lighting:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             environment = self._environment(wish)
-            coefficients = environment.rotated(-environment.rotation_deg).sh(sh.MAX_BANDS)
+            coefficients = environment.rotated(-environment.rotation_deg).sh(harmonics.MAX_BANDS)
         step = -(-environment.radiance.shape[1] // SKY_WIDTH)
         return Light(coefficients, _pooled(environment.radiance, step), "; ".join(str(w.message) for w in caught))
 
@@ -199,10 +199,10 @@ class Lighting:
     def _error_of(self, shown, whole, wish):
         """Relative L2 of radiance (V, 3) on the sample, against rays to every part of the light.
 
-        Direct light is that of `relight.reference`; what bounces is gathered over `SAMPLE_RAYS` of `whole`, (V, 3),
+        Direct light is that of `transfer.reference`; what bounces is gathered over `SAMPLE_RAYS` of `whole`, (V, 3),
         what the scene sends out with all effects.
         """
-        from ..reference import reference
+        from ..transfer.reference import reference
 
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
         occluder = self._relighter.occluder

@@ -2,7 +2,7 @@
 
 import asyncio
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 from .window import IDLE_SECONDS
 

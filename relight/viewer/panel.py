@@ -19,11 +19,11 @@ from vtkmodules.vtkRenderingCore import (
     vtkTextRenderer,
 )
 
-from ..effects import BOUNCES, SUN
+from ..planning.effects import BOUNCES, SUN
 from .controls import CONTROLS, MOUSE, SLIDERS, key_name
 from .lighting import CONVERGED, SAMPLE, STAGES
+from .modes import VIEWS, map_colors
 from .session import RANGES
-from .views import VIEWS, map_colors
 
 DESIGN_SIZE = 960, 720
 """Of the window in which a unit is a pixel; others are scaled by what fits."""

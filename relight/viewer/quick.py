@@ -6,9 +6,9 @@ NumPy takes several times as long for either, most of it in products with three 
 import numpy as np
 from numba import njit
 
-from splat2mesh.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
-from ..tonemap import DESATURATION, SHOULDER_START
+from ..light.tonemap import DESATURATION, SHOULDER_START
 from ..transfer.sampling import in_slices
 
 _STEPS = 2**14
@@ -39,7 +39,7 @@ def display_bytes(
 ):
     """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, but for one in the last place.
 
-    Source: Khronos PBR Neutral, as `relight.tonemap.compress_highlights`.
+    Source: Khronos PBR Neutral, as `relight.light.tonemap.compress_highlights`.
     """
     radiance = np.ascontiguousarray(radiance, np.float32)
     out = np.zeros(radiance.shape, np.uint8) if out is None else out

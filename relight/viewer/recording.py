@@ -3,7 +3,7 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
 FRAMES = 72
 FRAMES_PER_SECOND = 18

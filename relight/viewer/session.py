@@ -10,17 +10,17 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from splat2mesh.color import linear_from_srgb
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import linear_from_srgb
 
-from .. import skies
-from ..effects import BOUNCES, EFFECTS, SHADOWS
-from ..environment import Environment, turned_about_y
-from ..tonemap import auto_exposure
-from .background import Process
+from ..light import skies
+from ..light.environment import Environment, turned_about_y
+from ..light.tonemap import auto_exposure
+from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
 from .lighting import Wish, available_effects, check_albedos, keys
+from .modes import VIEWS
 from .quick import display_bytes, harmonic_light, prepare
-from .views import VIEWS
+from .worker import Process
 
 REST_SECONDS = 0.15
 """Of stillness before the background takes up a new angle: for a hand that stops, not one that slows down."""

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from splat2mesh.errors import InputError
+from splat2mesh.base.errors import InputError
 
-from ..preview import default_camera
+from ..output.preview import default_camera
 from .camera import Orbit
 from .controls import CONTROLS, SLIDERS
 from .raster import prepare
@@ -162,7 +162,7 @@ class Window:
 
     def save_picture(self, path=None):
         """Save what is shown, without the panel, as a PNG: by default under the first free name in this folder."""
-        from ..export import write_png
+        from ..output.mesh_files import write_png
         from .recording import free_name
 
         path = Path(path) if path else free_name("relight_{:04d}.png")

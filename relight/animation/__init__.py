@@ -1,0 +1,1 @@
+"""Animated glTF: read, posed at any time, lit frame by frame."""

@@ -1,0 +1,272 @@
+"""Animated glTF: skinned, morphing and moving meshes, posed at any time, as chunks of a scene."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+from .gltf import GltfData, global_matrices, warn_skipped
+from .skinning import Track, morphed, moved, skinned
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+
+PATHS = {"translation": 3, "rotation": 4, "scale": 3}
+"""What an animation may change of a node, and its width; besides the weights of its morph targets."""
+
+
+class Animation:
+    """The first frame of an animated .glb or .gltf, and every other: one chunk for each mesh primitive of each node.
+
+    duration_s: time of the last keyframe. name, names: of the animation played, and of all in the file.
+    scene: Scene at the time 0, scene frame (glTF's own: right-handed, y up).
+    chunks: list of Part. moving: numbers of the chunks that any keyframe can move.
+    """
+
+    def __init__(self, path, animation=None):
+        """animation: name or number; the first without.
+
+        Raises InputError for a file that is broken, has no triangles or no animation, or not the one that is asked for.
+        """
+        self._data = GltfData(path)
+        document = self._data.document
+        self._order, self._parent, self._shown = self._data.hierarchy()
+        self._rest = self._data.rest_transforms()
+        self.names = [each.name or str(number) for number, each in enumerate(document.animations or [])]
+        number = _chosen(self._data.path, self.names, animation)
+        self.name = self.names[number]
+        self._tracks = self._read_tracks(document.animations[number])
+        self.duration_s = max((float(track.times[-1]) for track in self._tracks.values()), default=0.0)
+        self._skins = [self._read_skin(skin, each) for each, skin in enumerate(document.skins or [])]
+        self.chunks = self._read_parts()
+        self.moving = [number for number, part in enumerate(self.chunks) if self._can_move(part)]
+        meshes = [
+            Mesh(vertices, normals, part.faces, part.colors_srgb)
+            for (vertices, normals), part in zip(self.at(0.0), self.chunks, strict=True)
+        ]
+        self.scene = Scene(meshes, path=self._data.path)
+
+    def at(self, time_s):
+        """The pose at a time, s, held before the first and after the last keyframe: [(vertices, normals)] per chunk.
+
+        Both (V, 3) float32, scene frame; the normals unit, or 0 where a vertex has none.
+        """
+        transforms = [dict(each) for each in self._rest]
+        weights = {}
+        for (node, path), track in self._tracks.items():
+            value = track.at(time_s)
+            if path == "weights":
+                weights[node] = value
+            else:
+                transforms[node].pop("matrix", None)
+                transforms[node][path] = value
+        matrices = global_matrices(transforms, self._order, self._parent)
+        return [self._posed(part, matrices, weights.get(part.node, part.weights)) for part in self.chunks]
+
+    def frame(self, time_s):
+        """The pose at a time as a Scene: the faces and colours of `scene`."""
+        chunks = [
+            Mesh(vertices, normals, part.faces, part.colors_srgb)
+            for (vertices, normals), part in zip(self.at(time_s), self.chunks, strict=True)
+        ]
+        return Scene(chunks, path=self._data.path)
+
+    def _posed(self, part, matrices, weights):
+        vertices = morphed(part.vertices, part.vertex_targets, weights)
+        if part.normals is None:
+            normals = face_normals(vertices, part.faces)
+        else:
+            normals = morphed(part.normals, part.normal_targets, weights)
+        if part.skin is None:
+            return moved(vertices, normals, matrices[part.node])
+        joints, inverse_bind = self._skins[part.skin]
+        return skinned(vertices, normals, part.joints, part.joint_weights, matrices[joints] @ inverse_bind)
+
+    def _can_move(self, part):
+        changed = {node for node, path in self._tracks if path != "weights"}
+        if (part.node, "weights") in self._tracks:
+            return True
+        drivers = [part.node] if part.skin is None else self._skins[part.skin][0].tolist()
+        for node in drivers:
+            while node >= 0:
+                if node in changed:
+                    return True
+                node = self._parent[node]
+        return False
+
+    def _read_tracks(self, animation):
+        """(node, path) -> Track."""
+        tracks = {}
+        for channel in animation.channels:
+            node, path = channel.target.node, channel.target.path
+            if node is None or path not in (*PATHS, "weights"):
+                continue  # what an extension animates, such as a camera or a material
+            what = f"the {path} of node {node}"
+            sampler = animation.samplers[channel.sampler]
+            interpolation = sampler.interpolation or "LINEAR"
+            times = self._data.array(sampler.input, what)
+            values = np.asarray(self._data.array(sampler.output, what), np.float64)
+            per_key = 3 if interpolation == "CUBICSPLINE" else 1
+            width = PATHS.get(path) or values.size // max(len(times) * per_key, 1)
+            shape = (len(times), 3, width) if per_key == 3 else (len(times), width)
+            if not width or values.size != np.prod(shape):
+                raise InputError(f"{self._data.path}: {what} has {values.shape} values for {len(times)} times")
+            try:
+                tracks[node, path] = Track(times, values.reshape(shape), interpolation, path == "rotation")
+            except InputError as error:
+                raise InputError(f"{self._data.path}: {what}: {error}") from None
+            if "matrix" in self._rest[node] and path != "weights":
+                raise InputError(f"{self._data.path}: node {node} is animated and has a matrix, which glTF rules out")
+        return tracks
+
+    def _read_skin(self, skin, number):
+        """Nodes of the joints (J,) and their inverse bind matrices (J, 4, 4)."""
+        joints = np.array(skin.joints, np.int64)
+        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+        if skin.inverseBindMatrices is not None:
+            flat = self._data.vectors(skin.inverseBindMatrices, len(joints), 16, f"skin {number}")
+            inverse = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+        return joints, inverse
+
+    def _read_parts(self):
+        document, parts, skipped = self._data.document, [], 0
+        for index in self._order:
+            node = document.nodes[index]
+            if node.mesh is None or not self._shown[index]:
+                continue
+            mesh = document.meshes[node.mesh]
+            for primitive in mesh.primitives:
+                mode = TRIANGLES if primitive.mode is None else primitive.mode
+                if mode not in (TRIANGLES, STRIP, FAN) or primitive.attributes.POSITION is None:
+                    skipped += 1
+                    continue
+                parts.append(self._read_part(index, node, mesh, primitive, mode))
+        warn_skipped(self._data.path, skipped, "sets of points or lines")
+        if not parts:
+            raise InputError(f"{self._data.path}: holds no triangles; expected a triangle mesh")
+        return parts
+
+    def _read_part(self, index, node, mesh, primitive, mode):
+        data, attributes, what = self._data, primitive.attributes, f"the mesh of node {index}"
+        count = len(data.array(attributes.POSITION, what))
+        vertices = data.vectors(attributes.POSITION, count, 3, what)
+        normals = None if attributes.NORMAL is None else data.vectors(attributes.NORMAL, count, 3, what)
+        faces = np.arange(count) if primitive.indices is None else data.array(primitive.indices, what).astype(np.int64)
+        faces = _triangles(faces, mode)
+        if len(faces) == 0 or faces.max() >= count:
+            raise InputError(f"{data.path}: {what} has no faces, or one that names a vertex beyond its {count}")
+        targets = primitive.targets or []
+        vertex_targets = self._targets(targets, "POSITION", count, what)
+        normal_targets = self._targets(targets, "NORMAL", count, what)
+        weights = np.array(self._data.node_weights[index] or mesh.weights or [0.0] * len(targets), np.float64)
+        joints, joint_weights = (None, None) if node.skin is None else self._influences(attributes, node, count, what)
+        skin = None if joints is None else node.skin
+        colors = self._colors(attributes, count, what)
+        morphs = vertex_targets, normal_targets, weights
+        return Part(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
+
+    def _targets(self, targets, name, count, what):
+        """(M, V, 3) float32 differences of every morph target, 0 where one has none."""
+        result = np.zeros((len(targets), count, 3), np.float32)
+        for number, target in enumerate(targets):
+            accessor = target.get(name) if isinstance(target, dict) else getattr(target, name, None)
+            if accessor is not None:
+                result[number] = self._data.vectors(accessor, count, 3, what)
+        return result
+
+    def _influences(self, attributes, node, count, what):
+        """Joints (V, J) int64 and weights (V, J) float32 that sum to 1; None twice for a mesh that names no joints."""
+        joints, weights, number = [], [], 0
+        while getattr(attributes, f"JOINTS_{number}", None) is not None:
+            joints.append(self._data.array(getattr(attributes, f"JOINTS_{number}"), what))
+            weights.append(self._data.vectors(getattr(attributes, f"WEIGHTS_{number}"), count, 4, what))
+            number += 1
+        if not joints:
+            return None, None
+        joints, weights = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
+        known = len(self._skins[node.skin][0])
+        if joints.shape != weights.shape or (joints[weights != 0] >= known).any():
+            raise InputError(f"{self._data.path}: {what} names joints beyond the {known} of its skin")
+        total = weights.sum(axis=1, keepdims=True)
+        loose = total[:, 0] <= 0
+        warn_skipped(self._data.path, int(loose.sum()), "vertices without a joint: they follow the first one")
+        weights = np.divide(weights, total, out=np.zeros_like(weights), where=total > 0)
+        weights[loose, 0] = 1.0
+        joints[weights == 0] = 0
+        return joints, np.ascontiguousarray(weights, np.float32)
+
+    def _colors(self, attributes, count, what):
+        """(V, 3) uint8 sRGB, white without colours."""
+        if getattr(attributes, "COLOR_0", None) is None:
+            return np.full((count, 3), 255, np.uint8)
+        linear = np.asarray(self._data.array(attributes.COLOR_0, what), np.float32)
+        if linear.ndim != 2 or len(linear) != count or linear.shape[1] not in (3, 4):
+            raise InputError(f"{self._data.path}: {what} has colours of shape {linear.shape} for {count} vertices")
+        return bytes_from_unit(srgb_from_linear(np.clip(linear[:, :3], 0.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class Part:
+    """A mesh primitive at a node.
+
+    vertices: (V, 3) float32, before morphing and skinning. normals: the same, or None. faces: (F, 3) int32.
+    colors_srgb: (V, 3) uint8. vertex_targets, normal_targets: (M, V, 3) float32. weights: (M,) of the first pose.
+    skin: number, or None. joints, joint_weights: (V, J).
+    """
+
+    node: int
+    vertices: np.ndarray
+    normals: np.ndarray | None
+    faces: np.ndarray
+    colors_srgb: np.ndarray
+    vertex_targets: np.ndarray
+    normal_targets: np.ndarray
+    weights: np.ndarray
+    skin: int | None
+    joints: np.ndarray | None
+    joint_weights: np.ndarray | None
+
+
+def face_normals(
+    vertices,  # (V, 3)
+    faces,  # (F, 3) integers
+):
+    """Unit normals of vertices, (V, 3) float32: of their faces, by area, smooth over seams; 0 without faces."""
+    corners = vertices[faces].astype(np.float64)
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    _, place = np.unique(vertices, axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    total = np.zeros((place.max() + 1, 3))
+    for corner in range(3):
+        np.add.at(total, place[faces[:, corner]], areas)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    total = np.divide(total, length, out=np.zeros_like(total), where=length > 0)
+    return total[place].astype(np.float32)
+
+
+def _triangles(indices, mode):
+    """(F, 3) int32 of a list, a strip or a fan."""
+    if mode == TRIANGLES:
+        faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    elif mode == FAN:
+        faces = np.stack([np.full(max(len(indices) - 2, 0), indices[0]), indices[1:-1], indices[2:]], axis=1)
+    else:
+        faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+        faces[1::2] = faces[1::2, [1, 0, 2]]
+    return np.ascontiguousarray(faces, np.int32)
+
+
+def _chosen(path, names, animation):
+    if not names:
+        raise InputError(f"{path}: holds no animation; a mesh that does not move can be lit as it is")
+    if animation is None:
+        return 0
+    if isinstance(animation, str) and animation in names:
+        return names.index(animation)
+    number = int(animation) if str(animation).isdecimal() else -1
+    if not 0 <= number < len(names):
+        raise InputError(f"{path}: has no animation {animation!r}; expected one of {', '.join(names)}")
+    return number

@@ -1,0 +1,117 @@
+"""Frames of an animation as pictures: NNNN.png, and a film of them where an encoder is there."""
+
+import shutil
+import subprocess
+from importlib.util import find_spec
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import check_output, staged_folder
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+from ..light.tonemap import auto_exposure
+from ..output.mesh_files import write_png
+from ..output.preview import Preview, default_camera
+
+FILM = "animation.mp4"
+MARKER = "0000.png"
+"""What every folder of frames holds: no other is replaced."""
+
+MAX_FRAMES = 10_000
+_CAMERA_POSES = 16  # over which a camera is fitted: between them little leaves the picture
+
+
+class Frames(NamedTuple):
+    """What `animate` wrote. frames: how many. film: whether there is a FILM. exposure: the factor used.
+
+    note: why there is no film, or "".
+    """
+
+    frames: int
+    film: bool
+    exposure: float
+    note: str
+
+
+def animate(
+    animation,  # Animation
+    radiance_of,  # called for frame after frame with its Scene and time in s: (V, 3) linear radiance
+    environment,  # shown behind; see `preview.render_preview`
+    folder,
+    fps=24.0,
+    camera=None,  # as of `preview`; by default one that holds the whole motion
+    width=640,
+    height=480,
+    samples=2,
+    exposure=None,  # that of the first frame without
+    overwrite=False,
+    film=True,  # whether to make a film too
+    advance=lambda count: None,
+):
+    """Light and draw every frame from the time 0 to the animation's end: Frames.
+
+    Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
+    no error: the pictures are there.
+    """
+    times = frame_times(animation.duration_s, fps)
+    check_output(folder, overwrite, MARKER)
+    camera = camera or fitted_camera(animation, width / height)
+    with staged_folder(folder) as staging:
+        for number, time_s in enumerate(times):
+            scene = animation.frame(time_s)
+            radiance = radiance_of(scene, time_s)
+            exposure = auto_exposure(radiance) if exposure is None else exposure
+            picture = Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
+            write_png(staging / f"{number:04d}.png", picture)
+            advance(1)
+        note = encode(staging, fps) if film else ""
+    return Frames(len(times), film and not note, float(exposure), note)
+
+
+def frame_times(duration_s, fps):
+    """Times of the frames, s: from 0 on, the last one not after the end. Raises InputError for a rate not above 0."""
+    if not (np.isfinite(fps) and fps > 0.0):
+        raise InputError(f"frames per second must be above 0, found {fps}")
+    count = int(np.floor(duration_s * fps + 1e-6)) + 1
+    if count > MAX_FRAMES:
+        raise InputError(f"{duration_s:g} s at {fps:g} frames a second are {count} frames; expected up to {MAX_FRAMES}")
+    return np.arange(count) / fps
+
+
+def fitted_camera(animation, aspect):
+    """The default camera of everything that the animation ever shows, looked at in 16 poses."""
+    times = np.linspace(0.0, animation.duration_s, _CAMERA_POSES)
+    points = np.concatenate([vertices for time_s in times for vertices, _ in animation.at(time_s)])
+    nothing = np.zeros((0, 3), np.int32)
+    swept = Scene([Mesh(points, np.zeros_like(points), nothing, np.zeros(points.shape, np.uint8))])
+    return default_camera(swept, aspect)
+
+
+def encoder():
+    """The path of an ffmpeg, on the PATH or that of imageio-ffmpeg, or None."""
+    found = shutil.which("ffmpeg")
+    if found is None and find_spec("imageio_ffmpeg"):
+        import imageio_ffmpeg
+
+        found = imageio_ffmpeg.get_ffmpeg_exe()
+    return found
+
+
+def encode(folder, fps):
+    """Make FILM of the frames in a folder: "" when it worked, else why it did not."""
+    ffmpeg = encoder()
+    if ffmpeg is None:
+        return f"no {FILM}: install ffmpeg, or imageio-ffmpeg with pip, or join the pictures with another tool"
+    # H.264 in 4:2:0 needs even sizes: a column or row is repeated where it must.
+    even = "pad=ceil(iw/2)*2:ceil(ih/2)*2"
+    command = [ffmpeg, "-v", "error", "-y", "-framerate", f"{fps:g}", "-i", "%04d.png", "-vf", even]
+    command += ["-c:v", "libx264", "-pix_fmt", "yuv420p", FILM]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode == 0 and (folder / FILM).is_file():
+        return ""
+    (folder / FILM).unlink(missing_ok=True)
+    reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    return f"no {FILM}: {ffmpeg} failed ({reason}); the pictures are complete"

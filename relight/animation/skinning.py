@@ -1,0 +1,174 @@
+"""What moves a mesh in glTF 2.0: keyframes, node transforms, joints and morph targets, as arrays.
+
+Matrices act on column vectors from the left; rotations in glTF are quaternions x y z w. Source: glTF 2.0
+specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (interpolation).
+"""
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.base.errors import InputError
+
+INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
+
+_PARALLEL = 0.9995  # cosine of half an angle beyond which a spherical step is a straight one, to 1e-8
+
+
+class Track:
+    """One property over time: keyframes and what lies between them.
+
+    times: (T,) float64, s, rising. interpolation: one of INTERPOLATIONS. spherical: whether values are quaternions.
+    """
+
+    def __init__(
+        self,
+        times,  # (T,)
+        values,  # (T, N), with CUBICSPLINE (T, 3, N): tangent in, value, tangent out
+        interpolation="LINEAR",
+        spherical=False,
+    ):
+        """Raises InputError for keyframes that do not fit or do not rise."""
+        self.times, self.interpolation, self.spherical = np.asarray(times, np.float64), interpolation, spherical
+        if interpolation not in INTERPOLATIONS:
+            raise InputError(f"interpolation {interpolation!r}: expected one of {', '.join(INTERPOLATIONS)}")
+        values = np.asarray(values, np.float64)
+        expected = 3 if interpolation == "CUBICSPLINE" else 2
+        if values.ndim != expected or len(values) != len(self.times) or not len(values):
+            raise InputError(f"{interpolation} keyframes of shape {values.shape} do not fit {len(self.times)} times")
+        if not (np.isfinite(self.times).all() and np.isfinite(values).all() and (np.diff(self.times) >= 0).all()):
+            raise InputError("keyframes must be finite, and their times must not fall")
+        self._values = values
+
+    def at(self, time_s):
+        """The value at a time, (N,) float64; that of the first key before it, of the last after it."""
+        values = self._values[:, 1] if self.interpolation == "CUBICSPLINE" else self._values
+        after = int(np.searchsorted(self.times, time_s, side="right"))
+        if after == 0 or after == len(self.times):
+            return self._unit(values[0 if after == 0 else -1])
+        before = after - 1
+        span = self.times[after] - self.times[before]
+        share = (time_s - self.times[before]) / span
+        if self.interpolation == "STEP":
+            return self._unit(values[before])
+        if self.interpolation == "LINEAR":
+            if self.spherical:
+                return _slerp(values[before], values[after], share)
+            return (1.0 - share) * values[before] + share * values[after]
+        square, cube = share**2, share**3
+        leaving, arriving = span * self._values[before, 2], span * self._values[after, 0]
+        value = (2 * cube - 3 * square + 1) * values[before] + (cube - 2 * square + share) * leaving
+        return self._unit(value + (3 * square - 2 * cube) * values[after] + (cube - square) * arriving)
+
+    def _unit(self, value):
+        return value / max(np.linalg.norm(value), 1e-300) if self.spherical else value
+
+
+def matrix_from_trs(translation, quat_xyzw, scale):
+    """The (4, 4) float64 matrix that scales, then rotates, then moves."""
+    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(np.linalg.norm(quat_xyzw), 1e-300)
+    # fmt: off
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+    # fmt: on
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation * np.asarray(scale, np.float64), translation
+    return matrix
+
+
+def for_normals(matrices):
+    """What turns normals where matrices (..., 4, 4) move points, (..., 3, 3), up to a positive factor.
+
+    The inverse transposed, times the size of the determinant: also of a matrix that flattens to a plane.
+    """
+    a, b, c = (matrices[..., :3, column] for column in range(3))
+    cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
+    sign = np.where(np.einsum("...i,...i->...", a, np.cross(b, c)) < 0, -1.0, 1.0)
+    return cofactors * sign[..., None, None]
+
+
+def morphed(
+    base,  # (V, 3) float32
+    targets,  # (M, V, 3) float32, differences
+    weights,  # (M,)
+):
+    """The base and the weighted differences, (V, 3) float32."""
+    result = base.astype(np.float64)
+    for target, weight in zip(targets, weights, strict=True):
+        if weight != 0.0:
+            result += weight * target
+    return result.astype(np.float32)
+
+
+def moved(
+    vertices,  # (V, 3) float32
+    normals,  # (V, 3) float32
+    matrix,  # (4, 4)
+):
+    """Points and normals under one matrix: (V, 3) float32 each, the normals unit, or 0 where they were."""
+    turned = normals @ for_normals(matrix).T
+    length = np.linalg.norm(turned, axis=1, keepdims=True)
+    turned = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+    return (vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32), turned.astype(np.float32)
+
+
+def skinned(
+    vertices,  # (V, 3) float32
+    normals,  # (V, 3) float32
+    joints,  # (V, J) integers into the matrices
+    weights,  # (V, J) float32, rows that sum to 1
+    matrices,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
+):
+    """Linear blend skinning: as `moved`, each vertex under its own weighted mean of matrices."""
+    place, turn = np.zeros((len(vertices), 3), np.float32), np.zeros((len(vertices), 3), np.float32)
+    matrices = np.ascontiguousarray(np.asarray(matrices, np.float64)[:, :3])
+    _skin(np.ascontiguousarray(vertices), np.ascontiguousarray(normals), joints, weights, matrices, place, turn)
+    return place, turn
+
+
+def _slerp(first, second, share):
+    """Between two quaternions on the shorter way."""
+    first, second = first / max(np.linalg.norm(first), 1e-300), second / max(np.linalg.norm(second), 1e-300)
+    cosine = float(first @ second)
+    if cosine < 0.0:
+        second, cosine = -second, -cosine
+    if cosine > _PARALLEL:
+        value = (1.0 - share) * first + share * second
+    else:
+        angle = np.arccos(cosine)
+        value = (np.sin((1.0 - share) * angle) * first + np.sin(share * angle) * second) / np.sin(angle)
+    return value / np.linalg.norm(value)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _skin(vertices, normals, joints, weights, matrices, place, turn):
+    m = np.zeros((3, 4))
+    for v in range(len(vertices)):
+        m[:] = 0.0
+        for j in range(joints.shape[1]):
+            weight = np.float64(weights[v, j])
+            if weight != 0.0:
+                joint = matrices[joints[v, j]]
+                for row in range(3):
+                    for column in range(4):
+                        m[row, column] += weight * joint[row, column]
+        x, y, z = vertices[v]
+        for row in range(3):
+            place[v, row] = m[row, 0] * x + m[row, 1] * y + m[row, 2] * z + m[row, 3]
+        # Cofactors, with the sign of the determinant: the inverse transposed, up to a positive factor.
+        nx, ny, nz = normals[v]
+        ax = (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]) * nx + (m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2]) * ny
+        ax += (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0]) * nz
+        ay = (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2]) * nx + (m[0, 0] * m[2, 2] - m[0, 2] * m[2, 0]) * ny
+        ay += (m[0, 1] * m[2, 0] - m[0, 0] * m[2, 1]) * nz
+        az = (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]) * nx + (m[0, 2] * m[1, 0] - m[0, 0] * m[1, 2]) * ny
+        az += (m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]) * nz
+        determinant = m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        determinant -= m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        determinant += m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+        length = np.sqrt(ax * ax + ay * ay + az * az)
+        if length > 0.0:
+            length = -length if determinant < 0.0 else length
+            turn[v, 0], turn[v, 1], turn[v, 2] = ax / length, ay / length, az / length

@@ -1,0 +1,142 @@
+"""The colours of a scene: as captured, as a file has them, or with the light of the capture taken out."""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.scene import Scene
+
+from ..transfer.settings import Settings
+from ..transfer.store import array_key
+
+CHOICES = ("estimated", "captured", "white")
+
+LEAST_ALBEDO = 0.02  # to divide by
+
+CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)
+"""The transfer and bounces from which the capture's light is estimated."""
+
+
+class Appearance(NamedTuple):
+    """What surfaces look like. albedo: (V, 3) float32 linear, None for white. captured: (V, 3) float32 linear colours.
+
+    irradiance: (V, 3) float32, what every vertex received on the capture day, in the unit of `captured`; where it was
+    not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
+    capture: dict for the report, None without an estimate.
+    """
+
+    albedo: np.ndarray | None
+    captured: np.ndarray
+    irradiance: np.ndarray
+    prior: object = None
+    capture: dict | None = None
+
+    def received(self, radiance):
+        """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo."""
+        return radiance if self.albedo is None else radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO))
+
+
+def appearance_of(choice, capture_env, relighter):
+    """The Appearance that `--albedo` and `--capture-env` name.
+
+    choice: one of CHOICES, or a .npy file of (V, 3) linear albedo. capture_env: the Environment of the capture day, or
+    None. The albedo of a light that cannot be told apart is the captured colour, with a DataWarning.
+    Raises InputError for a file that does not fit.
+    """
+    captured = linear_from_srgb(relighter.scene.colors_srgb / np.float32(255.0))
+    if capture_env is not None and choice != "estimated":
+        raise InputError(f"--capture-env: it is there to estimate the albedo, and the albedo is {choice}")
+    if choice == "captured":
+        return _given(captured, captured)
+    if choice == "white":
+        return _given(None, captured)
+    if choice != "estimated":
+        return _given(_read(choice, len(captured)), captured)
+    return _without_light(captured, capture_env, relighter)
+
+
+def _given(albedo, captured):
+    found = Appearance(albedo, captured, captured)
+    return found._replace(irradiance=found.received(captured))
+
+
+def _without_light(captured, capture_env, relighter):
+    from ..albedo import Prior
+
+    cache = relighter.cache
+    key = array_key(captured, None if capture_env is None else capture_env.radiance), relighter.seed
+    kept = cache.get("albedo", *key)
+    if kept is None:
+        kept = _of_objects(captured, capture_env, relighter)
+        cache.put("albedo", *key, **kept)
+    if not kept["separable"]:
+        message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
+        warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
+    described = {name: kept[name].tolist() for name in _DESCRIBED}
+    described["light"] = "estimated" if capture_env is None else capture_env.name
+    prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
+    return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described)
+
+
+def _of_objects(captured, capture_env, relighter):
+    """Dict of arrays of the estimate; of a layout each object by itself, in the light that it alone was captured in.
+
+    What a layout has only once, as the report tells it, is that of the object with the most vertices.
+    """
+    from .relighter import Relighter
+
+    scene, objects = relighter.scene, relighter.scene.source.get("objects")
+    if not objects or len(objects) == 1:
+        return _estimated(captured, capture_env, relighter)
+    ends = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
+    parts = []
+    for first, last in (each["chunks"] for each in objects):
+        alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
+        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone))
+    kept = dict(max(parts, key=lambda part: len(part["albedo"])))
+    for name in ("albedo", "irradiance"):
+        kept[name] = np.concatenate([part[name] for part in parts])
+    failed = [each["name"] for each, part in zip(objects, parts, strict=True) if not part["separable"]]
+    if failed:
+        kept["separable"], kept["reason"] = np.array(False), np.array(f"of {', '.join(failed)}")
+    return kept
+
+
+def _estimated(captured, capture_env, relighter):
+    from ..albedo import estimate, with_known_light
+
+    known = relighter.computed(CAPTURE)
+    with relighter.stages.stage("albedo"):
+        if capture_env is None:
+            found = estimate(relighter.occluder, captured, relighter.seed, **known)
+        else:
+            found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
+    return {
+        "albedo": found.albedo,
+        "irradiance": found.irradiance,
+        **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},
+        **{name: np.asarray(getattr(found, name)) for name in _DESCRIBED},
+    }
+
+
+_DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
+
+
+def _read(choice, count):
+    """(V, 3) float32 of a .npy file."""
+    try:
+        albedo = np.load(choice)
+    except FileNotFoundError:
+        raise InputError(f"--albedo {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
+    if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
+        found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
+        raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
+    if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
+        low, high = albedo.min(), albedo.max()
+        raise InputError(f"--albedo {choice}: expected linear values from 0 to 1, found {low} to {high}")
+    return albedo.astype(np.float32)

@@ -1,0 +1,250 @@
+"""From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Stages
+
+from ..planning.effects import chosen_effects
+from ..precomputed import Precomputed
+from ..sh import harmonics
+from ..transfer import METHODS, check_rays
+from ..transfer.settings import BOUNCE_RAYS, Settings, everything
+from .static import Still
+
+PLANNED = ("auto", "raytraced", "neural", "analytic")
+"""Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
+
+LIVE_BANDS, LIVE_RAYS = 5, 64
+"""Of a scene that needed no rays before something moved in it."""
+
+
+class Shading(NamedTuple):
+    """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
+
+    suns: how many directions were traced. bounces: relative contribution of each bounce, a list.
+    settings: the Settings by which it was made; more rays than were asked for, where they were there.
+    """
+
+    radiance: np.ndarray
+    suns: int
+    bounces: list
+    settings: Settings
+
+
+class Relighter:
+    """Light on one scene: what depends on the geometry alone is computed on first use, for the whole scene.
+
+    method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
+        normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
+        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
+    bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions. What is given is not planned.
+    effects: "auto", "none", or some of `planning.effects.EFFECTS`. With "auto" light bounces where an albedo says how:
+        in a scene all white it would never fade.
+    tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
+        is planned (`plan_for`), and what the scene does not call for is not computed. Without, everything is done,
+        with as many bands and rays as suit the method.
+    cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
+    max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
+    precomputed: that of another Relighter of the same scene, with its seed and cache, to share what was traced.
+    Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
+    """
+
+    def __init__(
+        self,
+        scene,
+        method="auto",
+        bands=None,
+        rays=None,
+        seed=0,
+        effects="auto",
+        stages=None,
+        tolerance=None,
+        budget_s=None,
+        cache=None,
+        max_speed=math.inf,
+        precomputed=None,
+    ):
+        if method not in METHODS:
+            raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
+        if seed != int(seed) or not 0 <= seed < 2**64:
+            raise InputError(f"the seed must be a whole number from 0 to 2^64 - 1, found {seed}")
+        self.scene, self._method = scene, method
+        self.effects, self._auto = chosen_effects(effects, method)
+        self._bands = None if bands is None else harmonics.check_bands(bands)
+        self._rays = None if rays is None else check_rays(rays)
+        self.stages = Stages() if stages is None else stages
+        self.precomputed = precomputed or Precomputed(scene, int(seed), cache, self.stages)
+        self._still = Still(self.precomputed, self.stages)
+        self._everything = everything(method, self.effects, self._bands, self._rays)
+        self._planner = self._latest = self._albedo = self._live = self._posed = None
+        self._max_speed = max_speed
+        if tolerance is not None or budget_s is not None:
+            from ..planning.planner import Planner
+
+            fixed = None if method == "auto" else method, self._bands, self._rays, None if self._auto else self.effects
+            self._planner = Planner(self.precomputed, tolerance, budget_s, fixed, self.stages)
+
+    @property
+    def method(self):
+        """The method in use; where it is planned, that of the latest light."""
+        return self._settings_now().method
+
+    @property
+    def occluder(self):
+        """The Occluder of the whole scene."""
+        return self.precomputed.occluder
+
+    @property
+    def transfer(self):
+        """Transfer of every vertex as if white, without bounces: (V, K) float32; see `relight.transfer`.
+
+        Where it is planned, as the latest light called for it; it may have more bands than the plan says.
+        """
+        return self.precomputed.transfer(self._settings_now())[0]
+
+    @property
+    def rays_traced(self):
+        """How many rays were shot for transfers and bounces so far; none for what was kept."""
+        return self.precomputed.rays_traced
+
+    def interreflection(self, rays=BOUNCE_RAYS):
+        """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
+        if self._posed is not None:
+            return self._posed.interreflection(rays, self._live.lit.transfer)
+        return self.precomputed.interreflection(rays, self.transfer)
+
+    def computed(self, settings):
+        """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
+        transfer = self.precomputed.transfer(settings)[0]
+        bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
+        return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
+
+    @property
+    def cache(self):
+        """The Cache in use; it may be one that keeps nothing."""
+        return self.precomputed.cache
+
+    @property
+    def seed(self):
+        """Of the ray directions."""
+        return self.precomputed.seed
+
+    def plan_for(self, environment, albedo_linear=None, angles=1):
+        """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
+
+        angles: for how many lights it is to be worth. Until the light has been shaded its error is a prediction.
+        """
+        if self._planner is None or self._method not in PLANNED:
+            return None
+        return self._planner.plan(environment, self._tint(albedo_linear), angles)
+
+    def shade(self, environment, albedo_linear=None):
+        """Exit radiance of every vertex, (V, 3) float32 linear: the radiance of `shading`."""
+        return self.shading(environment, albedo_linear).radiance
+
+    def shading(
+        self,
+        environment,  # Environment
+        albedo_linear=None,  # (V, 3) in [0, 1], white without
+        settings=None,  # Settings; by default as planned or fixed. While chunks move, those of before
+    ):
+        """Light a scene: a Shading. A new light or rotation costs one product of matrices, a ray for each vertex and
+        sun, and a sparse product for each bounce. Where truncated light rings below 0, it is 0.
+
+        Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
+        """
+        tint = self._tint(albedo_linear)
+        if self._live is not None:
+            settings = self._live.settings  # a new light is not planned while things move
+        elif settings is None:
+            planned = self._planner is not None and self._method in PLANNED
+            settings = self._planner.settled(environment, tint) if planned else self._everything
+        self._latest = settings
+        direct, suns, done = self._direct(environment, settings)
+        if not settings.bounce_rays or (self._auto and tint is None):
+            return Shading(direct if tint is None else direct * tint, suns, [], done)
+        from ..transfer.bounces import with_bounces
+
+        interreflection = self.interreflection(settings.bounce_rays)
+        with self.stages.stage("bounces"):
+            tint = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
+            radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounces)
+        return Shading(radiance, suns, bounces, done)
+
+    def update(self, chunk, vertices, normals, seconds=None):
+        """Move one chunk of the scene; see `update_all`."""
+        return self.update_all({chunk: (vertices, normals)}, seconds)
+
+    def update_all(
+        self,
+        changes,  # chunk -> (vertices, normals), as many of either as it had, scene frame
+        seconds=None,  # since these chunks were given before; without, none is taken to be fast
+    ):
+        """Move chunks: the sorted rows, (M,), of vertices whose light may change.
+
+        Only what the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer along,
+        until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a plan's
+        bands and rays stay what they were, with shadows everywhere. The Scene itself is not changed.
+        Raises InputError for arrays that do not fit and for methods other than "raytraced".
+        """
+        from .dynamic import Live, check_changes
+
+        check_changes(self.scene, changes)
+        if self._live is None or not self._live.moving >= changes.keys():
+            before = self._live
+            moving = changes.keys() | (before.moving if before else set())
+            settings = before.settings if before else self._settings_now()
+            if settings.method != "raytraced":
+                if self._method != "auto":
+                    raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
+                settings = self._everything._replace(method="raytraced", bands=LIVE_BANDS, rays=LIVE_RAYS)
+            settings = settings._replace(shadowed=None)
+            self._live = Live(self.scene, moving, settings, self.seed, self._max_speed, before)
+        with self.stages.stage("motion"):
+            return self._live.update(changes, seconds)
+
+    def catch_up(self):
+        """After motion, compute what was left out of it, bounces included: the sorted rows whose light may change."""
+        if self._live is None:
+            return np.zeros(0, np.int64)
+        with self.stages.stage("motion"):
+            rows = self._live.catch_up()
+        self._posed = Precomputed(self._live.scene(self.scene), self.seed, None, self.stages)
+        return rows
+
+    @property
+    def stale(self):
+        """Whether `catch_up` has something to do for direct light."""
+        return self._live is not None and self._live.stale
+
+    def _tint(self, albedo_linear):
+        """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
+
+        Raises InputError for one that does not fit.
+        """
+        if albedo_linear is None:
+            return None
+        if self._albedo is None or self._albedo[0] is not albedo_linear:
+            expected = sum(len(chunk.vertices) for chunk in self.scene.chunks), 3
+            if np.shape(albedo_linear) != expected:
+                raise InputError(f"the albedo must have shape {expected}, found {np.shape(albedo_linear)}")
+            albedo = np.asarray(albedo_linear, np.float32)
+            if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
+                raise InputError(f"the albedo must be in [0, 1], found {albedo.min()} to {albedo.max()}")
+            self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
+        return self._albedo[1]
+
+    def _direct(self, environment, settings=None):
+        """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
+        settings = settings or self._settings_now()
+        if self._live is None:
+            return self._still.direct(environment, settings)
+        with self.stages.stage("shade"):
+            return *self._live.direct(environment, self.cache), self._live.settings
+
+    def _settings_now(self):
+        return self._latest or self._everything

@@ -1,0 +1,36 @@
+"""A light as it is applied: coefficients for the transfer and suns beside them, found once for an image."""
+
+import numpy as np
+
+from ..light.environment import turned_about_y
+from ..light.sun_split import split
+from ..light.suns import Suns
+from ..transfer.store import array_key
+
+
+def image_key(environment):
+    """Short text that differs for any two images; the same for all rotations of one."""
+    return environment.derived("key", lambda: array_key(environment.radiance))
+
+
+def split_light(environment, settings, cache):
+    """(coefficients, suns) of an environment as turned: (K, 3) float32 for a transfer of `settings.bands`, and Suns.
+
+    Suns take a tenth of a second to find; so they are kept with the environment, and in the Cache for the next run.
+    """
+    bands, tolerance = settings.bands, settings.suns
+
+    def found():
+        name = image_key(environment), bands, f"{tolerance:g}"
+        kept = cache.get("light", *name)
+        if kept is None:
+            whole = environment.rotated(-environment.rotation_deg)
+            rest, suns = split(whole, bands, tolerance) if tolerance else (whole, Suns.none())
+            kept = {"coefficients": rest.sh(bands), "directions": suns.directions, "weights": suns.weights}
+            if tolerance:
+                cache.put("light", *name, **kept)
+        return kept["coefficients"], Suns(kept["directions"], kept["weights"])
+
+    coefficients, suns = environment.derived(("light", bands, tolerance), found)
+    turned = environment.rotation_deg
+    return turned_about_y(coefficients, turned).astype(np.float32), suns.rotated(turned) if turned else suns

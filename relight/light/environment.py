@@ -1,0 +1,265 @@
+"""Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out."""
+
+import contextlib
+import copy
+import io
+import math
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.color import luminance
+
+from ..sh import harmonics, rotors
+from . import projections, skies
+
+_EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
+_ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
+
+
+def turned_about_y(coefficients, angle_deg):
+    """Radiance coefficients (K, 3) float64 of light turned by an active Ry(+angle): +z towards +x."""
+    return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
+
+
+class Environment:
+    """Light from infinitely far away, as a lat-long image that can be turned about +y.
+
+    radiance: (H, W, 3) float32 linear, read-only: canonical lat-long, NOT turned by `rotation_deg`.
+    name: for file names and reports.
+    rotation_deg: active rotation about +y in [0, 360), counter-clockwise seen from +y (+z goes to +x).
+    repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
+        it (0 without any); "infinite": the largest finite value of its channel; "negative": 0.
+    """
+
+    def __init__(self, radiance, name="environment", rotation_deg=0.0):
+        """Raises InputError unless `radiance` is (H, W, 3) with a finite pixel; warns of repaired pixels."""
+        radiance = np.asarray(radiance)
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
+            raise InputError(f"an environment must be an (H, W, 3) image, found shape {radiance.shape}")
+        self.name = str(name)
+        self.radiance, self.repaired = _repaired(radiance, self.name)
+        self.radiance.setflags(write=False)
+        self.rotation_deg = _reduced(rotation_deg)
+        self._derived = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
+
+    @classmethod
+    def load(cls, source):
+        """The environment in a file (OpenEXR or Radiance HDR), or a built-in one by name.
+
+        Angular maps and vertical crosses are recognised and resampled; anything else is taken as lat-long.
+        Raises InputError for an unknown name and for files that are missing, damaged or of another kind.
+        """
+        if str(source) in skies.BUILTIN:
+            return cls(skies.BUILTIN[str(source)](), str(source))
+        path = Path(source)
+        image = _read(path)
+        image, repaired = _repaired(image, path.name)
+        layout = projections.recognise(image)
+        if layout == "angular map":
+            image = projections.latlong_from_angular(image)
+        elif layout == "vertical cross":
+            image = projections.latlong_from_cross(image)
+        elif layout is None:
+            height, width = image.shape[:2]
+            warnings.warn(
+                f"{path.name}: {width} x {height} is neither 2:1, nor an angular map (square, black outside "
+                "its circle), nor a vertical cross (3:4): taken as lat-long",
+                DataWarning,
+                stacklevel=2,
+            )
+        environment = cls(image, path.stem)
+        environment.repaired = repaired
+        return environment
+
+    def rotated(self, angle_deg):
+        """This environment turned further by an active Ry(+angle), with the image shared.
+
+        Angles that differ by whole turns give identical results, to the bit. Raises InputError for a NaN.
+        """
+        turned = copy.copy(self)
+        turned.rotation_deg = _reduced(self.rotation_deg + _reduced(angle_deg))
+        return turned
+
+    def sh(self, bands):
+        """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
+        unrotated = self.derived(("sh", bands), lambda: harmonics.project_latlong(self.radiance, bands))
+        return turned_about_y(unrotated, self.rotation_deg)
+
+    def derived(self, key, compute):
+        """What `compute()` returns, computed once for the image and all its rotated copies under this key."""
+        if key not in self._derived:
+            self._derived[key] = compute()
+        return self._derived[key]
+
+    def lookup(
+        self,
+        directions,  # (N, 3) of any length, scene frame
+    ):
+        """Radiance (N, 3) float32 arriving from these directions: bilinear, across the seam and the poles."""
+        x, y, z = np.asarray(directions, np.float64).T
+        height, width = self.radiance.shape[:2]
+        longitude = np.arctan2(x, z) - math.radians(self.rotation_deg)
+        column = (0.5 - longitude / (2.0 * np.pi)) * width - 0.5
+        row = (0.5 - np.arctan2(y, np.hypot(x, z)) / np.pi) * height - 0.5
+        above = np.floor(row)
+        share = (row - above)[:, None]
+        values = self._along_row(above, column) * (1.0 - share) + self._along_row(above + 1, column) * share
+        return values.astype(np.float32)
+
+    @property
+    def mean_luminance(self):
+        """Rec. 709 luminance averaged over the sphere by solid angle."""
+        return float(luminance(self.sh(1)[0])) / math.sqrt(4.0 * math.pi)
+
+    def _along_row(self, row, column):
+        """Linear interpolation along a row. The row beyond a pole is the last one again, half a turn away."""
+        height, width = self.radiance.shape[:2]
+        column = column + 0.5 * width * ((row < 0) | (row >= height))
+        row = np.clip(row, 0, height - 1).astype(np.intp)
+        left = np.floor(column)
+        share = (column - left)[:, None]
+        left = left.astype(np.intp) % width
+        return self.radiance[row, left] * (1.0 - share) + self.radiance[row, (left + 1) % width] * share
+
+
+def _reduced(angle_deg):
+    """The angle in [0, 360), so that whole turns give identical results to the bit."""
+    if not math.isfinite(angle_deg):
+        raise InputError(f"a rotation must be a finite number of degrees, found {angle_deg}")
+    return round(float(angle_deg) % 360.0, _ANGLE_DIGITS) % 360.0
+
+
+def _repaired(image, name):
+    """A float32 copy of the image without NaN, infinite or negative values, and how many pixels had each.
+
+    Raises InputError when no pixel is finite. One DataWarning tells the counts.
+    """
+    with np.errstate(over="ignore"):
+        image = np.array(image, np.float32)
+    if image.min() >= 0.0 and image.max() < np.inf:
+        return image, {}
+    if not np.isfinite(image).all(axis=2).any():
+        raise InputError(f"{name}: no pixel of the image is finite; write the file again")
+    defects = {"NaN": np.isnan(image), "infinite": image == np.inf, "negative": image < 0.0}
+    repaired = {defect: int(mask.any(axis=2).sum()) for defect, mask in defects.items() if mask.any()}
+    image[defects["negative"]] = 0.0
+    for channel in range(3):
+        values = image[..., channel]
+        values[defects["infinite"][..., channel]] = values[np.isfinite(values)].max(initial=0.0)
+    _fill_from_neighbors(image, defects["NaN"])
+    counts = ", ".join(f"{count} {defect}" for defect, count in repaired.items())
+    warnings.warn(f"{name}: repaired pixels that held no radiance: {counts}", DataWarning, stacklevel=3)
+    return image, repaired
+
+
+def _fill_from_neighbors(image, missing):
+    """Give missing values, in place, the mean of the valid ones among the eight around them."""
+    height, width = image.shape[:2]
+    row, column, channel = np.nonzero(missing)
+    image[missing] = 0.0
+    total, count = np.zeros((2, len(row)))
+    for down in (-1, 0, 1):
+        for right in (-1, 0, 1):
+            neighbor = np.clip(row + down, 0, height - 1), (column + right) % width, channel
+            total += image[neighbor]
+            count += ~missing[neighbor]
+    image[missing] = total / np.maximum(count, 1)
+
+
+def _read(path):
+    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        names = ", ".join(skies.BUILTIN)
+        raise InputError(f"{path} does not exist: give an .exr or .hdr file, or one of {names}") from None
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from None
+    if not data:
+        raise InputError(f"{path} is empty: expected an OpenEXR or Radiance HDR image")
+    if data.startswith(_EXR_MAGIC):
+        return _read_exr(path)
+    if data.startswith(_HDR_MAGIC):
+        return _decode_hdr(data, path)
+    raise InputError(
+        f"{path} is neither OpenEXR nor Radiance HDR: give a file that holds linear radiance, "
+        "which PNG, JPEG and other display pictures do not"
+    )
+
+
+def _read_exr(path):
+    """First part of an OpenEXR file that has colour, pasted into its display window."""
+    import OpenEXR
+
+    try:
+        with _silenced():
+            parts = OpenEXR.File(str(path), separate_channels=True).parts
+    except Exception as error:  # the binding raises several types, each with a text of its own
+        raise InputError(f"{path} is a damaged OpenEXR file ({error}): copy or export it again") from None
+    if not parts:  # how the binding reports missing scan lines
+        raise InputError(f"{path} is a truncated or damaged OpenEXR file: copy or export it again")
+    for part in parts:
+        channels = {name: channel.pixels for name, channel in part.channels.items()}
+        pixels = _exr_color({name: values for name, values in channels.items() if values.dtype.kind == "f"})
+        if pixels is not None:
+            return _in_display_window(pixels, part.header)
+    found = ", ".join(name for part in parts for name in part.channels)
+    raise InputError(f"{path} has no colour: expected channels R, G and B, or Y alone, found {found}")
+
+
+def _exr_color(channels):
+    """(H, W, 3) of a dict of (H, W) channels: R, G, B, else those of a layer, else luminance, else None."""
+    layers = sorted(name[:-1] for name in channels if name == "R" or name.endswith(".R"))
+    for layer in layers:  # the unnamed layer sorts first
+        if layer + "G" in channels and layer + "B" in channels:
+            return np.stack([channels[layer + color].astype(np.float32) for color in "RGB"], axis=-1)
+    if "Y" in channels and "RY" not in channels:
+        return np.repeat(channels["Y"][..., None].astype(np.float32), 3, axis=2)
+    return None
+
+
+def _in_display_window(pixels, header):
+    """The pixels of the display window: black where there is no data; data outside it is dropped."""
+    data, display = (np.asarray(header[window], int) for window in ("dataWindow", "displayWindow"))
+    (left, top), (right, bottom) = data - display[0]
+    width, height = display[1] - display[0] + 1
+    if (left, top, right, bottom) == (0, 0, width - 1, height - 1):
+        return pixels
+    image = np.zeros((height, width, 3), pixels.dtype)
+    rows, columns = slice(max(top, 0), max(bottom + 1, 0)), slice(max(left, 0), max(right + 1, 0))
+    inside = image[rows, columns]
+    inside[...] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
+    return image
+
+
+def _decode_hdr(data, path):
+    """Pixels of a Radiance file whose rows run from the top, as all but a few writers leave them."""
+    import imagecodecs
+
+    if b"32-bit_rle_xyze" in data[:1024]:
+        raise InputError(f"{path} stores CIE XYZ: convert it to 32-bit_rle_rgbe or OpenEXR")
+    try:
+        return imagecodecs.rgbe_decode(data)
+    except (ValueError, RuntimeError, MemoryError) as error:
+        raise InputError(
+            f"{path} is a damaged or unusual Radiance HDR file ({error}): export it again, or as OpenEXR"
+        ) from None
+
+
+@contextlib.contextmanager
+def _silenced():
+    """Keep the OpenEXR library's own messages off stdout and stderr: the error raised says what matters."""
+    stderr = os.dup(2)
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)

@@ -1,0 +1,144 @@
+"""Layouts of environment images: canonical lat-long, and light probes that are resampled to it.
+
+Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
+"""
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+_EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
+_DARK = 0.01  # outside counts as black below this share of the median inside
+_SUBSAMPLES = 4  # a side of each texel: a sun as wide as one keeps its energy to within 1 to 3%
+
+# Vertical cross: (column, row) of each face, and the directions of its centre, its right and its lower edge.
+_CROSS_FACES = (
+    ((1, 0), (0, 1, 0), (1, 0, 0), (0, 0, -1)),
+    ((0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0)),
+    ((1, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0)),
+    ((2, 1), (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    ((1, 2), (0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    ((1, 3), (0, 0, 1), (1, 0, 0), (0, 1, 0)),
+)
+
+
+def texel_directions(height, width, rows=slice(None)):
+    """Unit directions (R, W, 3) float64 of the texel centres of a lat-long image, or of some of its rows."""
+    latitude = np.pi * (0.5 - (np.arange(height)[rows, None] + 0.5) / height)
+    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
+    x, z = np.cos(latitude) * np.sin(longitude), np.cos(latitude) * np.cos(longitude)
+    return np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
+
+
+def row_solid_angles(height, width):
+    """Solid angle of a texel in each row of a lat-long image, in steradians: (H, 1) float64, exact."""
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    return (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
+
+
+def recognise(image):
+    """Layout of an (H, W, 3) image: "lat-long" (2:1), "angular map", "vertical cross", or None of these.
+
+    A square is an angular map when it is black outside its circle; a 3:4 image is a cross when the six cells
+    without a face are black.
+    """
+    height, width = image.shape[:2]
+    if width == 2 * height:
+        return "lat-long"
+    if width == height and _is_black_outside(image, _angular_inside(width)):
+        return "angular map"
+    if 4 * width == 3 * height and width % 3 == 0 and _is_black_outside(image, _cross_inside(width // 3)):
+        return "vertical cross"
+    return None
+
+
+def latlong_from_angular(
+    image,  # (N, N, 3) radiance: centre -z, right +x, top +y, radius proportional to the angle
+):
+    """Canonical lat-long (N/2, N, 3) float32 of Debevec's angular map (www.pauldebevec.com/Probes)."""
+    size = image.shape[0]
+
+    def pixel(x, y, z):
+        across = np.hypot(x, y)
+        # Bilinear lookups that straddled the rim would mix in the black beyond it.
+        radius = np.minimum(np.arctan2(across, -z) / np.pi, 1.0 - 3.0 / size)
+        radius *= 0.5 * size / np.maximum(across, 1e-12)
+        return 0.5 * size + radius * x, 0.5 * size - radius * y
+
+    return _resample(image, max(1, size // 2), pixel)
+
+
+def latlong_from_cross(
+    image,  # (4 F, 3 F, 3) radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down
+):
+    """Canonical lat-long (2 F, 4 F, 3) float32 of a vertical cross of cube faces."""
+    face = image.shape[1] // 3
+
+    def pixel(x, y, z):
+        directions = np.stack([x, y, z])
+        column, row = np.zeros((2, *x.shape))
+        largest = np.abs(directions).max(axis=0)
+        for cell, forward, right, down in _CROSS_FACES:
+            hit = np.tensordot(forward, directions, 1) >= largest
+            local = directions[:, hit] / largest[hit]
+            # Texel centres bound the lookup: beyond them lies another face, or nothing.
+            u, v = (0.5 * face * (1.0 + np.dot(axis, local)) for axis in (right, down))
+            u, v = np.clip((u, v), 0.5, face - 0.5)
+            column[hit], row[hit] = u + face * cell[0], v + face * cell[1]
+        return column, row
+
+    return _resample(image, 2 * face, pixel)
+
+
+def _resample(image, height, pixel):
+    """Lat-long (height, 2 height, 3) float32: the mean of bilinear lookups over each texel, by solid angle.
+
+    pixel: function of a direction's x, y, z to image coordinates (column, row), texel centres at + 1/2.
+    """
+    width, k = 2 * height, _SUBSAMPLES
+    result = np.zeros((height, width, 3), np.float32)
+    rows = max(1, 2**18 // (width * k * k))
+    for start in range(0, height, rows):
+        stop = min(start + rows, height)
+        directions = texel_directions(height * k, width * k, slice(start * k, stop * k))
+        column, row = pixel(*np.moveaxis(directions, -1, 0))
+        weight = np.hypot(directions[..., 0], directions[..., 2])  # cos(latitude)
+        blocks = (stop - start, k, width, k)
+        total = weight.reshape(blocks).sum(axis=(1, 3))
+        for channel in range(3):
+            values = map_coordinates(image[..., channel], (row - 0.5, column - 0.5), order=1, mode="nearest")
+            result[start:stop, :, channel] = (values * weight).reshape(blocks).sum(axis=(1, 3)) / total
+    return result
+
+
+def _is_black_outside(image, inside):
+    brightness = np.max(image, axis=2)
+    outside = brightness[~inside]
+    median = np.median(brightness[inside])
+    return outside.size > 0 and median > 0 and np.mean(outside <= _DARK * median) >= _EMPTY_SHARE
+
+
+def _angular_inside(size):
+    """(N, N) bool: within the circle, with two texels to spare for soft rims."""
+    offset = np.arange(size) + 0.5 - 0.5 * size
+    return np.hypot(offset, offset[:, None]) <= 0.5 * size + 2.0
+
+
+def _cross_inside(face):
+    """(4 F, 3 F) bool: the six cells that hold a face."""
+    cells = np.zeros((4, 3), bool)
+    for (column, row), *_ in _CROSS_FACES:
+        cells[row, column] = True
+    return cells.repeat(face, axis=0).repeat(face, axis=1)
+
+
+def texel_parts(row, column, height, width, parts):
+    """Directions (T, P^2, 3) and solid angles (T, P^2) of T texels' parts, P = `parts` along each side."""
+    step = np.arange(parts)
+    fine_row = row[:, None] * parts + step
+    longitude = np.pi * (1.0 - 2.0 * (column[:, None] * parts + step + 0.5) / (width * parts))
+    edge = np.cos(np.pi * np.stack([fine_row, fine_row + 1]) / (height * parts))
+    latitude = np.pi * (0.5 - (fine_row + 0.5) / (height * parts))[:, :, None]
+    x, z = np.cos(latitude) * np.sin(longitude)[:, None], np.cos(latitude) * np.cos(longitude)[:, None]
+    toward = np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
+    area = np.broadcast_to(((edge[0] - edge[1]) * (2.0 * np.pi / (width * parts)))[:, :, None], x.shape)
+    return toward.reshape(len(row), parts * parts, 3), area.reshape(len(row), parts * parts)

@@ -1,0 +1,318 @@
+"""Light too concentrated for spherical harmonics, taken out as suns: single directions that are ray traced.
+
+    rest, suns = split(environment)
+    radiance = transfer @ rest.sh(bands) + sunlight(occluder, rows, suns)
+
+The coefficients of light split in this way are exact, SH(rest) + SH(suns as points) = SH(environment). Only what the
+bands do not hold can be wrong: contrast that stays in the rest, and the width of what now shines as points. Both are
+estimated for walls that may stand anywhere, and `split` looks for the fewest suns within a tolerance.
+"""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
+
+from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
+from . import projections
+from .environment import Environment, turned_about_y
+from .sun_clusters import clusters
+from .suns import Suns
+
+DEFAULT_TOLERANCE = 0.007
+"""Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
+on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench_light)."""
+
+
+DEFAULT_LIMIT = 128
+"""Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""
+
+
+LEVELS = 160.0 * 0.5 ** np.arange(7)  # where luminance is cut off, over its mean: down to 2.5
+
+
+_OPENING_DEG = 2.0  # narrower patches are cut down to what surrounds them, wider ones to the level
+
+
+_FALL = 4  # a texel at twice the level keeps 1/16 of its light or what is around it; a sun keeps 1e-9 or less
+
+
+_POINT_DEG = 2.0  # a bright texel with dark ones around it is a point, unless it is higher than this
+
+
+_PARTS = 8  # a side of each texel at most; a sun's disc may be one texel
+
+
+_PART_ENERGY = 1.0 / 1024  # of the light, in each part of a texel: well below what one sun holds
+
+
+_POOL_HEIGHT = 512  # rows of finer images are pooled to so many, of 0.35 degrees: less than the solar disc
+
+
+_LLOYD_ROUNDS = 5  # the largest errors come down by up to a tenth, the mean by 2%
+
+
+_ENOUGH = 1.1  # of the least estimate: the last tenth can take a hundred suns
+
+
+GRID = (64, 128)  # for the estimate: cells of 2.8 degrees, well under the width of a lobe of 10 bands
+
+
+_PROBES = 256  # vertices beside walls, for the estimate
+
+
+class Rest(Environment):
+    """An environment without its suns. Its image has them cut off; its coefficients hold in addition what makes up
+    for their shining as points, so that with the suns' own they are those of the whole, in any number of bands.
+
+    width: estimated relative error of their shining as points.
+    """
+
+    def __init__(self, whole, image, suns, width):
+        """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
+        super().__init__(image, whole.name)
+        self.repaired = whole.repaired
+        self._whole, self._suns, self.width = whole, suns, width
+
+    def sh(self, bands):
+        """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
+        unrotated = self.derived(("sh", bands), lambda: self._whole.sh(bands) - self._suns.sh(bands))
+        return turned_about_y(unrotated, self.rotation_deg)
+
+
+def split(environment, bands=harmonics.MAX_BANDS, tolerance=DEFAULT_TOLERANCE, limit=DEFAULT_LIMIT):
+    """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.
+
+    tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.
+    limit: most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
+    What exceeds a level of luminance is cut off and gathered into suns. Level and number are found once for an image
+    and all its rotations. Light that the bands hold well enough comes back itself, with no suns. Raises InputError
+    for bands outside 1..10, and for a tolerance or a limit that is not positive.
+    """
+    harmonics.check_bands(bands)
+    if not tolerance > 0.0:
+        raise InputError(f"the tolerance of the sun split must be above 0, found {tolerance}")
+    if limit != int(limit) or limit < 1:
+        raise InputError(f"the limit of suns must be a whole number above 0, found {limit}")
+    turned = environment.rotation_deg
+    rest, suns = environment.derived(
+        ("split", bands, tolerance, limit), lambda: _split(environment.rotated(-turned), bands, tolerance, limit)
+    )
+    return (rest.rotated(turned), suns.rotated(turned)) if len(suns) else (environment, suns)
+
+
+def _split(environment, bands, tolerance, limit):
+    """Rest (or the environment itself) and Suns of an unrotated environment."""
+    image = _square_texels(environment.radiance)
+    coarse = _Coarse(image, bands)
+    if coarse.contrast() <= tolerance:
+        return environment, Suns.none()
+    cuts = list(_cuts(environment, image, coarse))
+    if not cuts:
+        return environment, Suns.none()
+    (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
+    if missed:
+        (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
+    suns, rest = _suns(cut.spots, label), image.copy()
+    rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
+    width = math.sqrt(max(error**2 - cut.contrast**2, 0.0))
+    return Rest(environment, rest, suns, width), suns
+
+
+class _Cut(NamedTuple):
+    """What cutting off a level leaves: texels, the share of each that stays, and the spots taken out."""
+
+    row: np.ndarray
+    column: np.ndarray
+    stays: np.ndarray
+    spots: tuple  # as `_spots` says
+    contrast: float  # that the rest has, relative
+
+
+def _cuts(environment, image, coarse):
+    """A _Cut for every level that anything exceeds."""
+    brightness = luminance(image)
+    around = _around(brightness)
+    power = 4.0 * np.pi * environment.mean_luminance
+    for level in LEVELS * environment.mean_luminance:
+        row, column = np.nonzero(brightness > level)
+        if not len(row):
+            continue
+        over = brightness[row, column] / level
+        # Narrow patches drop to what is around them, but not at once: texels beside them stay just below the level.
+        stays = np.maximum(np.minimum(level, around[row, column]) / brightness[row, column], over**-_FALL)
+        excess = image[row, column] * (1.0 - stays)[:, None]
+        spots = _spots(row, column, excess, brightness.shape, power * _PART_ENERGY)
+        yield _Cut(row, column, stays, spots, coarse.contrast(row, column, excess))
+
+
+def _cheapest(cuts, bands, scale, tolerance, limit):
+    """((missed, number, error), cut, labels of its spots): fewest suns within the tolerance, else the least error."""
+    best = None
+    for cut in cuts:
+        most = limit if best is None or best[0][0] else min(limit, best[0][1])
+        label, count, width = clusters(cut.spots, bands, scale, tolerance**2 - cut.contrast**2, most)
+        error = math.hypot(cut.contrast, width)
+        found = error > tolerance, count if error <= tolerance else 0, error
+        if best is None or found < best[0]:
+            best = found, cut, label
+    return best
+
+
+def _square_texels(image):
+    """The same patches of radiance in about square texels: rows or columns repeated, to 0.35 degrees at the finest.
+
+    What follows takes a texel to be as wide as it is high. Images about twice as wide as high come back themselves.
+    """
+    height, width, _ = image.shape
+    down = round(min(width, 2 * _POOL_HEIGHT) / (2 * height))
+    right = round(min(2 * height, 2 * _POOL_HEIGHT) / width)
+    if max(down, right) <= 1:
+        return image
+    return np.repeat(np.repeat(image, max(1, down), axis=0), max(1, right), axis=1)
+
+
+class _Coarse:
+    """An image in cells of 2.8 degrees, and what imagined vertices see of it in full and in a few bands.
+
+    Each vertex faces a direction of a Fibonacci sphere; a wall beside it hides a half of all directions at random.
+    """
+
+    def __init__(self, image, bands):
+        height, width, _ = image.shape
+        self._rows, self._columns = _pooling((height, width), GRID)
+        self._full, self._banded, self._project = _probes(bands)
+        self._cells = pooled(image, GRID).reshape(-1, 3)
+        self._shape = height, width
+        self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
+
+    def contrast(self, row=(), column=(), excess=None):
+        """Relative error, root mean square, of the banded light of the image less the `excess` (T, 3) of texels."""
+        cells = self._cells.copy()
+        if excess is not None:
+            for color in range(3):
+                less = csr_array((excess[:, color], (row, column)), self._shape)
+                cells[:, color] -= (self._rows @ less @ self._columns.T).toarray().ravel()
+        cells = cells.astype(np.float32)
+        error = self._full @ cells - self._banded @ (self._project @ cells)
+        return math.sqrt(np.square(error).sum(axis=1).mean()) / self.scale if self.scale > 0.0 else 0.0
+
+
+@lru_cache(harmonics.MAX_BANDS)
+def _probes(bands):
+    """Exit radiance of the imagined vertices from the cells' radiance, (P, cells), and from what SH hold of it: (P, K)
+    from coefficients, which are (K, cells) of the radiance by least squares: exact in spite of the cells."""
+    full, cells, areas = _imagined()
+    basis = harmonics.evaluate(cells, bands)
+    weighted = (basis * areas[:, None]).T
+    gram = weighted @ basis
+    banded = (full @ basis.astype(np.float32)) @ np.linalg.inv(gram).astype(np.float32)
+    return full, banded, weighted.astype(np.float32)
+
+
+@lru_cache(1)
+def _imagined():
+    """The imagined vertices' exit radiance (P, cells) float32, directions and solid angles of the cells."""
+    normals = fibonacci_sphere(_PROBES).astype(np.float32)
+    walls = np.random.default_rng(0).normal(size=normals.shape).astype(np.float32)
+    cells = projections.texel_directions(*GRID).reshape(-1, 3)
+    areas = np.repeat(projections.row_solid_angles(*GRID).ravel(), GRID[1])
+    toward = cells.T.astype(np.float32)
+    full = np.maximum(normals @ toward, np.float32(0.0)) * (areas / np.pi).astype(np.float32)
+    full[walls @ toward <= 0.0] = 0.0
+    return full, cells, areas
+
+
+def pooled(image, grid):
+    """Mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
+    rows, columns = _pooling(image.shape[:2], grid)
+    cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]
+    return np.stack(cells, axis=-1).astype(np.float64)
+
+
+def _pooling(shape, grid):
+    """Sparse (rows, H) and (columns, W): what shares of their solid angle the cells of a grid take from an image."""
+    rows = _overlap(grid[0], shape[0], lambda share: -np.cos(np.pi * share))
+    return rows, _overlap(grid[1], shape[1], lambda share: share)
+
+
+def _overlap(cells, texels, measure):
+    """Sparse (cells, texels): the share of each cell's extent, as `measure` maps 0..1, that a texel takes."""
+    edges = np.union1d(np.arange(cells + 1) / cells, np.arange(texels + 1) / texels)
+    middle, extent = 0.5 * (edges[1:] + edges[:-1]), np.diff(measure(edges))
+    cell = np.minimum((middle * cells).astype(int), cells - 1)
+    texel = np.minimum((middle * texels).astype(int), texels - 1)
+    whole = np.diff(measure(np.arange(cells + 1) / cells))
+    return csr_array((extent / whole[cell], (cell, texel)), (cells, texels))
+
+
+def _around(brightness):
+    """Luminance (H, W) of what surrounds bright patches narrower than `_OPENING_DEG`: a morphological opening."""
+    height, width = brightness.shape
+    size = 2 * math.ceil(0.5 * _OPENING_DEG / 180.0 * height) + 1
+    size = min(size, height, width), min(size, width)
+    mode = "nearest", "wrap"
+    return maximum_filter(minimum_filter(brightness, size, mode=mode), size, mode=mode)
+
+
+def _spots(row, column, excess, shape, part_energy):
+    """What the suns are gathered from: directions (P, 3), weights (P, 3) and variances (P,) in rad^2 of their width.
+
+    A texel is divided until a part holds at most `part_energy`; texels of fine images are pooled instead.
+    """
+    height, width = shape
+    weights = excess * projections.row_solid_angles(height, width)[row]
+    if height > _POOL_HEIGHT:
+        toward = projections.texel_parts(row, column, height, width, 1)[0][:, 0]
+        block = (row * _POOL_HEIGHT // height) * 2 * _POOL_HEIGHT + column * 2 * _POOL_HEIGHT // width
+        label = np.unique(block, return_inverse=True)[1]
+        toward, weights = _gathered(toward, weights, label)
+        return toward, weights, np.full(len(toward), _variance(np.pi / _POOL_HEIGHT))
+    bright = np.zeros((height + 2, width), np.int8)  # dark rows beyond the poles, the seam closed by rolling
+    bright[row + 1, column] = 1
+    steps = (-1, 0, 1)
+    near = sum(np.roll(bright, (down, right), axis=(0, 1)) for down in steps for right in steps)
+    alone = near[row + 1, column] == 1
+    alone &= height * _POINT_DEG >= 180.0
+    parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, _PARTS).astype(int)
+    parts[alone] = 1
+    found = []
+    for count in np.unique(parts):
+        of = parts == count
+        toward, area = projections.texel_parts(row[of], column[of], height, width, count)
+        part = excess[of][:, None] * area[..., None]
+        # A square as wide as the part is high; texels toward the poles are narrower than that.
+        variance = np.where(alone[of], 0.0, _variance(np.pi / height / count))
+        found.append((toward.reshape(-1, 3), part.reshape(-1, 3), np.repeat(variance, count * count)))
+    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+
+
+def _variance(side):
+    """Of the distance from its centre over a square of this side."""
+    return side * side / 6.0
+
+
+def _suns(spots, label):
+    """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun."""
+    toward, weights, _ = spots
+    for _ in range(_LLOYD_ROUNDS):
+        centers, _ = _gathered(toward, weights, label)
+        label = np.unique(cKDTree(centers).query(toward)[1], return_inverse=True)[1]
+    directions, gathered = _gathered(toward, weights, label)
+    order = np.argsort(-luminance(gathered), kind="stable")
+    return Suns(directions[order], gathered[order])
+
+
+def _gathered(toward, weights, label):
+    """Directions (S, 3) to the centroids of luminance, and summed weights (S, 3), of spots by label 0..S - 1."""
+    moment = toward * luminance(weights)[:, None]
+    total = np.stack([np.bincount(label, values) for values in (*moment.T, *weights.T)], axis=1)
+    return total[:, :3] / np.linalg.norm(total[:, :3], axis=1, keepdims=True), total[:, 3:]

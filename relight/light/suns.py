@@ -1,0 +1,39 @@
+"""Suns: single directions of light, each of which is ray traced."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..sh import harmonics
+
+
+@dataclass(frozen=True, eq=False)
+class Suns:
+    """Light from S single directions, in a fixed order.
+
+    directions: (S, 3) float64 unit vectors toward the light, scene frame.
+    weights: (S, 3) float64 linear, radiance times solid angle: the irradiance of a surface that faces the sun.
+    """
+
+    directions: np.ndarray
+    weights: np.ndarray
+
+    @classmethod
+    def none(cls):
+        """No sun at all."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
+    def __len__(self):
+        return len(self.directions)
+
+    def rotated(self, angle_deg):
+        """These suns turned by an active Ry(+angle), as `Environment.rotated` turns."""
+        angle = math.radians(angle_deg)
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+        return Suns(self.directions @ turn.T, self.weights)
+
+    def sh(self, bands):
+        """Radiance coefficients (B^2, 3) float64 of the suns as points."""
+        return harmonics.evaluate(self.directions, bands).T @ self.weights

@@ -1,0 +1,157 @@
+"""Relit scenes as files: GLB and PLY meshes, raw radiance as NumPy, pictures as PNG.
+
+Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and writes complete files or none.
+"""
+
+import warnings
+
+import numpy as np
+
+from splat2mesh import __version__
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.outputs import staged_file
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import write_mesh_ply
+
+_LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
+
+
+def write_glb(
+    path,
+    scene,
+    radiance,  # (V, 3) linear radiance
+    exposure,  # display value per unit of radiance
+    extras=None,  # dict of JSON values, kept in the glTF scene's `extras`
+):
+    """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per chunk.
+
+    COLOR_0 is linear float32, clip(radiance * exposure, 0, 1), since glTF colours end at 1. 16-bit colours
+    would save 8% of the file; floats give back every unclipped radiance as COLOR_0 / exposure. The scene's
+    `extras` also carry `exposure` and `clipped_vertices`.
+    Returns the number of clipped vertices, those brighter than 1. Raises InputError for radiance that does
+    not fit the scene.
+    """
+    import pygltflib as gltf
+
+    exposed = check_radiance(scene, radiance) * np.float32(exposure)
+    clipped = int((exposed > 1.0).any(axis=1).sum())
+    document = gltf.GLTF2(
+        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {__version__}"),
+        extensionsUsed=["KHR_materials_unlit"],
+        materials=[_unlit_material(gltf)],
+    )
+    blob, start = bytearray(), 0
+    normals = _unit_normals(scene.normals)
+    for index, chunk in enumerate(scene.chunks):
+        rows = slice(start, start + len(chunk.vertices))
+        start = rows.stop
+        corners = {"min": chunk.vertices.min(axis=0).tolist(), "max": chunk.vertices.max(axis=0).tolist()}
+        attributes = gltf.Attributes(
+            POSITION=_add_vectors(document, blob, chunk.vertices, **corners),
+            NORMAL=_add_vectors(document, blob, normals[rows]),
+            COLOR_0=_add_vectors(document, blob, np.clip(exposed[rows], 0.0, 1.0)),
+        )
+        faces = _add_indices(document, blob, chunk.faces, len(chunk.vertices))
+        primitive = gltf.Primitive(attributes=attributes, indices=faces, material=0, mode=gltf.TRIANGLES)
+        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
+        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
+    facts = {"exposure": float(exposure), "clipped_vertices": clipped, **(extras or {})}
+    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras=facts)]
+    document.scene = 0
+    document.buffers = [gltf.Buffer(byteLength=len(blob))]
+    document.set_binary_blob(bytes(blob))
+    with staged_file(path) as staging:
+        document.save_binary(staging)
+    return clipped
+
+
+def write_ply(path, scene, radiance, exposure):
+    """Write the relit scene as one binary PLY mesh: float position and normal, uchar sRGB colour.
+
+    Vertices stand chunk after chunk. radiance: (V, 3) linear. exposure: display value per unit of radiance;
+    what exceeds 1 is clipped.
+    Raises InputError for radiance that does not fit the scene.
+    """
+    exposed = np.clip(check_radiance(scene, radiance) * np.float32(exposure), 0.0, 1.0)
+    mesh = Mesh(scene.vertices, scene.normals, scene.faces, bytes_from_unit(srgb_from_linear(exposed)))
+    with staged_file(path) as staging:
+        write_mesh_ply(staging, mesh)
+
+
+def write_npy(path, scene, radiance):
+    """Write the radiance itself: (V, 3) float32 linear, unexposed, unclipped. Raises InputError as above."""
+    radiance = check_radiance(scene, radiance)
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        np.save(file, radiance)
+
+
+def write_png(
+    path,
+    image,  # (H, W, 3) uint8 sRGB
+):
+    """Write a picture."""
+    import imageio.v3 as iio
+
+    with staged_file(path) as staging:
+        iio.imwrite(staging, image, extension=".png")
+
+
+def check_radiance(scene, radiance):
+    """The radiance as (V, 3) float32. Raises InputError when it is not one finite RGB per scene vertex."""
+    radiance = np.asarray(radiance, np.float32)
+    count = sum(len(chunk.vertices) for chunk in scene.chunks)
+    if radiance.shape != (count, 3):
+        raise InputError(f"radiance must have shape ({count}, 3), one RGB per scene vertex; found {radiance.shape}")
+    finite = np.isfinite(radiance).all(axis=1)
+    if not finite.all():
+        raise InputError(
+            f"radiance of {np.sum(~finite)} of {count} vertices is not finite; "
+            "check the environment for NaN and infinity"
+        )
+    return radiance
+
+
+def _unlit_material(gltf):
+    """White times COLOR_0 and no shading: the light is in the vertices already."""
+    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
+    return gltf.Material(
+        name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
+    )
+
+
+def _unit_normals(normals):
+    """(V, 3) float32 of unit length, as glTF demands; +y where a normal has no direction."""
+    normals = np.nan_to_num(np.asarray(normals, np.float64), posinf=0.0, neginf=0.0)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    undefined = length[:, 0] < 1e-12
+    if undefined.any():
+        warnings.warn(f"wrote {undefined.sum()} vertices without a normal with +y", DataWarning, stacklevel=3)
+    unit = np.where(undefined[:, None], [0.0, 1.0, 0.0], normals / np.where(length > 0.0, length, 1.0))
+    return unit.astype(np.float32)
+
+
+def _add_vectors(document, blob, vectors, **bounds):
+    """Append (V, 3) float32 to the blob; index of its accessor."""
+    return _add_accessor(document, blob, vectors.astype("<f4"), "VEC3", len(vectors), 5126, 34962, **bounds)
+
+
+def _add_indices(document, blob, faces, vertex_count):
+    """Append (F, 3) faces to the blob, in 16 bits where they suffice; index of its accessor."""
+    short = vertex_count - 1 <= _LARGEST_SHORT_INDEX
+    indices = faces.ravel().astype("<u2" if short else "<u4")
+    return _add_accessor(document, blob, indices, "SCALAR", len(indices), 5123 if short else 5125, 34963)
+
+
+def _add_accessor(document, blob, array, kind, count, component, target, **bounds):
+    """Append an array to the blob, which pygltflib aligns to 4 bytes on saving; index of its accessor."""
+    import pygltflib as gltf
+
+    view = gltf.BufferView(buffer=0, byteOffset=len(blob), byteLength=array.nbytes, target=target)
+    blob += array.tobytes()
+    document.bufferViews.append(view)
+    accessor = gltf.Accessor(
+        bufferView=len(document.bufferViews) - 1, componentType=component, count=count, type=kind, **bounds
+    )
+    document.accessors.append(accessor)
+    return len(document.accessors) - 1

@@ -1,0 +1,135 @@
+"""Off-screen pictures of a relit scene before the environment that lights it, by ray casting on the CPU."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.render.view import View
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+
+from ..light.tonemap import compress_highlights
+from .mesh_files import check_radiance
+
+_FIELD_OF_VIEW_DEG = 40.0
+_AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
+_RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+
+
+def render_preview(
+    scene,
+    radiance,  # (V, 3) linear radiance
+    environment,  # its `lookup` maps unit directions (N, 3) to linear radiance (N, 3)
+    camera=None,  # dict of eye, target, up ((3,) scene frame), horizontal fov_deg; default: the scene's own
+    width=960,
+    height=720,
+    exposure=1.0,
+    samples=4,
+):
+    """One picture, (H, W, 3) uint8 sRGB; see `Preview`, the faster way to pictures under several lights."""
+    return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
+
+
+class Preview:
+    """A camera before a scene, its rays cast once, for pictures under any number of lights.
+
+    The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment
+    shows, sharp and at the same exposure. `camera` is the one in use: the given one, the scene's or
+    `default_camera`.
+    Raises InputError for an impossible camera or picture size.
+    """
+
+    def __init__(self, scene, camera=None, width=960, height=720, samples=4):
+        import open3d as o3d
+
+        if min(width, height, samples) < 1:
+            raise InputError(
+                f"a picture needs at least 1 x 1 pixels and 1 sample; found {width} x {height} and {samples}"
+            )
+        self.camera = camera or scene.preview_camera or default_camera(scene, width / height)
+        self._scene, self._faces = scene, scene.faces
+        self._view, self._samples = _view(self.camera, width, height), samples
+        raycaster = o3d.t.geometry.RaycastingScene()
+        raycaster.add_triangles(scene.vertices, self._faces.astype(np.uint32))
+        self._passes = [(rows, view, *_cast(raycaster, view)) for rows, view in _split(self._view, samples)]
+
+    def render(self, radiance, environment, exposure=1.0):
+        """The picture under one light: (H, W, 3) uint8 sRGB.
+
+        radiance: (V, 3) linear. environment: as in `render_preview`. exposure: display value per unit of
+        radiance. Samples are averaged after their highlights are compressed: edges before a sun stay smooth.
+        """
+        radiance = check_radiance(self._scene, radiance) * np.float32(exposure)
+        image = np.zeros((self._view.height, self._view.width, 3), np.float32)
+        for rows, view, hit, faces, weights in self._passes:
+            color = np.empty((len(hit), 3), np.float32)
+            color[hit] = np.einsum("pk,pkc->pc", weights, radiance[self._faces[faces]])
+            color[~hit] = environment.lookup(_directions(view)[~hit]) * np.float32(exposure)
+            image[rows] += compress_highlights(color).reshape(image[rows].shape)
+        return bytes_from_unit(srgb_from_linear(image / self._samples))
+
+
+def default_camera(scene, aspect=4 / 3):
+    """A three-quarter view from slightly above, on the +z side, that just holds every vertex of the scene.
+
+    aspect: width / height of the picture. Returns a dict of eye, target, up (lists, scene frame) and fov_deg.
+    """
+    azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
+    backward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
+    view = View.holding(scene.vertices, backward, [0.0, 1.0, 0.0], _FIELD_OF_VIEW_DEG, 1200, round(1200 / aspect))
+    return {
+        "eye": view.center.tolist(),
+        "target": (view.center + view.forward * scene.diagonal).tolist(),
+        "up": [0.0, 1.0, 0.0],
+        "fov_deg": _FIELD_OF_VIEW_DEG,
+    }
+
+
+def _view(camera, width, height):
+    try:
+        eye, target, up = (np.array(camera[name], np.float64).reshape(3) for name in ("eye", "target", "up"))
+        fov_deg = float(camera["fov_deg"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"a camera needs eye, target, up (3 numbers each) and fov_deg; found {camera}") from error
+    finite = np.isfinite([eye, target, up]).all()
+    if not (finite and np.any(eye != target) and np.any(up) and 0.0 < fov_deg < 180.0):
+        raise InputError(f"a camera needs eye apart from target, an up and fov_deg between 0 and 180; found {camera}")
+    return View.look_at(eye, target, up, fov_deg, width, height)
+
+
+def _split(view, samples):
+    """Yield (rows, View) for bands of rows, once for each sample position within the pixel.
+
+    The positions are a Kronecker lattice: whatever their number, no two share a column or a row, and their
+    mean is the pixel's centre.
+    """
+    step = np.arange(samples) - 0.5 * (samples - 1)
+    offsets = np.stack([step / samples, (step * _GOLDEN + 0.5) % 1.0 - 0.5], axis=1)
+    band = max(1, _RAYS_AT_ONCE // view.width)
+    for top in range(0, view.height, band):
+        rows = slice(top, min(top + band, view.height))
+        for dx, dy in offsets:
+            yield rows, replace(view, height=rows.stop - top, cx=view.cx - dx, cy=view.cy - top - dy)
+
+
+def _directions(view):
+    """Unit directions through the pixel centres of a View: (H * W, 3) float32."""
+    directions = view.ray_directions().reshape(-1, 3).astype(np.float32)
+    return directions / np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
+
+
+def _cast(raycaster, view):
+    """Where the rays of a View hit.
+
+    Returns the mask of the rays that do, (H * W,) bool, and for these P rays the face, (P,) int32, and the
+    barycentric weights of its corners, (P, 3) float32.
+    """
+    directions = _directions(view)
+    rays = np.empty((len(directions), 6), np.float32)
+    rays[:, :3], rays[:, 3:] = view.center, directions
+    answer = raycaster.cast_rays(rays)
+    hit = np.isfinite(answer["t_hit"].numpy())
+    uv = answer["primitive_uvs"].numpy()[hit]
+    weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
+    return hit, answer["primitive_ids"].numpy()[hit].astype(np.int32), weights

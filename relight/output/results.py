@@ -1,0 +1,100 @@
+"""The files of one light: meshes, splats, textures, arrays and a picture; what serves every light is made once."""
+
+import numpy as np
+
+from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
+
+from . import mesh_files
+from .kinds import FILES
+
+PICTURE_SIZE = 960, 720
+
+
+class Results:
+    """Writes the results of a scene, light after light.
+
+    kinds: words of `files.FILES`. baked: some of `files.BAKED`. splats: (Splats, paths of their files), None where no
+    result needs them. texture_size: side of textures in texels, chosen without.
+    """
+
+    def __init__(self, relighter, appearance, kinds, baked=(), splats=None, texture_size=None, seed=0):
+        self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
+        self._splats, self._paths = splats or (None, [])
+        self._texture_size, self._seed = texture_size, seed
+        self._scene, self._stages = relighter.scene, relighter.stages
+        self._preview = self._binding = self._texture = None
+
+    def write(self, folder, light, radiance, exposure):
+        """Fill a folder that exists: (names of the files, what else the report should tell).
+
+        radiance: (V, 3) linear. exposure: display value per unit of it.
+        """
+        names, told = [FILES[kind] for kind in FILES if kind in self._kinds], {}
+        with self._stages.stage("write"):
+            if "glb" in self._kinds:
+                extras = {"environment": light.name, "angle_deg": light.rotation_deg}
+                clipped = mesh_files.write_glb(folder / FILES["glb"], self._scene, radiance, exposure, extras)
+                told["clipped_vertices"] = clipped
+            if "ply" in self._kinds:
+                mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
+            if "npy" in self._kinds:
+                mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
+        if "splat" in self._kinds:
+            names += self._write_splats(folder, radiance, exposure)
+        if self._baked:
+            names += self._write_textures(folder, light, radiance, exposure, told)
+        if "png" in self._kinds:
+            self._write_picture(folder, light, radiance, exposure)
+        return names, told
+
+    def _write_picture(self, folder, light, radiance, exposure):
+        from .preview import Preview
+
+        with self._stages.stage("preview"):
+            self._preview = self._preview or Preview(self._scene, None, *PICTURE_SIZE)
+            mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
+
+    def _write_splats(self, folder, radiance, exposure):
+        """The splats in the new light, also in the format of their source: names of files beyond FILES."""
+        from ..splats import Binding, write_relit_ply
+
+        if self._binding is None:
+            with self._stages.stage("bind splats"):
+                self._binding = Binding(self._splats, self._scene, seed=self._seed)
+        with self._stages.stage("relight splats"):
+            received = self._appearance.received(radiance)
+            relit = self._binding.relit(self._appearance.irradiance, received, exposure)
+        with self._stages.stage("write"):
+            source = self._paths[0] if len(self._paths) == 1 else None
+            write_relit_ply(folder / FILES["splat"], relit, source)
+            kind = kind_of(source) if source else "ply"
+            if kind == "ply" or kind not in WRITERS:
+                return []
+            name = f"relit_splat.{kind}"
+            write_splats(folder / name, relit, kind)
+        return [name]
+
+    def _write_textures(self, folder, light, radiance, exposure, told):
+        """Textured meshes, relit and as albedo, and on request the transfer: names of the files."""
+        from ..texture import bake
+        from .textured_files import write_textured_glb, write_transfer
+
+        look = self._appearance
+        if self._texture is None:
+            known = {"irradiance": look.irradiance, "prior": look.prior}
+            if look.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
+                known = {"albedo": np.ones_like(look.captured) if look.albedo is None else look.albedo}
+                known = {} if look.albedo is look.captured else known
+            known |= {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
+            self._texture = bake(self._scene, self._splats, **known)
+        names = ["relit_texture.glb", "albedo_texture.glb"]
+        told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
+        with self._stages.stage("write"):
+            extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
+            picture = self._texture.relit(look.received(radiance), exposure)
+            write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
+            albedo = self._texture.image(self._texture.albedo)
+            write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)
+            if "transfer" in self._baked:
+                names += write_transfer(folder, self._texture, self._relighter.transfer)
+        return names

@@ -1,0 +1,143 @@
+"""Textured scenes as files: GLB with the picture inside, and transfer as images that a shader can light."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+
+from splat2mesh import __version__
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import staged_file
+
+from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
+
+TRANSFER_BANDS = 3
+"""Of the transfer in images: nine numbers in three RGB pictures. Light of more bands than that gives a diffuse surface
+1% of its brightness (Ramamoorthi, Hanrahan 2001); what shadows add is lost."""
+
+CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
+
+
+def write_textured_glb(
+    path,
+    scene,
+    baked,
+    image,  # (size, size, 3) uint8 sRGB
+    unlit=True,  # shown as it is; False: lit by whoever shows it, as a matt surface
+    extras=None,  # dict of JSON values, kept in the glTF scene's `extras`
+):
+    """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
+
+    Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
+    same input gives the same bytes. Raises InputError for a picture of another size.
+    """
+    import pygltflib as gltf
+
+    atlas = baked.atlas
+    if image.shape != (atlas.size, atlas.size, 3) or image.dtype != np.uint8:
+        raise InputError(
+            f"the picture must be uint8 of {atlas.size} x {atlas.size} x 3, found {image.dtype} {image.shape}"
+        )
+    document = gltf.GLTF2(
+        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {__version__}"),
+        extensionsUsed=["KHR_materials_unlit"] if unlit else [],
+        materials=[_material(gltf, unlit)],
+        samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
+        textures=[gltf.Texture(sampler=0, source=0)],
+    )
+    blob, vertices, normals, first = bytearray(), scene.vertices, _unit_normals(scene.normals), 0
+    for index, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=True)):
+        rows, faces = atlas.vertex[used.start : used.stop], atlas.faces[first : first + len(chunk.faces)] - used.start
+        first += len(chunk.faces)
+        corners = {"min": vertices[rows].min(axis=0).tolist(), "max": vertices[rows].max(axis=0).tolist()}
+        uv = atlas.uv[used.start : used.stop].astype("<f4")
+        attributes = gltf.Attributes(
+            POSITION=_add_vectors(document, blob, vertices[rows], **corners),
+            NORMAL=_add_vectors(document, blob, normals[rows]),
+            TEXCOORD_0=_add_accessor(document, blob, uv, "VEC2", len(uv), 5126, 34962),
+        )
+        indices = _add_indices(document, blob, faces, len(rows))
+        blob += bytes(-len(blob) % 4)
+        primitive = gltf.Primitive(attributes=attributes, indices=indices, material=0, mode=gltf.TRIANGLES)
+        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
+        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
+    png = png_bytes(image)
+    document.bufferViews.append(gltf.BufferView(buffer=0, byteOffset=len(blob), byteLength=len(png)))
+    blob += png
+    document.images = [gltf.Image(bufferView=len(document.bufferViews) - 1, mimeType="image/png", name="color")]
+    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras=extras or {})]
+    document.scene = 0
+    document.buffers = [gltf.Buffer(byteLength=len(blob))]
+    document.set_binary_blob(bytes(blob))
+    with staged_file(path) as staging:
+        document.save_binary(staging)
+
+
+def write_transfer(
+    folder,
+    baked,
+    transfer,  # (V, K) of the vertices, K >= 9
+):
+    """Write transfer_0.exr, transfer_1.exr and transfer_2.exr: linear half floats, unscaled.
+
+    Image i holds coefficients 3 i, 3 i + 1 and 3 i + 2 in R, G and B, those of the vertices interpolated. With
+    albedo.png and transfer.json, which says the same, a shader can light the mesh: see docs/texture.md.
+    Returns the names of the files. Raises InputError for another shape.
+    """
+    transfer, atlas = np.asarray(transfer), baked.atlas
+    if transfer.ndim != 2 or len(transfer) != atlas.vertices or transfer.shape[1] < TRANSFER_BANDS**2:
+        raise InputError(f"transfer images need ({atlas.vertices}, 9) coefficients or more, found {transfer.shape}")
+    values = atlas.interpolate(transfer[:, : TRANSFER_BANDS**2])
+    folder = Path(folder)
+    names = []
+    for index in range(TRANSFER_BANDS):
+        names.append(f"transfer_{index}.exr")
+        _write_exr(folder / names[-1], atlas.image(values[:, 3 * index : 3 * index + 3].astype(np.float16)))
+    names.append("albedo.png")
+    with staged_file(folder / names[-1]) as staging:
+        staging.write_bytes(png_bytes(baked.image(baked.albedo)))
+    facts = {
+        "images": names[:TRANSFER_BANDS],
+        "albedo": "albedo.png",
+        "bands": TRANSFER_BANDS,
+        "order": "image i holds coefficients 3 i, 3 i + 1, 3 i + 2 in R, G, B; index l (l + 1) + m",
+        "basis": "real, orthonormal, all-positive",
+        "scale": 1.0,
+        "offset": 0.0,
+        "includes": "cosine lobe over pi and shadows: constant light of radiance 1 gives 1 where nothing hides it",
+        "texels": "interpolated from the vertices",
+    }
+    names.append("transfer.json")
+    with staged_file(folder / names[-1]) as staging:
+        staging.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    return names
+
+
+def png_bytes(image):
+    """A picture (H, W, 3) uint8 as PNG."""
+    import imageio.v3 as iio
+
+    file = io.BytesIO()
+    iio.imwrite(file, image, extension=".png")
+    return file.getvalue()
+
+
+def _write_exr(path, image):
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with staged_file(path) as staging:
+        OpenEXR.File(header, {"RGB": np.ascontiguousarray(image)}).write(str(staging))
+
+
+def _material(gltf, unlit):
+    surface = gltf.PbrMetallicRoughness(
+        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    return gltf.Material(
+        name="relit" if unlit else "albedo",
+        pbrMetallicRoughness=surface,
+        doubleSided=True,
+        extensions={"KHR_materials_unlit": {}} if unlit else {},
+    )

@@ -1,0 +1,183 @@
+"""What each effect contributes to the light of a scene, measured on a sample: relative errors of leaving it out.
+
+All are relative L2 of exit radiance over vertices and colours, the largest over TURNS rotations of the light.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from splat2mesh.scene.color import luminance
+
+from ..light.sun_split import LEVELS
+from ..sh.harmonics import MAX_BANDS
+from . import cells
+from .paths import DEPTH, Bounced
+
+UNSEEN_AMBIENCE = 1.5
+"""Assumed where no vertex of the sample has anything before it: light from where the hidden part is, over the mean."""
+
+DARK = 1e-3
+"""Errors are over at least this part of what open surfaces would send on: no promise holds in the dark."""
+
+
+class Measured:
+    """A sample of a scene under an environment: what its effects contribute.
+
+    sample: Sample. albedo: (V, 3) or None for white. total: (TURNS,) norms of all light, over which errors are.
+    """
+
+    def __init__(self, sample, environment, albedo=None, bouncing=False):
+        self.sample, self._albedo = sample, albedo
+        self._tint = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
+        self._directions = len(sample.directions)
+        self._basis = cells.basis(self._directions)
+        self._project = self._basis.T * (4.0 * np.pi / self._directions)
+        self._cells = cells.cells_of(environment.radiance)
+        self._light = cells.turned(self._cells, self._directions)
+        self._full = self._through(sample.seen, self._light)
+        self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
+        self._known = {}  # what is derived from all light, from each level of it, from each image
+        self.bounced = None
+        if bouncing:
+            coefficients = np.tensordot(self._project, self._light, axes=(1, 0))
+            self.bounced = Bounced(sample, albedo, coefficients)
+        open_norm = self._norm(self._through(sample.open, self._light))
+        self.total = np.maximum(self._all_light(), np.maximum(DARK * open_norm, 1e-30))
+
+    @cached_property
+    def shadows(self):
+        """(C,) error of leaving out the shadows on the vertices of each chunk.
+
+        By the sample, and by the scan: what that finds hidden counts as much as the sample's hidden light does.
+        """
+        missing = self._through(self.sample.open, self._light) - self._full
+        chunks = len(self.sample.sizes)
+        square = np.zeros((chunks, cells.TURNS))
+        for turn in range(cells.TURNS):
+            per_vertex = np.square(missing[:, turn] * self._tint_of(turn)).sum(axis=1) * self.sample.weights
+            square[:, turn] = np.bincount(self.sample.chunk, per_vertex, chunks)
+        found = np.sqrt(square / self.total**2).max(axis=1)
+        share = np.sqrt(self.sample.sizes / self.sample.sizes.sum())
+        return np.maximum(found, self.sample.hidden * share * self._ambience)
+
+    def truncation(self, bands, level=None, image=None):
+        """Error of keeping so many bands of the light alone: of all of it, of what stays below LEVELS[level], or of an
+        `image` of what stays."""
+        return self._truncations(level, image)[bands - 1]
+
+    def open_truncation(self, bands, level=None, image=None):
+        """As `truncation`, on a scene without shadows."""
+        key = "open", level if image is None else id(image)
+        if key not in self._known:
+            light, coefficients = self._rest(level, image)[:2]
+            self._known[key] = self._losses(self._through(self.sample.open, light), self._open_transfer, coefficients)
+        return self._known[key][bands - 1]
+
+    def ray_noise(self, deviation, bands, level=None, image=None):
+        """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
+        return float(deviation * self._rest(level, image)[3][bands - 1])
+
+    @cached_property
+    def bounces(self):
+        """(DEPTH,) error of stopping after 0, 1, .. bounces; zeros where none were followed."""
+        if self.bounced is None:
+            return np.zeros(DEPTH)
+        tails = self.bounced.halves[:, ::-1].cumsum(axis=1)[:, ::-1]
+        norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(DEPTH)])
+        return (norms / self.total).max(axis=1)
+
+    @cached_property
+    def bleeding(self):
+        """Error of bouncing light without the colours of surfaces."""
+        if self.bounced is None:
+            return 0.0
+        return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
+
+    def check(self, transfer, traced=None, level=None, image=None):
+        """Error of a transfer (S, K) of the sample's rows under the light in its own bands, where `traced` (S,)."""
+        off = transfer.astype(np.float64) - self.seen_transfer[:, : transfer.shape[1]]
+        if traced is not None:
+            off[~traced] = 0.0
+        radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
+        return float((self._norm(radiance) / self.total).max())
+
+    def coefficients(self, level=None, image=None):
+        """Coefficients of the light, or of what stays of it, in all turns and bands: (K, TURNS, 3)."""
+        return self._rest(level, image)[1]
+
+    @cached_property
+    def _open_transfer(self):
+        return self.sample.open.astype(np.float64) @ self._basis
+
+    @cached_property
+    def _ambience(self):
+        """What the sample's hidden light is over the hidden share of an even sky: at least 1."""
+        hidden = self.sample.open - self.sample.seen
+        even = np.sqrt(self.sample.mean_square(hidden.sum(axis=1, keepdims=True)))
+        if not even > 0.0:
+            return UNSEEN_AMBIENCE
+        return max(1.0, float((self._norm(self._through(hidden, self._light)) / self.total).max()) / even)
+
+    def _truncations(self, level, image):
+        """[error of keeping 1, 2, .. bands]."""
+        return self._rest(level, image)[2]
+
+    def _rest(self, level, image):
+        """Of all light, of what a level cuts off, or of an image: radiance, coefficients, truncations, sensitivity."""
+        key = level if image is None else id(image)
+        if key not in self._known:
+            light = self._light if level is None and image is None else self._cut(level, image)
+            coefficients = np.tensordot(self._project, light, axes=(1, 0))
+            errors = self._losses(self._through(self.sample.seen, light), self.seen_transfer, coefficients)
+            self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
+        return self._known[key]
+
+    def _sensitivity(self, coefficients):
+        """(B,) error of radiance in 1, 2, .. bands per deviation of the coefficients of a half hidden vertex."""
+        f = np.clip(self.seen_transfer[:, 0] * np.sqrt(4.0 * np.pi), 0.0, 1.0)
+        tint = 1.0 if self._albedo is None else np.square(self._albedo[self.sample.rows]).mean(axis=1)
+        spread = float(self.sample.weights @ (f * (1.0 - f) * tint))
+        square = np.cumsum(np.square(coefficients).sum(axis=2), axis=0)[np.arange(1, MAX_BANDS + 1) ** 2 - 1]
+        return np.sqrt(spread * square / self.total**2).max(axis=1)
+
+    def _losses(self, full, transfer, coefficients):
+        """[error of keeping 1, 2, .. bands] of light whose exit radiance in full is (S, TURNS, 3)."""
+        off, errors = full, []
+        for bands in range(1, MAX_BANDS + 1):
+            band = slice((bands - 1) ** 2, bands**2)
+            off = off - np.tensordot(transfer[:, band], coefficients[band], axes=(1, 0))
+            errors.append(float((self._norm(off) / self.total).max()))
+        return errors
+
+    def _cut(self, level, image):
+        if image is not None:
+            return cells.turned(cells.cells_of(image), self._directions)
+        brightness = luminance(self._cells)
+        limit = LEVELS[level] * brightness.mean()
+        kept = np.minimum(1.0, limit / np.maximum(brightness, 1e-30))
+        return cells.turned(self._cells * kept[..., None], self._directions)
+
+    def _through(self, cosines, light):
+        """Exit radiance (S, TURNS, 3) of white vertices."""
+        return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, cells.TURNS, 3)
+
+    def _norm(self, radiance):
+        """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""
+        return np.sqrt(self.sample.mean_square(radiance * self._tint))
+
+    def _tint_of(self, turn):
+        return self._tint if np.isscalar(self._tint) else self._tint[:, 0]
+
+    def _halves_norm(self, halves):
+        """(TURNS,) norms of what two halves (2, S, TURNS, 3) estimate, without their noise."""
+        tint = self._tint
+        product = (halves[0] * tint * halves[1] * tint).sum(axis=2)
+        return np.sqrt(np.maximum(np.tensordot(self.sample.weights, product, axes=(0, 0)), 0.0))
+
+    def _all_light(self):
+        """(TURNS,) norms of direct light and all that bounces, of which the halves tell the square without noise."""
+        if self.bounced is None:
+            return self._norm(self._full)
+        halves = [self._full + half.sum(axis=0) for half in self.bounced.halves]
+        return self._halves_norm(np.stack(halves))

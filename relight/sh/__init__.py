@@ -1,0 +1,1 @@
+"""Functions on the sphere: harmonics, rotations by rotors, motors of conformal geometric algebra, normals."""

@@ -1,0 +1,26 @@
+"""Vertex normals as light needs them: of length 1, whatever the file held."""
+
+import warnings
+
+import numpy as np
+
+from splat2mesh.base.errors import DataWarning
+
+DEGENERATE_LENGTH = 1e-6
+"""A normal shorter than this (files store them with length 1) carries no direction."""
+
+
+def unit_normals(normals):
+    """(V, 3) float32 unit normals; a degenerate one (too short, not finite) becomes +y, as in Neural-GASh.
+
+    One DataWarning tells how many were.
+    """
+    normals = np.asarray(normals, np.float64)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        unit = normals / length
+    valid = np.isfinite(length) & (length > DEGENERATE_LENGTH)
+    if not valid.all():
+        message = f"{np.sum(~valid)} of {len(valid)} vertices have no normal: lit as if they faced up"
+        warnings.warn(message, DataWarning, stacklevel=3)
+    return np.where(valid, unit, [0.0, 1.0, 0.0]).astype(np.float32)

@@ -1,0 +1,72 @@
+"""relit_splat.ply: INRIA's layout, a row for each row of the source, in its order."""
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import staged_file
+from splat2mesh.splats.formats.inria import rest_columns, write_inria_ply
+from splat2mesh.splats.formats.ply import Ply
+
+_KEPT = (
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
+)
+_BLOCK = 8192
+
+
+def write_relit_ply(path, splats, source=None):
+    """Write relit Splats. Where `source`, the file they were read from, is an INRIA PLY, all but the colours is copied
+    from it value by value, float32 to the bit; any other file's splats are written as they were read.
+
+    Raises InputError when the source holds another number of splats.
+    """
+    rows = None if source is None else _inria_rows(source)
+    if rows is None:
+        write_inria_ply(path, splats)
+        return
+    if len(rows) != len(splats):
+        raise InputError(
+            f"{source} holds {len(rows)} splats, {len(splats)} are to be written: give the file they are of"
+        )
+    names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    names += [f"f_rest_{i}" for i in range(3 * (splats.sh.shape[1] - 1))]
+    names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+    colors = {f"f_dc_{c}": splats.sh[:, 0, c] for c in range(3)} | rest_columns(splats.sh)
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
+    header += [f"property float {name}" for name in names] + ["end_header\n"]
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        file.write("\n".join(header).encode())
+        for start in range(0, len(rows), _BLOCK):
+            block = np.array(rows[start : start + _BLOCK])
+            packed = np.zeros(len(block), [(name, "<f4") for name in names])
+            for name in names:
+                if name in colors:
+                    packed[name] = colors[name][start : start + _BLOCK]
+                elif name in block.dtype.names:
+                    packed[name] = block[name]
+            if "scale_2" not in block.dtype.names:  # a 2DGS file: as thick as its splats were read
+                scales = splats.scales[start : start + _BLOCK, 2]
+                packed["scale_2"] = np.log(np.maximum(scales, np.finfo(np.float32).tiny))
+            file.write(packed.tobytes())
+
+
+def _inria_rows(path):
+    """The rows of an INRIA PLY, or None where the file is of another kind."""
+    with open(path, "rb") as file:
+        if file.readline(16).strip() != b"ply":
+            return None
+    ply = Ply.open(path)
+    names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
+    return ply.rows("vertex") if set(_KEPT) - {"nx", "ny", "nz", "scale_2"} <= names.keys() else None

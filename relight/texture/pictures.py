@@ -1,0 +1,104 @@
+"""The colour of a splat at the texels of a mesh: pictures of the splat projected onto it and averaged.
+
+A mesh with few faces passes above and below what the splat shows. Each picture says what the eye sees where it sees the
+texel, so their mean is what looks right from everywhere; the needles that training leaves average out. The splats are
+drawn as wide as training saw them: from nearer, as they are in the file, light falls through between them.
+"""
+
+import numpy as np
+
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.surface.background import far_background, views_from_within
+from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
+from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
+
+PIXELS = 256, 1024
+"""Range of the longer side of a picture. In it, a pixel is about as wide as a texel."""
+
+MIN_COSINE = 0.05
+"""A picture that sees a texel at a flatter angle is not asked. Weights are the squared cosine; the distance must not
+count: the few views from within would outweigh all others, 1.0 dB on an object and 1.7 dB on a guitar."""
+
+DEPTH_TOLERANCE = 0.02
+"""Of the diagonal: where what a picture shows is further before or behind the texel, it is something else."""
+
+_STEP = 1e-3  # of the diagonal: rays to the eye begin off their own face
+_BATCH = 1 << 20
+
+
+def views_of(scene, splats, texel, seed=0):
+    """The splats to draw, as training saw them, and the views to draw them from: the scene's foreground as `splat2mesh`
+    looks at it, and its far background too where that was kept. texel: width of one, in the splats' unit."""
+    far = far_background(splats)
+    foreground, pixel = as_trained(splats.take(np.flatnonzero(~far)))
+    up = np.asarray(scene.scene_from_splat, np.float64)[1, :3]
+    up = up / np.linalg.norm(up)
+    pixels = int(np.clip(np.linalg.norm(np.ptp(bounds_of(foreground), axis=0)) / texel, *PIXELS))
+    views = virtual_views(foreground, EFFORTS["normal"].views, pixels, up, seed)
+    if far.any() and scene.settings.get("background") == "keep":
+        return dilated(splats, pixel), views + views_from_within(foreground, pixels, up)
+    return foreground, views
+
+
+def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda count: None):
+    """What views of splats show at points of a mesh: sRGB (T, 3) float32, and whether any shows it, (T,) bool.
+
+    vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows
+    are black. advance is called after each view.
+    """
+    import open3d as o3d
+
+    caster = o3d.t.geometry.RaycastingScene()
+    caster.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
+    )
+    diagonal = float(np.linalg.norm(np.ptp(vertices[faces], axis=(0, 1))))
+    near = near_plane(bounds_of(splats))
+    total, weights = np.zeros((len(points), 3), np.float32), np.zeros(len(points), np.float32)
+    for view in views:
+        rendering = rasterize(splats, view, near)
+        for start in range(0, len(points), _BATCH):
+            part = slice(start, start + _BATCH)
+            rows, pixels, weight = _shown(view, rendering, caster, points[part], normals[part], diagonal)
+            color = _bilinear(rendering.color, pixels) / np.maximum(_bilinear(rendering.alpha[..., None], pixels), 1e-3)
+            total[start + rows] += weight[:, None] * color
+            weights[start + rows] += weight
+        advance(1)
+    seen = weights > 0.0
+    total[seen] /= weights[seen, None]
+    return total, seen
+
+
+def _shown(view, rendering, caster, points, normals, diagonal):
+    """Points that a rendering shows, (N,) indices, where in pixels from the first one's centre, (N, 2), and weights."""
+    import open3d as o3d
+
+    towards = view.center.astype(np.float32) - points
+    distance = np.linalg.norm(towards, axis=1)
+    cosine = np.einsum("tc,tc->t", towards, normals) / np.maximum(distance, 1e-30)
+    rows = np.flatnonzero(cosine > MIN_COSINE)
+    pixels, depth = view.project(points[rows])
+    pixels -= 0.5
+    inside = (depth > 0.0) & (pixels >= 0.0).all(axis=1) & (pixels < [view.width - 1, view.height - 1]).all(axis=1)
+    rows, pixels, depth = rows[inside], pixels[inside], depth[inside]
+    column, row = np.floor(pixels).astype(np.intp).T
+    there = np.ones(len(rows), bool)
+    for across, down in ((0, 0), (1, 0), (0, 1), (1, 1)):  # where one of them shows something else, colours are mixed
+        apart = rendering.depth_median[row + down, column + across] - depth
+        there &= np.abs(apart) < DEPTH_TOLERANCE * diagonal
+    rows, pixels = rows[there], pixels[there]
+    rays = np.concatenate([points[rows] + np.float32(_STEP * diagonal) * normals[rows], towards[rows]], axis=1)
+    free = ~caster.test_occlusions(o3d.core.Tensor.from_numpy(rays.astype(np.float32)), tfar=0.999).numpy()
+    rows = rows[free]
+    return rows, pixels[free], cosine[rows] ** 2
+
+
+def _bilinear(image, places):
+    """An image (H, W, C) between its pixels: places (N, 2) from the centre of the first -> (N, C) float32."""
+    low = np.floor(places).astype(np.intp)
+    x, y = (places - low).astype(np.float32).T[..., None]
+    column, row = low.T
+    above = image[row, column] * (1 - x) + image[row, column + 1] * x
+    below = image[row + 1, column] * (1 - x) + image[row + 1, column + 1] * x
+    return above * (1 - y) + below * y

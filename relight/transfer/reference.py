@@ -1,0 +1,85 @@
+"""Exit radiance under the full image, without spherical harmonics: what everything faster is measured against."""
+
+import math
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
+
+from ..light import projections
+from ..light.projections import texel_parts
+from ..light.suns import Suns
+from ..sh.sphere import fibonacci_sphere
+from .sunlight import sunlight
+
+DEFAULT_DIRECTIONS = 8192
+MAX_DIRECTIONS = 2**17
+"""65536 are within 0.02% of half as many already."""
+
+_MAX_SPLIT = 8  # a side of each texel: its parts are 1/64 of it
+_BLOCK_TEXELS = 2**20  # parts of texels in memory at once
+
+
+def reference(
+    occluder,  # Occluder
+    rows,  # slice or (R,) indices into the occluder's vertices
+    environment,  # Environment
+    directions=DEFAULT_DIRECTIONS,
+):
+    """Exit radiance of white vertices under all the light of an environment: (R, 3) float32.
+
+    One ray for each vertex and each of the `light_directions` before it. On two meshes under three measured lights
+    and the clear sky 8192 directions came within 0.02 to 0.11% (relative L2) of 65536. Raises InputError for
+    directions outside 64..131072.
+    """
+    return sunlight(occluder, rows, light_directions(environment, directions))
+
+
+def light_directions(environment, count):
+    """All the light of an environment as Suns, at most 3 `count` of them: S directions, radiance x solid angle.
+
+    Texels are patches of constant radiance. Each is divided until a part holds no more than 1 / count of the
+    luminous energy (but into 64 parts at most: the sun's disc is about a texel) and is smaller than a cell of `count`
+    even ones. Parts that hold over half of that are directions of their own; the rest are gathered in the cells of a
+    Fibonacci sphere, and each cell shines from the centroid of its luminance. So every texel's energy counts, and
+    cells turn with the environment.
+    """
+    if count != int(count) or not 64 <= count <= MAX_DIRECTIONS:
+        raise InputError(f"reference directions must be a whole number from 64 to {MAX_DIRECTIONS}, found {count}")
+    image = environment.radiance
+    height, width = image.shape[:2]
+    share = _energy(image).sum() / count
+    if not share > 0.0:
+        return Suns(np.zeros((0, 3)), np.zeros((0, 3)))
+    tree = cKDTree(fibonacci_sphere(int(count)))
+    # Three parts across a cell, of 4 pi / count steradians: finer ones move a centroid by under a tenth of it.
+    least = math.ceil(3.0 * math.pi / height / math.sqrt(4.0 * math.pi / count))
+    own, cells, moment = [], np.zeros((count, 3)), np.zeros((count, 3))
+    rows = max(1, _BLOCK_TEXELS // (width * least * least))
+    for start in range(0, height, rows):
+        block = image[start : start + rows].astype(np.float64)
+        energy = _energy(block, start, height)
+        split = np.clip(np.ceil(np.sqrt(energy / share)), least, max(_MAX_SPLIT, least)).astype(int)
+        for parts in np.unique(split[energy > 0.0]):
+            row, column = np.nonzero((split == parts) & (energy > 0.0))
+            toward, area = texel_parts(row + start, column, height, width, parts)
+            weights = (area[..., None] * block[row, column][:, None]).reshape(-1, 3)
+            toward, bright = toward.reshape(-1, 3), luminance(weights)
+            alone = bright > 0.5 * share
+            own.append(np.hstack([toward, weights])[alone])
+            _, cell = tree.query(toward[~alone], workers=-1)
+            np.add.at(cells, cell, weights[~alone])
+            np.add.at(moment, cell, toward[~alone] * bright[~alone, None])
+    filled = cells.any(axis=1)
+    moment = moment[filled] / np.linalg.norm(moment[filled], axis=1, keepdims=True)
+    every = np.concatenate([*own, np.hstack([moment, cells[filled]])])
+    return Suns(every[:, :3], every[:, 3:]).rotated(environment.rotation_deg)
+
+
+def _energy(image, start=0, height=None):
+    """Luminance times solid angle of every texel, (H, W), of an image or of its rows from `start` on."""
+    rows, width = image.shape[:2]
+    areas = projections.row_solid_angles(height or rows, width)
+    return luminance(image) * areas[start : start + rows]

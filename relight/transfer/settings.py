@@ -1,0 +1,60 @@
+"""How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
+
+from typing import NamedTuple
+
+from . import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, NEURAL_RAYS, SHADOWING
+
+SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
+"""shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
+directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
+
+SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
+"""Where nothing is planned: the defaults of `suns.split`, of `bounces.Interreflection` and of `with_bounces`."""
+
+
+class Settings(NamedTuple):
+    """One way to light a scene.
+
+    method: one of `transfer.METHODS` but "auto". bands: SH bands. rays: per vertex, 0 where none are traced.
+    shadowed: (C,) bool for each chunk, whether its vertices trace rays; None for all. Everything always casts shadows.
+    suns: estimated error that the split of the sun may leave; 0 for no split.
+    bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
+    bounces: what bounces still to come may contribute, relative, when they stop.
+    """
+
+    method: str
+    bands: int
+    rays: int = 0
+    shadowed: tuple | None = None
+    suns: float = 0.0
+    bounce_rays: int = 0
+    bounces: float = 0.0
+
+    @property
+    def effects(self):
+        """The names of EFFECTS that it has."""
+        has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
+        return frozenset(name for name, there in has if there)
+
+    def __str__(self):
+        parts = [self.method, f"{self.bands} bands"]
+        if self.rays:
+            chunks = "" if self.shadowed is None else f" in {sum(self.shadowed)} of {len(self.shadowed)} chunks"
+            parts.append(f"{self.rays} rays{chunks}")
+        if self.suns:
+            parts.append("suns")
+        if self.bounce_rays:
+            parts.append(f"bounces ({self.bounce_rays} rays)")
+        return ", ".join(parts)
+
+
+def everything(method, effects, bands=None, rays=None):
+    """The Settings of a method where nothing is planned: all that `effects`, a set of names, does not rule out."""
+    if method == "auto":
+        method = "raytraced" if effects else "analytic"
+    bands = DEFAULT_BANDS if bands is None else bands
+    if method not in SHADOWING:
+        return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
+    rays = rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+    bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
+    return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)

@@ -1,0 +1,120 @@
+"""What each view of the session colours the surface by."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+
+from ..sh.normals import unit_normals
+
+PLAIN = 96
+"""Grey of a surface that has nothing to show yet."""
+
+SCALES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+"""Ends of the error scale: the first that holds the 98th percentile."""
+
+DARKEST = 0.01
+"""Of the root mean square of the reference, added to the light that an error is relative to: black stays out of it."""
+
+_MAP = np.array(
+    [(20, 22, 34), (42, 39, 92), (92, 47, 121), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
+     (250, 244, 180)],
+    np.float32,
+)  # fmt: skip
+"""Of errors, dark to bright: its lightness grows all the way."""
+
+_CHUNKS = np.array(
+    [(108, 142, 191), (214, 152, 92), (122, 168, 116), (196, 110, 112), (148, 126, 178), (158, 134, 112),
+     (208, 146, 184), (142, 150, 156), (190, 182, 96), (98, 176, 180)],
+    np.float32,
+)  # fmt: skip
+
+_LAMP = np.array([0.35, 0.8, 0.48], np.float32)  # gives the flat colours of chunks their shape
+
+
+class View(NamedTuple):
+    """One way to colour. title: on screen. text: for the help. colors: of a Session, (V, 3) uint8.
+
+    live: whether it depends on the light. reference: whether it needs converged light at every vertex.
+    scale: of a Session, the end of its scalar bar.
+    """
+
+    title: str
+    text: str
+    colors: Callable
+    live: bool = False
+    reference: bool = False
+    scale: Callable | None = None
+
+
+def _relit(session):
+    return session.shown_bytes()
+
+
+def _albedo(session):
+    albedo = session.albedos[session.state.albedo]
+    if albedo is None:
+        return np.full((len(session.scene.vertices), 3), 255, np.uint8)
+    return bytes_from_unit(srgb_from_linear(albedo))
+
+
+def _normals(session):
+    return bytes_from_unit(0.5 + 0.5 * unit_normals(session.scene.normals))
+
+
+def _chunks(session):
+    sizes = [len(chunk.vertices) for chunk in session.scene.chunks]
+    color = _CHUNKS[np.repeat(np.arange(len(sizes)) % len(_CHUNKS), sizes)]
+    return bytes_from_unit(color / 255.0 * (0.72 + 0.28 * (unit_normals(session.scene.normals) @ _LAMP))[:, None])
+
+
+def _error(session):
+    errors = vertex_errors(session)
+    if errors is None:
+        return np.full((len(session.scene.vertices), 3), PLAIN, np.uint8)
+    return map_colors(errors / error_scale(session))
+
+
+VIEWS = {
+    "relit": View("Relit", "under the light", _relit, True),
+    "albedo": View("Albedo", "the colour of the surface itself", _albedo),
+    "normals": View("Normals", "red to the right, green up, blue to the front", _normals),
+    "chunks": View("Chunks", "the parts that the mesh is cut into", _chunks),
+    "error": View("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
+}
+
+
+def vertex_errors(session):
+    """How far what is shown is from the reference, (V,) float32: the difference over the reference's length and
+    `DARKEST`, or None while there is no reference."""
+    reference, shown = session.reference, session.radiance()
+    if reference is None or shown is None:
+        return None
+    return session.remembered("errors", (id(reference), id(shown)), lambda: _relative(shown, reference.radiance))
+
+
+def error_scale(session):
+    """The end of the error scale that suits what is shown, of `SCALES`."""
+    errors = vertex_errors(session)
+    if errors is None:
+        return SCALES[-1]
+    bright = session.remembered("scale", id(errors), lambda: float(np.percentile(errors, 98.0)))
+    return next((end for end in SCALES if bright <= end), SCALES[-1])
+
+
+def map_colors(
+    values,  # (N,) 0..1, clipped
+):
+    """Colours of the error scale, (N, 3) uint8."""
+    place = np.clip(values, 0.0, 1.0) * (len(_MAP) - 1)
+    below = np.minimum(place.astype(int), len(_MAP) - 2)
+    share = (place - below)[:, None]
+    return (_MAP[below] * (1.0 - share) + _MAP[below + 1] * share + 0.5).astype(np.uint8)
+
+
+def _relative(shown, reference):
+    length = np.linalg.norm(reference, axis=1)
+    least = DARKEST * np.sqrt(np.mean(np.square(reference)) * 3.0)
+    return np.linalg.norm(shown - reference, axis=1) / np.maximum(length + least, 1e-30)

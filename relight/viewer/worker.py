@@ -1,0 +1,184 @@
+"""Heavy work beside the window: a process of its own, so that neither the interpreter's lock nor a full core stops it.
+
+The process is `python -m relight.viewer.background`: pickled messages in on its stdin, the newest wish counting, and
+out on its stdout. Tracing holds the interpreter's lock for up to half a second at a time, which is why a thread would
+not do; the process also runs at a lower priority, so that drawing has the first turn on a full machine.
+"""
+
+import os
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+from splat2mesh.base.errors import InputError
+
+from .lighting import Lighting, keys
+
+NICENESS = 5
+"""Added to the priority of the process: drawing comes first, but idle cores are used in full."""
+
+_PROGRESS_SECONDS = 0.05  # between two reports of progress
+
+
+class Superseded(Exception):
+    """A newer wish has made the step in progress pointless."""
+
+
+class Steps:
+    """The stages of an answer: like `base.progress.Stages`, but each advance is reported and may end the answer.
+
+    report(label, fraction): called now and then, fraction in 0..1 or None where the length is unknown.
+    check(): called at every advance; may raise `Superseded`.
+    """
+
+    def __init__(self, report, check):
+        self.seconds, self._report, self._check, self._last = {}, report, check, 0.0
+
+    @contextmanager
+    def stage(self, label, total=None):
+        """Run one stage; yields `advance(count=1)`, as `Stages.stage` does."""
+        start, done = time.perf_counter(), 0
+        self._report(label, 0.0 if total else None)
+
+        def advance(count=1):
+            nonlocal done
+            done += count
+            self._check()
+            if total and time.perf_counter() - self._last > _PROGRESS_SECONDS:
+                self._last = time.perf_counter()
+                self._report(label, min(done / total, 1.0))
+
+        yield advance
+        self.seconds[label] = self.seconds.get(label, 0.0) + time.perf_counter() - start
+
+
+class Inline:
+    """The same without a process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
+
+    def __init__(self, scene, environments, albedos, options):
+        steps = Steps(lambda *progress: None, lambda: None)
+        self._lighting, self._wish = Lighting(scene, environments, albedos, steps, **options), None
+
+    def submit(self, wish):
+        """Ask for the newest wish; what an older one still needs is dropped."""
+        self._wish = wish
+
+    def poll(self):
+        """Messages since the last call: a list of tuples, as `Process.poll` returns them."""
+        if self._wish is None:
+            return []
+        wish, self._wish = self._wish, None
+        return list(_messages(self._lighting, wish))
+
+    def close(self):
+        """Nothing to end."""
+
+
+class Process:
+    """The background process of one session."""
+
+    def __init__(self, scene, environments, albedos, options):
+        command = [sys.executable, "-m", "relight.viewer.worker"]
+        environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path)))
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        self._answers, self._wishes = queue.SimpleQueue(), queue.SimpleQueue()
+        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._write, daemon=True).start()
+        self._wishes.put((scene, environments, albedos, options))
+
+    def submit(self, wish):
+        """Ask for the newest wish; what an older one still needs is dropped."""
+        self._wishes.put(wish)
+
+    def poll(self):
+        """Messages since the last call, without waiting: a list of tuples.
+
+        ("progress", label, fraction or None), ("result", kind, key, payload), ("done", wish), ("failed", wish, text),
+        ("ended", text): the process is gone, and no more will come.
+        """
+        messages = []
+        while not self._answers.empty():
+            messages.append(self._answers.get())
+        return messages
+
+    def close(self):
+        """End the process, whatever it is doing."""
+        self._process.kill()
+        self._process.wait()
+
+    def _read(self):
+        try:
+            while True:
+                self._answers.put(pickle.load(self._process.stdout))
+        except (EOFError, OSError, pickle.UnpicklingError, ValueError):
+            self._answers.put(("ended", f"the background process ended (code {self._process.poll()})"))
+
+    def _write(self):
+        try:
+            while True:
+                pickle.dump(self._wishes.get(), self._process.stdin, pickle.HIGHEST_PROTOCOL)
+                self._process.stdin.flush()
+        except (OSError, ValueError):
+            pass  # the process is gone: the reader says so
+
+
+def _messages(lighting, wish):
+    """Yield the messages that answer one wish."""
+    try:
+        for answer in lighting.answers(wish):
+            yield ("result", *answer)
+    except Superseded:
+        return
+    except InputError as error:
+        yield "failed", wish, str(error)
+    except Exception as error:  # the window stays, and says what happened
+        yield "failed", wish, f"{type(error).__name__}: {error}"
+    else:
+        yield "done", wish
+
+
+def main():
+    """Answer the wishes of the parent process until it goes away."""
+    messages_in, messages_out = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever a library prints must not land between the messages
+    if hasattr(os, "nice"):
+        os.nice(NICENESS)
+    scene, environments, albedos, options = pickle.load(messages_in)
+    newest, arrived = [None], threading.Event()
+
+    def listen():
+        try:
+            while True:
+                newest[0] = pickle.load(messages_in)
+                arrived.set()
+        except (EOFError, OSError):
+            os._exit(0)  # the window is gone; nobody waits for what is being computed
+
+    def send(*message):
+        pickle.dump(message, messages_out, pickle.HIGHEST_PROTOCOL)
+        messages_out.flush()
+
+    def check():
+        if arrived.is_set() and lighting.step is not None:
+            kind, key = lighting.step
+            if keys(newest[0])[kind] != key:
+                raise Superseded
+
+    lighting = Lighting(scene, environments, albedos, Steps(lambda *p: send("progress", *p), check), **options)
+    threading.Thread(target=listen, daemon=True).start()
+    while True:
+        arrived.wait()
+        arrived.clear()
+        wish = newest[0]
+        for message in _messages(lighting, wish):
+            send(*message)
+            if arrived.is_set():
+                break
+
+
+if __name__ == "__main__":
+    main()

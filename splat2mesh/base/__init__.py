@@ -1,0 +1,1 @@
+"""What both commands stand on: errors, console, progress, writing without leaving halves."""

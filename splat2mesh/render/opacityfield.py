@@ -1,0 +1,270 @@
+"""Depth maps at a level of the opacity field: the surface that a splat's Gaussians agree on, pixel by pixel.
+
+Along a pixel's ray every Gaussian raises the opacity until the ray passes its peak, so that the opacity
+
+    O(t) = 1 - prod_i (1 - a_i exp(-(min(t, t_i) - t_i)^2 / (2 sigma_i^2)))
+
+never falls; the surface lies where it reaches a level. Unlike the usual expected or median depth this places the
+surface in front of the Gaussians' centres, where their envelope is. Source: Yu, Sattler and Geiger, "Gaussian Opacity
+Fields" (2024).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from ..base.errors import InputError
+from .footprints import NEAR, TILE, camera_of, footprint_batches
+from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
+from .rasterize import _exp_minus_half, _pixels
+
+LEVEL = 0.45
+"""Opacity at which the surface lies."""
+
+LIST = 48
+"""Gaussians kept for each pixel, nearest first; those behind them hardly ever matter."""
+
+MIN_WEIGHT = np.float32(0.004)
+"""Share of the pixel below which a Gaussian is left out of the list: it moves the opacity by less than that."""
+
+ENOUGH = np.float32(0.02)
+"""Transmittance below which a pixel is finished: nothing behind moves the level, and little the colour."""
+
+MAX_ALPHA = np.float32(0.99)  # one Gaussian never hides everything behind it
+
+
+@dataclass(frozen=True)
+class FieldDepth:
+    """What one view sees of the surface. H, W are the view's size.
+
+    depth: (H, W) float32 camera z at which the opacity reaches the level, NaN where it does not.
+    normal: (H, W, 3) float32 unit, in the world, towards the camera; zero where there is no depth.
+    spread: (H, W) float32, how far apart in z the opacities 0.2 and 0.6 lie: small where training saw a surface.
+    color: (H, W, 3) float32 sRGB, not premultiplied. alpha: (H, W) float32 in [0, 1].
+    """
+
+    depth: np.ndarray
+    normal: np.ndarray
+    spread: np.ndarray
+    color: np.ndarray
+    alpha: np.ndarray
+
+
+def field_depth(splats, view, near=NEAR, level=LEVEL):
+    """Find the surface of `splats` in one view.
+
+    splats: Splats, N >= 0; rows whose geometry is not finite are not seen. view: View in their frame.
+    near: camera z > 0 of the near plane. level: opacity in (0, 1). Returns a FieldDepth.
+    Raises InputError when `near` or `level` lies outside its range.
+    """
+    if not 0 < level < 1:
+        raise InputError(f"the level of the opacity field: expected a number between 0 and 1, found {level}")
+    camera = camera_of(view, near)
+    height, width = camera.height, camera.width
+    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
+    tiles = tiles_y * tiles_x
+    pixels = np.zeros((tiles, TILE, PLANES * TILE), np.float32)
+    inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
+    inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
+    pixels[:, :, -TILE:] = inside.reshape(tiles_y, TILE, tiles_x, TILE).swapaxes(1, 2).reshape(-1, TILE, TILE)
+    pixels = pixels.reshape(tiles, -1)
+    counts = np.zeros((tiles, TILE, TILE), np.int32)
+    lists = np.empty((tiles, TILE, LIST, ENTRY, TILE), np.float32)
+    open_tiles = np.ones(tiles, np.bool_)
+    dealt = np.random.default_rng(0).permutation(tiles)  # spreads the crowded tiles evenly over the threads
+    for batch in footprint_batches(splats, camera, open_tiles):
+        shapes = np.empty((len(batch.order), 13), np.float32)
+        _shapes(splats.means, splats.scales, splats.quats_wxyz, batch.order, camera, shapes)
+        _gather(batch.footprints, shapes, batch.starts, batch.entries, dealt, camera, open_tiles, pixels, counts, lists)
+    found = np.empty((tiles, TILE, 2 * TILE), np.float32)
+    search_level(lists.reshape(tiles, TILE, -1), counts, dealt, np.float32(level), found)
+    depth, spread, alpha = (np.full((height, width), np.nan, np.float32) for _ in range(3))
+    normal, color = (np.zeros((height, width, 3), np.float32) for _ in range(2))
+    _assemble(pixels, found, camera, depth, normal, spread, color, alpha)
+    return FieldDepth(depth, normal @ camera.rotation.astype(np.float32), spread, color, alpha)
+
+
+# What is kept of a pixel row while Gaussians are blended into it.
+PLANES = 7
+RED, GREEN, BLUE, NORMAL_X, NORMAL_Y, NORMAL_Z, TRANSMITTANCE = lanes(PLANES)
+
+# One Gaussian along the rays of a pixel row: what the lists keep of it, then its share of the pixel, and that share of
+# its normal.
+SKETCH = 7
+ALPHA, PEAK, PRECISION, WEIGHT, TURN_X, TURN_Y, TURN_Z = lanes(SKETCH)
+
+BEGIN, STEP, END = np.int32(0), np.int32(1), np.int32(TILE)
+ZERO, ONE = np.float32(0), np.float32(1)
+FLATTEST, WIDEST = 1e-7, 1e7  # scales, in units of the distance, between which float32 keeps every digit it needs
+
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
+_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+
+
+@_kernel
+def _shapes(means, scales, quats, order, camera, out):
+    """Maps M that make each Gaussian order[i] a unit ball, for rays in the camera's frame: (M, 13) float32.
+
+    A row holds M (axis after axis, in units of 1 / distance), M times the Gaussian's centre, and 1 / distance^2. Along
+    the ray t r the Gaussian peaks at t = (M r . M centre) / |M r|^2 with sigma = distance / |M r| and normal M^T M r.
+    """
+    r, t = camera.rotation, camera.translation
+    for i in numba.prange(len(order)):
+        k = order[i]
+        w, x = np.float64(quats[k, 0]), np.float64(quats[k, 1])
+        y, z = np.float64(quats[k, 2]), np.float64(quats[k, 3])
+        axes = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),
+            (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)),
+            (2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)),
+        )
+        mx, my, mz = np.float64(means[k, 0]), np.float64(means[k, 1]), np.float64(means[k, 2])
+        px = r[0, 0] * mx + r[0, 1] * my + r[0, 2] * mz + t[0]
+        py = r[1, 0] * mx + r[1, 1] * my + r[1, 2] * mz + t[1]
+        pz = r[2, 0] * mx + r[2, 1] * my + r[2, 2] * mz + t[2]
+        distance = math.sqrt(px * px + py * py + pz * pz)
+        for a in range(3):
+            ax, ay, az = axes[a]
+            stretch = 1 / min(max(scales[k, a] / distance, FLATTEST), WIDEST)
+            cx = (r[0, 0] * ax + r[0, 1] * ay + r[0, 2] * az) * stretch
+            cy = (r[1, 0] * ax + r[1, 1] * ay + r[1, 2] * az) * stretch
+            cz = (r[2, 0] * ax + r[2, 1] * ay + r[2, 2] * az) * stretch
+            out[i, 3 * a], out[i, 3 * a + 1], out[i, 3 * a + 2] = cx, cy, cz
+            out[i, 9 + a] = cx * px + cy * py + cz * pz
+        out[i, 12] = 1 / (distance * distance)
+
+
+@_kernel
+def _gather(footprints, shapes, starts, entries, dealt, camera, open_tiles, pixels, counts, lists):
+    """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
+    tiles_x = (camera.width + TILE - 1) // TILE
+    for deal in numba.prange(len(dealt)):
+        tile = dealt[deal]
+        if not open_tiles[tile]:
+            continue
+        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+        u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
+        block, tile_counts, tile_lists = pixels[tile], counts[tile], lists[tile]
+        sketch, open_rows = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_)
+        for row in range(TILE):
+            open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
+        still_open = open_rows.sum()
+        for e in range(starts[tile], starts[tile + 1]):
+            if still_open == 0:
+                break
+            s = footprints[entries[e]]
+            first_row, last_row = _pixels(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
+            for row in range(first_row - top, last_row - top):
+                if not open_rows[row]:
+                    continue
+                start, dy = np.uint64(row * PLANES * TILE), top + row + 0.5 - s.y
+                q_y = np.float32(s.precision_y * dy * dy)
+                dx = np.float32(left + 0.5 - s.x - s.slope * dy)
+                first, last = _weigh_row(block, start, s, q_y, dx, sketch)
+                if first < last:
+                    v = np.float32((top + row + 0.5 - camera.cy) / camera.fy)
+                    _cross_row(shapes, entries[e], u, du, v, sketch)
+                    _blend_row(block, start, s, sketch)
+                    _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
+                    open_rows[row] = _any_open(block, start)
+                    still_open -= not open_rows[row]
+        open_tiles[tile] = still_open > 0
+
+
+# The loops over a pixel row have no branch, no call and unsigned indices: the compiler makes them vector instructions.
+
+
+@_function
+def _any_open(block, start):
+    unfinished = 0
+    for column in range(np.uint64(TILE)):
+        unfinished += block[start + TRANSMITTANCE + column] >= ENOUGH
+    return unfinished > 0
+
+
+@_function
+def _weigh_row(block, start, s, q_y, dx, sketch):
+    """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it.
+
+    dx is the first pixel's offset from the row's middle.
+    """
+    precision, cutoff, opacity = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity
+    first, last = END, BEGIN
+    for column in range(np.uint64(TILE)):
+        offset = dx + np.float32(column)
+        q = q_y + precision * offset * offset
+        before = block[start + TRANSMITTANCE + column]
+        alpha = min(opacity * _exp_minus_half(min(q, FARTHEST_Q)), MAX_ALPHA)
+        alpha = alpha if (q <= cutoff) & (before >= ENOUGH) else ZERO
+        sketch[ALPHA + column], sketch[WEIGHT + column] = alpha, before * alpha
+        block[start + TRANSMITTANCE + column] = before * (ONE - alpha)
+        at, seen = np.int32(column), alpha > ZERO
+        first = min(first, at if seen else END)
+        last = max(last, np.int32(at + STEP) if seen else BEGIN)
+    return first, last
+
+
+@_function
+def _cross_row(shapes, k, u, du, v, sketch):
+    """Where the rays of a pixel row cross Gaussian k: its peaks and precisions along them, its weighted normals."""
+    xx, xy, xz = shapes[k, 0], shapes[k, 1], shapes[k, 2]
+    yx, yy, yz = shapes[k, 3], shapes[k, 4], shapes[k, 5]
+    zx, zy, zz = shapes[k, 6], shapes[k, 7], shapes[k, 8]
+    bx, by, bz, per_area = shapes[k, 9], shapes[k, 10], shapes[k, 11], shapes[k, 12]
+    for column in range(np.uint64(TILE)):
+        x = u + np.float32(column) * du
+        mx, my, mz = xx * x + xy * v + xz, yx * x + yy * v + yz, zx * x + zy * v + zz
+        nx, ny, nz = xx * mx + yx * my + zx * mz, xy * mx + yy * my + zy * mz, xz * mx + yz * my + zz * mz
+        q = mx * mx + my * my + mz * mz
+        share = sketch[WEIGHT + column] / math.sqrt(nx * nx + ny * ny + nz * nz)
+        sketch[PEAK + column], sketch[PRECISION + column] = (bx * mx + by * my + bz * mz) / q, q * per_area
+        sketch[TURN_X + column], sketch[TURN_Y + column], sketch[TURN_Z + column] = share * nx, share * ny, share * nz
+
+
+@_function
+def _blend_row(block, start, s, sketch):
+    """Blend a Gaussian's colour and normals, towards the camera, into a pixel row."""
+    red, green, blue = s.red, s.green, s.blue
+    for column in range(np.uint64(TILE)):
+        i, weight = start + column, sketch[WEIGHT + column]
+        block[RED + i] += weight * red
+        block[GREEN + i] += weight * green
+        block[BLUE + i] += weight * blue
+        block[NORMAL_X + i] -= sketch[TURN_X + column]
+        block[NORMAL_Y + i] -= sketch[TURN_Y + column]
+        block[NORMAL_Z + i] -= sketch[TURN_Z + column]
+
+
+@_function
+def _list_row(sketch, first, last, counts, lists):
+    """Append a Gaussian to the lists of a row's pixels: counts (TILE,), lists (LIST, ENTRY, TILE)."""
+    for column in range(first, last):
+        count = counts[column]
+        if sketch[WEIGHT + np.uint64(column)] > MIN_WEIGHT and count < LIST:
+            for field in range(ENTRY):
+                lists[count, field, column] = sketch[field * TILE + column]
+            counts[column] = count + 1
+
+
+@_kernel
+def _assemble(pixels, found, camera, depth, normal, spread, color, alpha):
+    """The tiles as images, and only pixels with a surface in front of the near plane have a depth."""
+    tiles_x = (camera.width + TILE - 1) // TILE
+    for row in numba.prange(camera.height):
+        for column in range(camera.width):
+            tile, i = row // TILE * tiles_x + column // TILE, row % TILE
+            block, at, p = pixels[tile, i * PLANES * TILE :], (row, column), np.uint64(column % TILE)
+            alpha[at] = ONE - block[TRANSMITTANCE + p]
+            share = max(alpha[at], np.float32(1e-6))
+            color[row, column, 0] = block[RED + p] / share
+            color[row, column, 1] = block[GREEN + p] / share
+            color[row, column, 2] = block[BLUE + p] / share
+            nx, ny, nz = block[NORMAL_X + p], block[NORMAL_Y + p], block[NORMAL_Z + p]
+            length = math.sqrt(nx * nx + ny * ny + nz * nz)
+            if found[tile, i, p] > camera.near and length > 0:
+                depth[at], spread[at] = found[tile, i, p], found[tile, i, TILE + p]
+                normal[row, column, 0] = nx / length
+                normal[row, column, 1] = ny / length
+                normal[row, column, 2] = nz / length

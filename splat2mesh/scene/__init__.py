@@ -1,0 +1,1 @@
+"""The scene: a chunked triangle mesh with colours, in a folder or a file."""

@@ -1,0 +1,48 @@
+"""Cutting a mesh into sub-meshes that stay below a vertex limit, which is what bounds a model's tensors."""
+
+import numpy as np
+
+from ..base.errors import InputError
+from .mesh import Mesh
+
+DEFAULT_MAX_VERTICES = 40_000
+"""Vertices per chunk: the limit of the Neural-GASh paper."""
+
+SEAM_ALLOWANCE = 1.03
+"""Vertices after a cut over vertices before it: what copying the seams adds, so that equal parts still fit."""
+
+
+def split(mesh, max_vertices=DEFAULT_MAX_VERTICES):
+    """Cut a Mesh into chunks of at most `max_vertices` vertices.
+
+    Faces are bisected by their centroids along the longest axis until every part fits, so chunks are compact in
+    space, of similar size and few. A vertex on a seam is copied, attributes and all, into each chunk that
+    uses it: normals are equal on both sides. Vertices without a face are left out.
+    Returns a list of Mesh. Raises InputError for a limit below 3.
+    """
+    if max_vertices < 3:
+        raise InputError(f"a chunk needs room for at least 3 vertices, the limit is {max_vertices}")
+    centroids = mesh.vertices[mesh.faces].mean(axis=1)
+    return [_extract(mesh, faces) for faces in _bisect(mesh.faces, centroids, max_vertices)]
+
+
+def _bisect(faces, centroids, max_vertices):
+    pending, parts = [np.arange(len(faces))], []
+    while pending:
+        part = pending.pop()
+        count = len(np.unique(faces[part]))
+        if count <= max_vertices:
+            parts.append(part)
+            continue
+        wanted = int(np.ceil(SEAM_ALLOWANCE * count / max_vertices))
+        axis = np.ptp(centroids[part], axis=0).argmax()
+        order = part[np.argsort(centroids[part, axis], kind="stable")]
+        middle = max(1, len(order) * (wanted // 2) // wanted)
+        pending += [np.sort(order[middle:]), np.sort(order[:middle])]
+    return parts
+
+
+def _extract(mesh, face_indices):
+    used, corners = np.unique(mesh.faces[face_indices], return_inverse=True)
+    faces = corners.reshape(-1, 3).astype(np.int32)
+    return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])

@@ -1,0 +1,187 @@
+"""The scene folder: what splat2mesh writes and relight lights.
+
+scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
+chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
+"""
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..base.errors import InputError
+from ..base.outputs import check_output, staged_folder
+from .chunks import DEFAULT_MAX_VERTICES, split
+from .meshfile import read_mesh, write_mesh_ply
+
+SCHEMA_VERSION = 1
+META = "scene.json"
+
+
+@dataclass
+class Scene:
+    """A chunked triangle mesh in the scene frame: right-handed, y up, unit of the splat.
+
+    chunks: list of Mesh. scene_from_splat: (4, 4) float64, from the splat file's frame to this one.
+    preview_camera: dict of eye, target, up ((3,) in the scene frame) and fov_deg, or None.
+    source: dict of `file`, its name, `sha256` and `path`; for a layout also `objects`, each a dict of these and `name`,
+        `scene_from_splat` (4 x 4, rows first) and `chunks`, the range [first, last) of those made from it.
+        Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
+    settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
+    """
+
+    chunks: list
+    scene_from_splat: np.ndarray = field(default_factory=lambda: np.eye(4))
+    preview_camera: dict | None = None
+    source: dict = field(default_factory=dict)
+    settings: dict = field(default_factory=dict)
+    statistics: dict = field(default_factory=dict)
+    path: Path | None = None
+
+    @classmethod
+    def from_mesh(cls, mesh, max_chunk_vertices=DEFAULT_MAX_VERTICES, **fields):
+        """A scene from one Mesh in the scene frame, cut into chunks."""
+        return cls(split(mesh, max_chunk_vertices), **fields)
+
+    @classmethod
+    def load(cls, path):
+        """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order.
+
+        Raises InputError for anything else, for a broken folder and for a newer schema version.
+        """
+        path = Path(path)
+        if not path.exists():
+            raise InputError(f"{path}: no such scene folder or mesh file")
+        if path.is_file():
+            return cls([read_mesh(path)], path=path)
+        entries, fields = _read_meta(path / META)
+        chunks = []
+        for name, *expected in entries:
+            mesh = read_mesh(path / "chunks" / name)
+            found = [len(mesh.vertices), len(mesh.faces)]
+            if found != expected:
+                raise InputError(
+                    f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
+                    f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
+                )
+            chunks.append(mesh)
+        return cls(chunks, path=path, **fields)
+
+    def save(self, path, overwrite=False):
+        """Write the scene folder; it appears complete or not at all.
+
+        Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
+        """
+        check_output(path, overwrite, META)
+        with staged_folder(path) as folder:
+            (folder / "chunks").mkdir()
+            entries = []
+            for index, chunk in enumerate(self.chunks):
+                name = f"{index:04d}.ply"
+                write_mesh_ply(folder / "chunks" / name, chunk)
+                counts = {"vertices": len(chunk.vertices), "faces": len(chunk.faces)}
+                entries.append({"file": name, **counts, "bounds": _bounds(chunk.vertices).tolist()})
+            meta = {
+                "schema_version": SCHEMA_VERSION,
+                "version": __version__,
+                "source": _with_paths(self.source, lambda file: _relative(file, path)),
+                "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
+                "bounds": self.bounds.tolist(),
+                "preview_camera": self.preview_camera,
+                "settings": self.settings,
+                "statistics": self.statistics,
+                "chunks": entries,
+            }
+            (folder / META).write_text(json.dumps(meta, indent=1) + "\n", encoding="utf-8")
+        self.path = Path(path)
+
+    @property
+    def vertices(self):
+        """(V, 3) float32, chunk after chunk."""
+        return np.concatenate([chunk.vertices for chunk in self.chunks])
+
+    @property
+    def normals(self):
+        """(V, 3) float32, chunk after chunk."""
+        return np.concatenate([chunk.normals for chunk in self.chunks])
+
+    @property
+    def colors_srgb(self):
+        """(V, 3) uint8, chunk after chunk."""
+        return np.concatenate([chunk.colors_srgb for chunk in self.chunks])
+
+    @property
+    def faces(self):
+        """(F, 3) int32 into `vertices`."""
+        offsets = np.cumsum([0] + [len(chunk.vertices) for chunk in self.chunks[:-1]])
+        shifted = [chunk.faces + offset for chunk, offset in zip(self.chunks, offsets, strict=True)]
+        return np.concatenate(shifted, dtype=np.int32)
+
+    @property
+    def bounds(self):
+        """(2, 3) float64: lowest and highest corner."""
+        return _bounds(self.vertices)
+
+    @property
+    def diagonal(self):
+        """Length of the bounding box's diagonal."""
+        return float(np.linalg.norm(np.diff(self.bounds, axis=0)))
+
+
+def _bounds(vertices):
+    return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
+
+
+def _with_paths(source, change):
+    """A copy of a source whose paths, its own and those of its objects, went through `change`."""
+    source = dict(source)
+    if "path" in source:
+        source["path"] = change(source["path"])
+    if "objects" in source:
+        source["objects"] = [_with_paths(entry, change) for entry in source["objects"]]
+    return source
+
+
+def _relative(file, folder):
+    """A file's path from a folder, with slashes; links among the folders are followed, so that `..` leads back."""
+    file = absolute(file)
+    try:
+        return Path(os.path.relpath(file, os.path.realpath(folder))).as_posix()
+    except ValueError:  # on another drive
+        return Path(file).as_posix()
+
+
+def absolute(file, folder="."):
+    """A path from a folder as text, absolute: links among its folders are followed, that of the file itself is not."""
+    file = Path(os.path.realpath(folder), file)
+    return os.path.normpath(Path(os.path.realpath(file.parent), file.name))
+
+
+def _read_meta(path):
+    """Of scene.json: [file, vertices, faces] of each chunk, and the Scene's other fields."""
+    if not path.is_file():
+        raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
+    version = meta.get("schema_version") if isinstance(meta, dict) else None
+    if not isinstance(version, int):
+        raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
+    if version > SCHEMA_VERSION:
+        raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
+    required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
+    missing = [name for name in required if name not in meta]
+    if missing or not meta["chunks"]:
+        raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
+    try:
+        entries = [[str(entry["file"]), entry["vertices"], entry["faces"]] for entry in meta["chunks"]]
+        fields = {name: meta[name] for name in required[2:]}
+        fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
+        fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error
+    return entries, fields

@@ -1,0 +1,1 @@
+"""Gaussian splats: as arrays, in files, moved and joined."""

@@ -1,0 +1,31 @@
+"""The `.splat` file of antimatter15's viewer: 32 bytes a splat, no header, no view-dependent colour.
+
+Source: github.com/antimatter15/splat (position and scale float32, colour RGBA and quaternion wxyz as bytes).
+"""
+
+import os
+import warnings
+
+import numpy as np
+
+from ...base.errors import DataWarning, InputError
+from ..splats import Splats
+from .encoding import sh_from_color
+
+_RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat_wxyz", "u1", 4)])
+
+
+def read(path):
+    """Splats of a `.splat` file. Raises InputError when it cannot be one; warns about half a record."""
+    count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
+    if count == 0:
+        raise InputError(f"{path} is cut short: a .splat record takes {_RECORD.itemsize} bytes, found {extra}")
+    if extra:
+        warnings.warn(f"{path}: ignored {extra} bytes after the last whole record", DataWarning, stacklevel=2)
+    records = np.memmap(path, _RECORD, "r", shape=(count,))
+    quats = (records["quat_wxyz"].astype(np.float32) - 128) / 128
+    # The format has no mark of its own, but its quaternions are unit up to the rounding of four bytes.
+    if np.median(np.abs(np.linalg.norm(quats, axis=1) - 1)) > 0.1:
+        raise InputError(f"{path} is no .splat file: the quaternions in it have no unit length")
+    rgba = records["rgba"] / np.float32(255)
+    return Splats(records["mean"], records["scale"], quats, rgba[:, 3], sh_from_color(rgba[:, None, :3]))

@@ -1,0 +1,137 @@
+"""The PLY container: a strict header, and the rows of its elements as NumPy arrays.
+
+Any property order and scalar type, ascii and both byte orders. Sizes are checked before memory is taken.
+Source: Turk, "The PLY Polygon File Format" (1994).
+"""
+
+import itertools
+import os
+import sys
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import DataWarning, InputError
+
+MAX_HEADER_BYTES = 1 << 20
+_BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+_TYPES = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+
+
+@dataclass
+class Element:
+    """One element of a header: its row count, and the NumPy type code or "list" of each property."""
+
+    count: int
+    properties: dict
+
+    @property
+    def has_lists(self):
+        return "list" in self.properties.values()
+
+    @property
+    def row_bytes(self):
+        return sum(np.dtype(code).itemsize for code in self.properties.values())
+
+
+class Ply:
+    """A PLY file whose header has been read.
+
+    path: Path. format: "ascii", "binary_little_endian" or "binary_big_endian".
+    elements: dict of name -> Element, in file order. body: byte offset of the first row.
+    """
+
+    def __init__(self, path, format, elements, body):
+        self.path, self.format, self.elements, self.body = path, format, elements, body
+
+    @classmethod
+    def open(cls, path):
+        """Read the header of `path`. Raises InputError for a header that is malformed or cut short."""
+        path, format, elements, element = Path(path), None, {}, None
+        with open(path, "rb") as file:
+            if file.readline(16).strip() != b"ply":
+                raise InputError(f"{path} is no PLY file: its first line must be 'ply'")
+            for number in itertools.count(2):
+                raw = file.readline(MAX_HEADER_BYTES)
+                if not raw.endswith(b"\n") or file.tell() > MAX_HEADER_BYTES:
+                    raise InputError(f"{path}: the PLY header has no end_header line: the file is cut short or damaged")
+                words = raw.decode("latin-1").split()
+                match words:
+                    case ["end_header"]:
+                        break
+                    case [] | ["comment" | "obj_info", *_]:
+                        pass
+                    case ["format", name, _] if name in _BYTE_ORDERS and format is None:
+                        format = name
+                    case ["element", name, count] if count.isdecimal() and name not in elements:
+                        element = elements[name] = Element(int(count), {})
+                    case ["property", "list", count_type, item_type, name] if (
+                        element and name not in element.properties and {count_type, item_type} <= _TYPES.keys()
+                    ):
+                        element.properties[name] = "list"
+                    case ["property", kind, name] if element and name not in element.properties and kind in _TYPES:
+                        element.properties[name] = _TYPES[kind]
+                    case _:
+                        line = " ".join(words)[:60].encode("ascii", "backslashreplace").decode()
+                        raise InputError(f"{path}: line {number} of the PLY header makes no sense: '{line}'")
+            if format is None:
+                raise InputError(f"{path}: the PLY header has no format line: the file is damaged")
+            return cls(path, format, elements, file.tell())
+
+    def rows(self, name):
+        """The rows of element `name`: structured array (count,), memory-mapped when the file is binary.
+
+        Raises InputError when the file is shorter than its header says; warns when bytes follow the last row.
+        """
+        element = self.elements[name]
+        if element.has_lists:
+            raise InputError(f"{self.path}: PLY element '{name}' holds list properties, expected numbers only")
+        order = _BYTE_ORDERS[self.format]
+        dtype = np.dtype([(key, order + code) for key, code in element.properties.items()])
+        before = list(itertools.takewhile(lambda other: other != name, self.elements))
+        if element.count == 0 or not element.properties:
+            return np.zeros(0, dtype)
+        if self.format == "ascii":
+            return self._ascii_rows(name, sum(self.elements[other].count for other in before), dtype)
+        return self._binary_rows(name, [self.elements[other] for other in before], dtype)
+
+    def _binary_rows(self, name, before, dtype):
+        if any(element.has_lists for element in before):
+            raise InputError(f"{self.path}: a PLY element with lists stands before '{name}': write '{name}' first")
+        start = self.body + sum(element.count * element.row_bytes for element in before)
+        available, count = os.path.getsize(self.path) - start, self.elements[name].count
+        self._check_count(name, max(0, available) // dtype.itemsize)
+        extra = available - count * dtype.itemsize
+        if extra and name == list(self.elements)[-1]:
+            warnings.warn(f"{self.path}: ignored {extra} bytes after the last PLY row", DataWarning, stacklevel=2)
+        return np.memmap(self.path, dtype, "r", start, (count,))
+
+    def _ascii_rows(self, name, skip, dtype):
+        # A value takes a digit and a separator, so that no header can announce more rows than could be there.
+        most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype))
+        self._check_count(name, most)
+        with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # "no data", which the count below reports
+            file.seek(self.body)
+            lines = itertools.islice(file, min(skip, sys.maxsize // 2), None)
+            try:
+                rows = np.loadtxt(lines, dtype, comments=None, ndmin=1, max_rows=self.elements[name].count)
+            except (ValueError, OverflowError) as error:
+                reason = str(error).split(";")[0]
+                raise InputError(f"{self.path}: a PLY row does not fit its header: {reason}") from error
+        self._check_count(name, len(rows))
+        return rows
+
+    def _check_count(self, name, found):
+        promised = self.elements[name].count
+        if found < promised:
+            raise InputError(
+                f"{self.path} is cut short: its header promises {promised} rows of '{name}', "
+                f"there is room for {found}: copy or export it again"
+            )

@@ -1,0 +1,156 @@
+"""PlayCanvas SOG: WebP images of quantised attributes beside a meta.json, loose in a folder or in one zip.
+
+Version 2 looks values up in codebooks of 256; version 1 (no `version` field) spreads bytes between `mins` and
+`maxs`.
+Source: developer.playcanvas.com, "The SOG format".
+"""
+
+import json
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import InputError
+from ..splats import DEGREE_OF_COEFFICIENTS, Splats
+from .encoding import restore_largest, sigmoid
+
+META = "meta.json"
+_PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
+_FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of the largest component, wxyz
+
+
+def read_folder(folder, meta_name=META):
+    """Splats of a folder with meta.json and its images. Raises InputError when one is missing or unusable."""
+    if not (folder / meta_name).is_file():
+        raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
+
+    def load(name):
+        if not (folder / name).is_file():
+            raise InputError(f"{folder / name} is missing: {META} names it, copy the whole SOG folder")
+        return (folder / name).read_bytes()
+
+    return _read(folder / meta_name, load, meta_name)
+
+
+def read_bundle(path):
+    """Splats of a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
+    try:
+        with zipfile.ZipFile(path) as bundle:
+            metas = [name for name in bundle.namelist() if Path(name).name == META]
+            if not metas:
+                raise InputError(f"{path} is a zip without {META}: expected a .sog bundle")
+            prefix = min(metas, key=len).removesuffix(META)
+
+            def load(name):
+                if prefix + name not in bundle.namelist():
+                    raise InputError(f"{path} lacks {name}, which its {META} names: export it again")
+                return bundle.read(prefix + name)
+
+            return _read(path, load, META)
+    except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+        raise InputError(f"{path} is a damaged zip ({error}): copy or export it again") from error
+
+
+def _read(path, load, meta_name):
+    try:
+        meta = json.loads(load(meta_name))
+        version = meta.get("version", 1)
+        if version not in (1, 2):
+            raise InputError(f"{path}: SOG version {version} is not known here: expected 1 or 2")
+        return _decode(_Images(path, load, meta), meta, version)
+    except InputError:
+        raise
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: {META} does not describe a SOG ({type(error).__name__}: {error})") from error
+
+
+class _Images:
+    """The images that a meta.json names, decoded and checked: RGBA rows of the first `count` pixels."""
+
+    def __init__(self, path, load, meta):
+        self.path, self.load, self.meta = path, load, meta
+        self.count = int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
+        if self.count <= 0:
+            raise InputError(f"{path} holds no splats: its count is {self.count}")
+
+    def image(self, part, index=0):
+        """(H, W, 4) uint8."""
+        import imagecodecs
+
+        name = self.meta[part]["files"][index]
+        data = self.load(name)
+        try:
+            return imagecodecs.webp_decode(data, hasalpha=True)
+        except imagecodecs.WebpError as error:
+            raise InputError(f"{self.path}: {name} is no readable WebP image ({error})") from error
+
+    def texels(self, part, index=0):
+        """(count, 4) uint8, one row a splat."""
+        pixels = self.image(part, index).reshape(-1, 4)
+        if len(pixels) < self.count:
+            name = self.meta[part]["files"][index]
+            raise InputError(
+                f"{self.path}: {name} has {len(pixels)} pixels, expected one for each of {self.count} splats"
+            )
+        return pixels[: self.count]
+
+
+def _decode(images, meta, version):
+    low, high = images.texels("means", 0)[:, :3], images.texels("means", 1)[:, :3]
+    mean_log = _between(meta["means"], (low | high.astype(np.uint16) << 8) / np.float32(65535))
+    color = images.texels("sh0")
+    if version == 2:
+        dc, opacities = _values(meta["sh0"], color[:, :3]), color[:, 3] / np.float32(255)
+    else:  # the fourth channel has bounds of its own, in logits
+        values = _values(meta["sh0"], color)
+        dc, opacities = values[:, :3], sigmoid(values[:, 3])
+    return Splats(
+        np.copysign(np.expm1(np.abs(mean_log)), mean_log),
+        np.exp(_values(meta["scales"], images.texels("scales")[:, :3])),
+        _quats_wxyz(images),
+        opacities,
+        _with_rest(images, meta, dc),
+    )
+
+
+def _between(part, unit):
+    low, high = (np.asarray(part[key], np.float32) for key in ("mins", "maxs"))
+    return low + unit * (high - low)
+
+
+def _values(part, texels):
+    """Numbers that bytes stand for: (..., C) uint8 -> float32 of the same shape."""
+    if "codebook" not in part:
+        return _between(part, texels / np.float32(255))
+    codebook = np.array(part["codebook"], np.float32)
+    if part["codebook"][0] is None:  # early writers lost the first entry; PlayCanvas extends the line of the others
+        codebook[0] = codebook[1] + (codebook[1] - codebook[-1]) / 255
+    return codebook[texels]
+
+
+def _quats_wxyz(images):
+    texels = images.texels("quats")
+    tags = texels[:, 3]
+    if tags.min() < _FIRST_QUAT_TAG:
+        raise InputError(f"{images.path}: {np.sum(tags < _FIRST_QUAT_TAG)} quaternions carry no valid mark: damaged")
+    return restore_largest((texels[:, :3] / np.float32(127.5) - 1) / np.float32(np.sqrt(2)), tags - _FIRST_QUAT_TAG)
+
+
+def _with_rest(images, meta, dc):
+    """Join the constant coefficients and those of the palette: (N, 3) -> (N, K, 3)."""
+    if "shN" not in meta:
+        return dc[:, None]
+    centroids = images.image("shN", 0)
+    rest, ragged = divmod(centroids.shape[1], _PALETTE_WIDTH)
+    if ragged or rest + 1 not in DEGREE_OF_COEFFICIENTS:
+        raise InputError(
+            f"{images.path}: the shN palette is {centroids.shape[1]} pixels wide, expected 192, 512 or 960"
+        )
+    palette = _values(meta["shN"], centroids[..., :3]).reshape(-1, rest, 3)
+    labels = images.texels("shN", 1).astype(np.int32)
+    labels = labels[:, 0] | labels[:, 1] << 8
+    if labels.max() >= len(palette):
+        raise InputError(f"{images.path}: a splat uses entry {labels.max()} of the shN palette of {len(palette)}")
+    return np.concatenate([dc[:, None], palette[labels]], axis=1)

@@ -1,0 +1,190 @@
+"""Niantic's `.spz`, versions 2 and 3 (one gzip stream) and 4 (one zstd stream for each attribute).
+
+After the header come six arrays: positions (24-bit fixed point), alphas, colours, log scales, rotations and
+the other harmonics.
+The file is y-up (right, up, back); the Splats that come out are in the frame of a PLY (right, down, front).
+Source: github.com/nianticlabs/spz, load-spz.cc.
+"""
+
+import itertools
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...base.outputs import staged_file
+from ..splats import Splats
+from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_clipped
+
+MAGIC = b"NGSP"
+_HEADER = struct.Struct("<4sIIBBBB")
+_V4_STREAMS_AT = struct.Struct("<I")
+_V4_STREAM = struct.Struct("<QQ")
+# Turning about x by 180 degrees, (x, -y, -z), flips the harmonics that are odd in y and z together.
+_FLIPPED = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.float32)
+_COLOR_SCALE = 0.15  # a coefficient of 1 moves a colour byte by this share of its range
+_WRITTEN_VERSION = 3  # the latest that comes as gzip, which every reader knows
+_LARGEST_INT24 = (1 << 23) - 1
+_MOST_FRACTION_BITS = 24
+_USUAL_FRACTION_BITS = 12  # of Niantic's own writer
+_FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen all others below the usual
+_GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
+
+
+def read(path):
+    """Splats of an `.spz` file. Raises InputError when it is no SPZ, too new, damaged or cut short."""
+    data = Path(path).read_bytes()
+    try:
+        header, sections = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
+    except (zlib.error, struct.error) as error:
+        raise InputError(f"{path}: the SPZ stream is damaged ({error}): copy or export it again") from error
+    return _decode(header, sections)
+
+
+def write(path, splats):
+    """Write an SPZ of version 3, row i being splat i, given in the frame of a PLY; it appears only once complete.
+
+    Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
+    Warns with a DataWarning about splats, positions and harmonics that the format cannot hold.
+    """
+    splats, _ = hide_unusable(splats, path)
+    bits = _fraction_bits(np.abs(splats.means).max(axis=1))
+    fixed = np.rint(splats.means.astype(np.float64) * [1, -1, -1] * (1 << bits))
+    warn_clipped(np.abs(fixed) > _LARGEST_INT24, path, "positions")
+    fixed = np.clip(fixed, -_LARGEST_INT24, _LARGEST_INT24).astype("<i4")
+    scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
+    sh = splats.sh * _FLIPPED[: splats.sh.shape[1], None]
+    color, rest = sh[:, 0] * _COLOR_SCALE + 0.5, np.rint(sh[:, 1:] * 128 + 128)
+    # Half a step beyond the last level still rounds to it.
+    warn_clipped(np.abs(color - 0.5) > 0.5 + 0.5 / 255, path, "colours")
+    warn_clipped((rest < 0) | (rest > 256), path, "harmonics beyond +-1")  # 256, which is 1, is off by a single step
+    sections = (
+        fixed.view(np.uint8).reshape(len(splats), 3, 4)[..., :3],
+        levels(splats.opacities, 8),
+        levels(color, 8),
+        np.clip(np.rint((scale_log + 10) * 16), 0, 255),
+        _packed_rotations(splats.quats_wxyz[:, [1, 2, 3, 0]] * np.array([1, -1, -1, 1], np.float32)),
+        np.clip(rest, 0, 255),
+    )
+    header = _HEADER.pack(MAGIC, _WRITTEN_VERSION, len(splats), splats.degree, bits, 0, 0)
+    deflate = zlib.compressobj(9, zlib.DEFLATED, _GZIP)
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        file.write(deflate.compress(header))
+        for section in sections:
+            file.write(deflate.compress(section.astype(np.uint8).tobytes()))
+        file.write(deflate.flush())
+
+
+def _fraction_bits(reach):
+    """Bits after the point of positions whose largest coordinates are `reach`: (N,) -> int."""
+    bits = _bits_for(reach.max())
+    if bits < _USUAL_FRACTION_BITS:
+        most = np.quantile(reach, 1 - _FAR_SHARE, method="higher")
+        bits = min(_bits_for(most), _USUAL_FRACTION_BITS)
+    return bits
+
+
+def _bits_for(largest):
+    with np.errstate(divide="ignore"):
+        return int(np.clip(np.floor(np.log2(_LARGEST_INT24 / np.float64(largest))), 0, _MOST_FRACTION_BITS))
+
+
+def _packed_rotations(quats_xyzw):
+    """Version 3, as `_quats_xyzw` reads it: (N, 4) -> (N, 4) uint8."""
+    small, largest = smallest_three(quats_xyzw)
+    packed = largest.astype("<u4")
+    for part in small.T:
+        packed = packed << 10 | (part < 0).astype("<u4") << 9 | levels(np.abs(part) * np.sqrt(2), 9)
+    return np.ascontiguousarray(packed, "<u4")[:, None].view(np.uint8)
+
+
+class _Header:
+    def __init__(self, path, data, versions):
+        magic, self.version, self.count, degree, self.fraction_bits, _, self.last = _HEADER.unpack_from(data)
+        if magic != MAGIC:
+            raise InputError(f"{path} is compressed, but holds no SPZ data: expected the mark {MAGIC!r}")
+        if self.version not in versions:
+            raise InputError(f"{path}: SPZ version {self.version} is not known here: expected 2, 3 or 4")
+        if degree > 3 or self.fraction_bits > 24:
+            raise InputError(
+                f"{path}: expected SH degree 0 to 3 and at most 24 fraction bits, "
+                f"found {degree} and {self.fraction_bits}"
+            )
+        if self.count == 0:
+            raise InputError(f"{path} holds no splats: its header counts 0")
+        self.k = (degree + 1) ** 2
+        # Bytes a splat takes in each section.
+        self.widths = [9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * (self.k - 1)]
+
+
+def _open_gzip(path, data):
+    inflate = zlib.decompressobj(wbits=31)
+    header = _Header(path, inflate.decompress(data, _HEADER.size), (2, 3))
+    expected = header.count * sum(header.widths)
+    # Bounded by what the header announces, so that a damaged stream cannot fill the memory.
+    body = inflate.decompress(inflate.unconsumed_tail, expected)
+    _check_size(path, "data", len(body), expected)
+    inflate.decompress(inflate.unconsumed_tail, 1)  # reaches the checksum: raises when it disagrees
+    ends = np.cumsum([0, *header.widths]) * header.count
+    return header, [body[a:b] for a, b in itertools.pairwise(ends)]
+
+
+def _open_v4(path, data):
+    import imagecodecs
+
+    header = _Header(path, data, (4,))
+    widths = [width for width in header.widths if width]
+    if header.last != len(widths):
+        raise InputError(f"{path}: expected {len(widths)} SPZ streams, found {header.last}")
+    (table,) = _V4_STREAMS_AT.unpack_from(data, _HEADER.size)
+    start, sections = table + len(widths) * _V4_STREAM.size, []
+    for i, width in enumerate(widths):
+        packed_size, size = _V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size)
+        _check_size(path, f"stream {i}", size, header.count * width)
+        packed = data[start : start + packed_size]
+        _check_size(path, f"stream {i}", len(packed), packed_size)
+        try:
+            sections.append(imagecodecs.zstd_decode(packed, out=size))
+        except imagecodecs.ZstdError as error:
+            raise InputError(f"{path}: an SPZ stream is damaged ({error}): copy or export it again") from error
+        _check_size(path, f"stream {i}", len(sections[-1]), size)
+        start += packed_size
+    return header, sections + [b""] * (6 - len(sections))
+
+
+def _check_size(path, what, found, expected):
+    if found != expected:
+        raise InputError(f"{path} is damaged: its SPZ {what} should take {expected} bytes, found {found}")
+
+
+def _decode(header, sections):
+    n = header.count
+    positions, alphas, colors, scales, rotations, rest = (
+        np.frombuffer(section, np.uint8).reshape(n, width)
+        for section, width in zip(sections, header.widths, strict=True)
+    )
+    sh = np.zeros((n, header.k, 3), np.float32)
+    sh[:, 0] = (colors / np.float32(255) - 0.5) / _COLOR_SCALE
+    sh[:, 1:] = (rest.reshape(n, -1, 3) - np.float32(128)) / 128
+    sh *= _FLIPPED[: header.k, None]
+    means = _int24(positions) / np.float32(1 << header.fraction_bits) * np.array([1, -1, -1], np.float32)
+    quats_wxyz = _quats_xyzw(rotations)[:, [3, 0, 1, 2]] * np.array([1, 1, -1, -1], np.float32)
+    return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, alphas[:, 0] / np.float32(255), sh)
+
+
+def _int24(data):
+    """Signed little-endian 24-bit integers: (N, 9) bytes -> (N, 3) int32."""
+    low, middle, high = (data[:, i::3].astype(np.int32) for i in range(3))
+    return (low << 8 | middle << 16 | high << 24) >> 8  # the last shift carries the sign down
+
+
+def _quats_xyzw(data):
+    if data.shape[1] == 3:  # version 2: x, y, z as bytes, w >= 0 follows from unit length
+        return restore_largest(data / np.float32(127.5) - 1, np.full(len(data), 3))
+    packed = np.ascontiguousarray(data).view("<u4")[:, 0]
+    # Version 3: 2 bits for the largest, then three times sign and 9 bits over [0, 1/sqrt(2)].
+    part = np.stack([packed >> 20, packed >> 10, packed], axis=1) & 0x3FF
+    size = (part & 0x1FF) / np.float32(511 * np.sqrt(2))
+    return restore_largest(np.where(part >> 9, -size, size), packed >> 30)

@@ -1,0 +1,135 @@
+"""Splats moved by similarity transforms, harmonics and all, and joined into one scene."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..base.errors import InputError
+from .splats import Splats, sh_basis_3dgs
+
+SAME = 1e-6
+"""Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
+
+_BLOCK = 65536
+
+
+def similarity(scale=1.0, rotation=None, translation=(0.0, 0.0, 0.0)):
+    """The (4, 4) float64 matrix of p -> scale * rotation @ p + translation; rotation: (3, 3), none by default."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
+    matrix[:3, 3] = translation
+    return matrix
+
+
+def parts_of(matrix):
+    """Scale, (3, 3) rotation and (3,) translation, float64, of a (4, 4) similarity transform.
+
+    Raises InputError for a matrix that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat
+    turned by it would not look the same.
+    """
+    matrix = np.asarray(matrix, np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise InputError(f"expected a (4, 4) matrix of finite numbers, found {_text(matrix)}")
+    if np.any(matrix[3] != [0, 0, 0, 1]):
+        raise InputError(f"the last row of a transform is 0 0 0 1, found {_text(matrix[3])}")
+    linear = matrix[:3, :3]
+    scale = np.sqrt(np.mean(np.sum(linear * linear, axis=0)))
+    if not np.abs(linear.T @ linear - scale**2 * np.eye(3)).max() <= SAME * scale**2 or scale == 0:
+        lengths = np.linalg.norm(linear, axis=0)
+        raise InputError(
+            "splats can only be turned, moved and scaled alike in all directions: the axes of the matrix have lengths "
+            f"{_text(lengths)} or are not at right angles"
+        )
+    if np.linalg.det(linear) < 0:
+        raise InputError("the matrix mirrors: splats can be turned, moved and scaled, not mirrored")
+    return float(scale), linear / scale, matrix[:3, 3]
+
+
+def placed(splats, matrix):
+    """Splats seen in another frame, row by row: each looks there from everywhere as it did before.
+
+    matrix: (4, 4) similarity, new_from_old. Rows that are not finite stay so.
+    Raises InputError for any other transform.
+    """
+    scale, rotation, translation = parts_of(matrix)
+    if np.array_equal(np.asarray(matrix, np.float64), np.eye(4)):
+        return splats
+    with np.errstate(over="ignore", invalid="ignore"):  # `clean` drops and counts what leaves float32
+        means = splats.means.astype(np.float64) @ (scale * rotation).T + translation
+        return replace(
+            splats,
+            means=means,
+            scales=splats.scales * scale,
+            quats_wxyz=_times(_quat_wxyz(rotation), splats.quats_wxyz.astype(np.float64)),
+            sh=_turned(splats.sh, sh_rotation_3dgs(rotation, splats.degree)),
+        )
+
+
+def placed_mesh(mesh, matrix):
+    """A Mesh in another frame: matrix (4, 4) similarity, new_from_old. Raises InputError for any other."""
+    scale, rotation, translation = parts_of(matrix)
+    vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
+    normals = mesh.normals.astype(np.float64) @ rotation.T
+    return replace(mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32))
+
+
+def joined(parts):
+    """One Splats of all rows of several, part after part; lower degrees get harmonics of zero. Needs at least one."""
+    coefficients = max(part.sh.shape[1] for part in parts)
+    padded = [np.pad(part.sh, ((0, 0), (0, coefficients - part.sh.shape[1]), (0, 0))) for part in parts]
+    names = ("means", "scales", "quats_wxyz", "opacities")
+    return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in names), np.concatenate(padded))
+
+
+def sh_rotation_3dgs(rotation, degree):
+    """The (K, K) float64 matrix M that turns coefficients with the signs of 3DGS by a (3, 3) rotation R.
+
+    M c are the coefficients of f(R^-1 d) when c are those of f(d). M_ij is the integral of Y_i(R d) Y_j(d), which
+    the quadrature evaluates exactly, degree by degree. Entries of quarter turns come out as exactly 0 and +-1.
+    """
+    directions, weights = _quadrature(degree)
+    matrix = sh_basis_3dgs(directions @ np.asarray(rotation).T, degree).T @ (
+        sh_basis_3dgs(directions, degree) * weights[:, None]
+    )
+    of_coefficient = np.repeat(np.arange(degree + 1), 2 * np.arange(degree + 1) + 1)
+    # The quadrature is right to some 1e-15; without that noise a quarter turn keeps every bit of a coefficient.
+    return np.where(of_coefficient[:, None] == of_coefficient, matrix.round(13), 0.0)
+
+
+@lru_cache
+def _quadrature(degree):
+    """Directions (N, 3) and weights (N,) that integrate products of two functions of the degree."""
+    z, weight = np.polynomial.legendre.leggauss(degree + 1)
+    steps = 2 * degree + 1
+    angle = 2 * np.pi * np.arange(steps) / steps
+    z, angle = (grid.ravel() for grid in np.meshgrid(z, angle, indexing="ij"))
+    radius = np.sqrt(1 - z * z)
+    directions = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1)
+    return directions, np.repeat(weight * (2 * np.pi / steps), steps)
+
+
+def _turned(sh, matrix):
+    """(N, K, 3) coefficients turned; the constant ones keep every bit."""
+    turned = sh.copy()
+    for start in range(0, len(sh), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        turned[rows, 1:] = np.matmul(matrix[1:, 1:], sh[rows, 1:])
+    return turned
+
+
+def _quat_wxyz(rotation):
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
+
+
+def _times(first, second):
+    """Quaternion products: first (4,), second (N, 4), wxyz -> (N, 4)."""
+    w, x, y, z = first
+    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    return second @ matrix.T
+
+
+def _text(values):
+    return " ".join(f"{value:g}" for value in np.ravel(values))

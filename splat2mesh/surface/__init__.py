@@ -1,0 +1,1 @@
+"""From views of a splat to a clean triangle mesh."""

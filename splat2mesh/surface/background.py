@@ -1,0 +1,64 @@
+"""The far background of an open capture: which splats belong to it, and views to see it from, from within."""
+
+import numpy as np
+
+from ..render.view import View
+from ..views.viewpoints import bounds_of
+
+REACH = 4.0
+"""Radii, each holding half of the detail, beyond which splats may be background. A guitar on its stand reaches 4.6."""
+
+COARSER = 3.0
+"""How much larger than the foreground's the median splat out there must be: cameras among the foreground see far things
+coarsely, while a long object is as fine at its end as in its middle."""
+
+LEAST_SHARE = 0.002
+"""Share of the solid splats that a background has at least; fewer are floaters."""
+
+SOLID = 0.3
+"""Opacity above which a splat is solid enough to be counted here."""
+
+EYES, FOV_DEG = 4, 95.0
+"""Places to look around from, and the angle of each of their six views: a little over a cube's, so they overlap."""
+
+
+def far_background(splats):
+    """Which splats are the far background of an open scene, (N,) bool: none, unless it clearly has one."""
+    none = np.zeros(len(splats), bool)
+    solid = splats.opacities > SOLID
+    if solid.sum() < 100:
+        return none
+    size = splats.scales.max(axis=1)
+    detail = 1.0 / np.maximum(size[solid], np.percentile(size[solid], 5) + 1e-30).astype(np.float64) ** 2
+    center = np.array([_weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
+    distance = np.linalg.norm(splats.means - center, axis=1)
+    far = distance > REACH * _weighted_median(distance[solid], detail)
+    out, here = solid & far, solid & ~far
+    if out.sum() < LEAST_SHARE * solid.sum() or np.median(size[out]) < COARSER * np.median(size[here]):
+        return none
+    return far
+
+
+def views_from_within(foreground, pixels, up):
+    """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared.
+
+    up: (3,) unit, the up direction in the splat's frame.
+    """
+    low, high = bounds_of(foreground)
+    center, reach = (low + high) / 2.0, np.ptp([low, high], axis=0) / 4.0
+    ahead = np.linalg.svd(up[None])[2][1]
+    axes = np.stack([ahead, np.cross(up, ahead), up])
+    turns = (np.arange(EYES) + 0.5) * 2.0 * np.pi / EYES
+    eyes = [center + reach * (np.cos(turn) * axes[0] + np.sin(turn) * axes[1]) for turn in turns]
+    tops = [up, up, ahead] * 2  # along the same axes as the directions, lest the views up and down be askew: gaps
+    return [
+        View.look_at(eye, eye + direction, top, FOV_DEG, pixels)
+        for eye in eyes
+        for direction, top in zip(np.concatenate([axes, -axes]), tops, strict=True)
+    ]
+
+
+def _weighted_median(values, weights):
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

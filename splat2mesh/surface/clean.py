@@ -1,0 +1,82 @@
+"""From a raw surface to a clean triangle mesh of a wanted size: components, holes, decimation, ragged borders."""
+
+import numpy as np
+
+SMALLEST_COMPONENT = 0.02
+"""Connected parts with fewer triangles than this share of the largest part's are floaters and are dropped."""
+
+
+def drop_small_components(mesh):
+    """Remove disconnected parts that are small beside the largest one; returns how many were removed."""
+    cluster, sizes, _ = mesh.cluster_connected_triangles()
+    cluster, sizes = np.asarray(cluster), np.asarray(sizes)
+    small = sizes < SMALLEST_COMPONENT * sizes.max(initial=0)
+    mesh.remove_triangles_by_mask(small[cluster])
+    mesh.remove_unreferenced_vertices()
+    return int(small.sum())
+
+
+def fill_holes(points, faces, longest):
+    """Close the holes whose border is at most `longest` long: points and faces with those added, and their number.
+
+    Each is closed by a fan around the middle of its border: pinholes and slits where views disagreed vanish, while
+    what was never seen stays open. Where a border touches itself, its loops are holes of their own.
+    """
+    new_points, new_faces = [], []
+    for loop in _border_loops(faces, len(points)):
+        corners = points[loop]
+        if len(loop) < 3 or np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() > longest:
+            continue
+        middle = len(points) + len(new_points)
+        new_points.append(corners.mean(axis=0))
+        new_faces += [(after, before, middle) for before, after in zip(loop, [*loop[1:], loop[0]], strict=True)]
+    if new_points:
+        points, faces = np.concatenate([points, new_points]), np.concatenate([faces, np.array(new_faces, faces.dtype)])
+    return points, faces, len(new_points)
+
+
+def _border_loops(faces, count):
+    """The closed loops of border edges, lists of vertices in the direction of the faces, each vertex once."""
+    following = {}
+    for start, end in zip(*(ends.tolist() for ends in _border_edges(faces, count)), strict=True):
+        following.setdefault(start, []).append(end)
+    for start in list(following):
+        path, place = [], {}
+        vertex = start
+        while True:
+            if vertex in place:  # back where the path has been: that part of it is a loop
+                loop = path[place[vertex] :]
+                yield loop
+                for left in loop:
+                    del place[left]
+                del path[len(path) - len(loop) :]
+            place[vertex] = len(path)
+            path.append(vertex)
+            if not following.get(vertex):
+                break
+            vertex = following[vertex].pop()
+
+
+def _border_edges(faces, count):
+    """Edges of one face only, in that face's direction: starts and ends, (E,) each."""
+    starts, ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    key = np.minimum(starts, ends).astype(np.int64) * count + np.maximum(starts, ends)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    alone = uses[edge] == 1
+    return starts[alone], ends[alone]
+
+
+def trim_borders(faces, seen):
+    """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes.
+
+    It goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay.
+    """
+    while len(faces):
+        loose = np.zeros(len(seen), bool)
+        loose[_border_edges(faces, len(seen))[0]] = True
+        loose &= ~seen
+        hanging = loose[faces].any(axis=1)
+        if not hanging.any():
+            break
+        faces = faces[~hanging]
+    return faces

@@ -1,0 +1,173 @@
+"""Two ways from a splat and views of it to a raw surface, behind one door.
+
+field   depth maps at a level of the opacity field, fused into a signed distance field: the default, more accurate.
+sugar   points on a level of the density field, Poisson: the way of the SuGaR paper, kept for comparison.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..splats.splats import Splats
+from ..views.viewpoints import bounds_of, near_plane
+from .color import Picture
+
+WAYS = ("field", "sugar")
+
+TRAINING_DILATION = 0.3
+"""Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
+
+SCALES_PER_PIXEL = 1.4
+"""The smallest tenth of the solid Gaussians' largest scales, in training pixels: what training lets shrink."""
+
+THICKNESSES, LEVELS = (0.7, 1.5), (0.38, 0.5)
+"""Median thickness of the surfaces in training pixels, and the opacity at which the surface lies; held outside."""
+
+LEVEL_PROBES, LEVEL_PROBE_PIXELS = 8, 128
+"""Views, and their pixels, in which the thickness is measured."""
+
+FINEST_VOXEL = 0.5
+"""Smallest voxel in training pixels: there is nothing finer in a splat."""
+
+SPARE_VERTICES = 1.3
+"""Vertices of a raw surface over those wanted, where it is made anew for a larger mesh."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much work goes into a surface.
+
+    views: rendered views, of `pixels` along the longer side. cells: voxels along the scene's diagonal (field).
+    depth: octree levels (sugar). points: surface points aimed at (sugar).
+    """
+
+    views: int
+    pixels: int
+    cells: int
+    depth: int
+    points: int
+
+
+EFFORTS = {
+    "draft": Effort(views=32, pixels=256, cells=224, depth=8, points=200_000),
+    "normal": Effort(views=64, pixels=320, cells=320, depth=9, points=500_000),
+    "fine": Effort(views=96, pixels=448, cells=320, depth=10, points=1_500_000),
+}
+
+
+def training_pixel(splats):
+    """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
+
+    Trained cameras would tell it directly, but the surface comes out no better for it (docs/surface.md).
+    """
+    solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
+    return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
+
+
+def dilated(splats, pixel):
+    """The splats as training saw them: every Gaussian widened by the dilation of a training pixel.
+
+    Training fitted the dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians.
+    """
+    scales = np.sqrt(splats.scales**2 + np.float32(TRAINING_DILATION * pixel**2))
+    return replace(splats, scales=scales.astype(np.float32))
+
+
+class Trained(NamedTuple):
+    """Splats as training saw them, that is dilated, and the size of a training pixel, in their unit."""
+
+    splats: Splats
+    pixel: float
+
+
+def as_trained(splats):
+    """The splats of a file, dilated for the pixel that they tell of themselves: a Trained."""
+    pixel = training_pixel(splats)
+    return Trained(dilated(splats, pixel), pixel)
+
+
+def surface_level(splats, views, pixel, near):
+    """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
+
+    The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
+    lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
+    """
+    from ..render.opacityfield import field_depth
+
+    thickness = [np.zeros(0)]
+    for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
+        view = view.resized(LEVEL_PROBE_PIXELS)
+        thickness.append(_thickness(field_depth(splats, view, near), view).ravel() / pixel)
+    thickness = np.concatenate(thickness)
+    thickness = thickness[np.isfinite(thickness)]
+    if len(thickness) == 0:
+        return LEVELS[1]
+    return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
+
+
+def _thickness(seen, view):
+    """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
+    return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
+
+
+def extract(way, splats, views, pixel, effort, vertices, stages):
+    """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a list of Picture.
+
+    way: one of WAYS. pixel: size of a training pixel at the surface. effort: Effort. vertices: size of the mesh
+    that is wanted in the end. stages: Stages. Raises InputError when hardly any surface is found.
+    """
+    return (_field if way == "field" else _sugar)(splats, views, pixel, effort, vertices, stages)
+
+
+def _field(splats, views, pixel, effort, vertices, stages):
+    from ..render.opacityfield import field_depth
+    from .fusion import DepthMap, fuse
+
+    bounds = bounds_of(splats)
+    near, diagonal = near_plane(bounds), float(np.linalg.norm(np.ptp(bounds, axis=0)))
+    maps, pictures = [], []
+    level = surface_level(splats, views, pixel, near)
+    with stages.stage("depth maps", total=len(views)) as advance:
+        for view in views:
+            seen = field_depth(splats, view, near, level)
+            maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
+            pictures.append(Picture.of(view, seen.color, seen.depth, _thickness(seen, view)))
+            advance()
+    _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
+    voxel = diagonal / effort.cells
+    with stages.stage("fusion", total=len(views)) as advance:
+        mesh = fuse(maps, voxel, advance)
+    found, finest = len(mesh.vertices), FINEST_VOXEL * pixel
+    if found < vertices and finest < voxel:
+        # Larger meshes need smaller voxels, as far as the splat itself resolves them.
+        with stages.stage("finer fusion", total=len(views)) as advance:
+            mesh = fuse(maps, max(finest, voxel * np.sqrt(found / (SPARE_VERTICES * vertices))), advance)
+    return mesh, pictures
+
+
+def _sugar(splats, views, pixel, effort, vertices, stages):
+    from ..render.rasterize import rasterize
+    from .sugar import DensityField, SurfacePoints, poisson, surface_points
+
+    near, field = near_plane(bounds_of(splats)), DensityField(splats)
+    found, pictures = [], []
+    with stages.stage("surface points", total=len(views)) as advance:
+        for view in views:
+            rendering = rasterize(splats, view, near)
+            covered = np.isfinite(rendering.depth_median).sum() * len(views)
+            found.append(surface_points(field, view, rendering, max(1, int(np.sqrt(covered / effort.points)))))
+            color = rendering.color / np.maximum(rendering.alpha, 1e-3)[..., None]
+            thickness = np.where(np.isfinite(rendering.depth_median), pixel, np.nan)  # unknown: alike everywhere
+            pictures.append(Picture.of(view, color, rendering.depth_median, thickness))
+            advance()
+    points, normals = (np.concatenate([getattr(part, name) for part in found]) for name in ("points", "normals"))
+    _require_surface(len(points))
+    with stages.stage("Poisson"):
+        return poisson(SurfacePoints(points, normals), effort.depth), pictures
+
+
+def _require_surface(points):
+    if points < 100:
+        raise InputError(f"only {points} surface points were found: is this a splat of a solid object?")

@@ -1,0 +1,149 @@
+"""Oriented surface points of a splat, the SuGaR way: where rays of rendered views cross a level of the density field.
+
+Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 2024), section 4.2, without its training.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..base.errors import InputError
+
+LEVEL = 0.3
+"""Density at which the surface lies: SuGaR's value."""
+
+NEIGHBORS = 16
+"""Gaussians that make up the density at a point: SuGaR's value."""
+
+REACH = 3.0
+"""Search range along a ray about the rendered depth, in standard deviations of the nearest Gaussian along that ray."""
+
+STEPS = 21
+"""Samples of the density in that range."""
+
+
+TRIM_DENSITY = 3.0
+"""Octree levels by which a vertex's sampling density may lie below the median before it counts as invented."""
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """Points on a surface. points: (P, 3) float32. normals: (P, 3) float32, unit, towards the side that was seen."""
+
+    points: np.ndarray
+    normals: np.ndarray
+
+
+class DensityField:
+    """The density of a splat: the sum of opacity * exp(-mahalanobis^2 / 2) over the nearest Gaussians of a point."""
+
+    def __init__(self, splats):
+        self._origin = splats.means.mean(axis=0, dtype=np.float64)
+        self._means = (splats.means - self._origin).astype(np.float32)
+        self._tree = cKDTree(self._means)
+        self._rotations = splats.rotation_matrices().astype(np.float32)
+        self._scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
+        self._opacities = splats.opacities.astype(np.float32)
+
+    def crossings(self, points, directions):
+        """Where rays first enter the level set near given points.
+
+        points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
+        Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
+        """
+        local = (points - self._origin).astype(np.float32)
+        count = min(NEIGHBORS, len(self._means))
+        neighbors = self._tree.query(local, k=count, workers=-1)[1].reshape(len(local), count).astype(np.int32)
+        arrays = (self._means, self._rotations, self._scales, self._opacities)
+        offset, normal = _enter_level(local, directions.astype(np.float32), neighbors, *arrays)
+        found = np.isfinite(offset)
+        surface = points[found] + offset[found, None] * directions[found]
+        return SurfacePoints(surface.astype(np.float32), normal[found])
+
+
+def surface_points(field, view, rendering, stride=1):
+    """Surface points of one rendered view. stride: take every so many pixels in both directions."""
+    depth = rendering.depth_median[stride // 2 :: stride, stride // 2 :: stride]
+    solid = np.isfinite(depth) & (rendering.alpha[stride // 2 :: stride, stride // 2 :: stride] > 0.5)
+    rays = view.ray_directions()[stride // 2 :: stride, stride // 2 :: stride][solid]
+    length = np.linalg.norm(rays, axis=1, keepdims=True)
+    return field.crossings(view.center + rays * depth[solid, None], rays / length)
+
+
+def poisson(surface, depth):
+    """Screened Poisson surface of SurfacePoints, without the parts that no point supports.
+
+    depth: levels of the octree. Returns an open3d TriangleMesh. Raises InputError when the points make no surface.
+    Source: Kazhdan and Hoppe, "Screened Poisson Surface Reconstruction" (2013).
+    """
+    import open3d as o3d
+
+    if len(surface.points) == 0:
+        raise InputError("no surface points were found: is this a splat of a solid object?")
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(surface.points.astype(np.float64)))
+    cloud.normals = o3d.utility.Vector3dVector(surface.normals.astype(np.float64))
+    mesh, density = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth)
+    density = np.asarray(density)
+    if len(density) == 0:
+        raise InputError(f"{len(surface.points)} surface points make no surface: is this a splat of a solid object?")
+    mesh.remove_vertices_by_mask(density < np.median(density) - TRIM_DENSITY)
+    return mesh
+
+
+@numba.njit(cache=True, nogil=True)
+def _density(x, y, z, nearby, means, rotations, scales, opacities, gradient):
+    total = 0.0
+    gradient[:] = 0.0
+    for index in nearby:
+        dx, dy, dz = x - means[index, 0], y - means[index, 1], z - means[index, 2]
+        rotation = rotations[index]
+        exponent, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
+        for axis in range(3):
+            along = rotation[0, axis] * dx + rotation[1, axis] * dy + rotation[2, axis] * dz
+            scaled = along / (scales[index, axis] * scales[index, axis])
+            exponent += along * scaled
+            gx += rotation[0, axis] * scaled
+            gy += rotation[1, axis] * scaled
+            gz += rotation[2, axis] * scaled
+        value = opacities[index] * np.exp(-0.5 * exponent)
+        total += value
+        gradient[0] -= value * gx
+        gradient[1] -= value * gy
+        gradient[2] -= value * gz
+    return total
+
+
+@numba.njit(cache=True, nogil=True, parallel=True)
+def _enter_level(points, directions, neighbors, means, rotations, scales, opacities):
+    offsets = np.full(len(points), np.nan, np.float32)
+    normals = np.zeros((len(points), 3), np.float32)
+    for p in numba.prange(len(points)):
+        dx, dy, dz = directions[p]
+        nearest = neighbors[p, 0]
+        variance = 0.0
+        for axis in range(3):
+            column = rotations[nearest, :, axis]
+            turned = column[0] * dx + column[1] * dy + column[2] * dz
+            variance += (turned * scales[nearest, axis]) ** 2
+        reach = REACH * np.sqrt(variance)
+        gradient = np.zeros(3, np.float64)
+        before = np.inf
+        for step in range(STEPS):
+            t = reach * (2.0 * step / (STEPS - 1) - 1.0)
+            x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
+            density = _density(x, y, z, neighbors[p], means, rotations, scales, opacities, gradient)
+            if before < LEVEL <= density:
+                t -= 2.0 * reach / (STEPS - 1) * (density - LEVEL) / (density - before)
+                x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
+                _density(x, y, z, neighbors[p], means, rotations, scales, opacities, gradient)
+                norm = np.sqrt((gradient**2).sum())
+                if norm > 0.0:
+                    offsets[p] = t
+                    side = 1.0 if gradient[0] * dx + gradient[1] * dy + gradient[2] * dz >= 0.0 else -1.0
+                    for axis in range(3):
+                        normals[p, axis] = -side * gradient[axis] / norm
+                break
+            before = density
+    return offsets, normals

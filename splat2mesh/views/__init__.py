@@ -1,0 +1,1 @@
+"""Where to look from: trained cameras, virtual views, and which way is up."""

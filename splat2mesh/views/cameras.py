@@ -1,0 +1,55 @@
+"""Where to look from: the trained cameras of a COLMAP model, or virtual views that see all of a splat."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..render.view import View
+
+
+def read_colmap(folder):
+    """Views of a COLMAP model (text or binary), in the order of their image ids.
+
+    folder: holds cameras, images and points3D files. Lens distortion is ignored: the focal lengths and the principal
+    point of each camera are kept. Raises InputError for a folder that pycolmap cannot read or that holds no image.
+    """
+    import pycolmap
+
+    folder = Path(folder)
+    if not any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin")):
+        raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
+    try:
+        model = pycolmap.Reconstruction(str(folder))
+        views = [_view(model, model.images[key]) for key in sorted(model.images)]
+    except (ValueError, RuntimeError, KeyError, IndexError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{folder}: pycolmap cannot read this model ({reason})") from error
+    views = [view for view in views if np.isfinite(view.camera_from_world).all()]
+    if not views:
+        raise InputError(f"{folder}: the COLMAP model holds no posed image")
+    return views
+
+
+def spread_out(views, count):
+    """Of many views, `count` that differ most in place and direction (farthest-point choice, first view first)."""
+    if len(views) <= count:
+        return list(views)
+    centers = np.stack([view.center for view in views])
+    extent = max(np.linalg.norm(centers.std(axis=0)), 1e-12)
+    features = np.hstack([centers / extent, np.stack([view.forward for view in views])])
+    chosen, distance = [0], np.linalg.norm(features - features[0], axis=1)
+    while len(chosen) < count:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(features - features[chosen[-1]], axis=1))
+    return [views[index] for index in sorted(chosen)]
+
+
+def _view(model, image):
+    camera = model.cameras[image.camera_id]
+    matrix = np.eye(4)
+    pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
+    matrix[:3] = pose.matrix()
+    focal = camera.focal_length_x, camera.focal_length_y
+    principal = camera.principal_point_x, camera.principal_point_y
+    return View(camera.width, camera.height, *focal, *principal, matrix)

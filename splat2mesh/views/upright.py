@@ -1,0 +1,60 @@
+"""Which way is up: the rotation from a splat file's frame into the y-up scene frame."""
+
+import numpy as np
+
+from ..base.errors import InputError
+
+UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
+
+_QUARTER_TURNS = {
+    "+y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    "-y": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    "+z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    "-z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+}
+
+LEVEL_DISAGREEMENT = np.radians(30.0)
+"""How far the level direction of the cameras may lie from their mean up before the mean is trusted instead."""
+
+
+def scene_from_splat(up="auto", views=()):
+    """The (4, 4) float64 rotation that takes the splat's frame to the scene frame (right-handed, y up).
+
+    up: one of UP_CHOICES, the direction in the splat's frame that points up. "auto" takes it from the trained
+    cameras `views` where there are any, else assumes the usual frame of trained files, -y up, that is Rx(180).
+    Raises InputError for another `up`.
+    """
+    if up not in UP_CHOICES:
+        raise InputError(f"--up {up}: expected one of {' '.join(UP_CHOICES)}")
+    matrix = np.eye(4)
+    if up == "auto" and len(views):
+        matrix[:3, :3] = _upright(up_from_cameras(views))
+    else:
+        matrix[:3, :3] = _QUARTER_TURNS["-y" if up == "auto" else up]
+    return matrix
+
+
+def up_from_cameras(views):
+    """The up direction that level cameras agree on: (3,) unit float64 in the splat's frame.
+
+    Photographers hold cameras level but tilt them, so the image x axes are the better witnesses: up is the direction
+    that is most nearly orthogonal to all of them. Where they do not span a plane, it is the mean of the image up axes.
+    """
+    axes = np.stack([view.camera_from_world[:3, :3] for view in views])
+    mean_up = -axes[:, 1].mean(axis=0)
+    mean_up /= max(np.linalg.norm(mean_up), 1e-12)
+    spread, directions = np.linalg.eigh(axes[:, 0].T @ axes[:, 0] / len(axes))
+    level = directions[:, 0] * np.sign(directions[:, 0] @ mean_up)
+    spans_a_plane = spread[1] > 10 * max(spread[0], 1e-3)
+    agrees = level @ mean_up > np.cos(LEVEL_DISAGREEMENT)
+    return level if spans_a_plane and agrees else mean_up
+
+
+def _upright(up):
+    """The nearest quarter turn to +y, followed by the smallest rotation that takes `up` exactly there."""
+    turn = max(_QUARTER_TURNS.values(), key=lambda matrix: np.asarray(matrix)[1] @ up)
+    source = np.asarray(turn) @ up
+    axis = np.cross(source, [0.0, 1.0, 0.0])
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    tilt = np.eye(3) + cross + cross @ cross / max(1.0 + source[1], 1e-12)
+    return tilt @ turn

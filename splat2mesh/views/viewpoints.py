@@ -1,0 +1,247 @@
+"""Virtual cameras: views chosen so that together they see every visible part of a splat, from outside or inside.
+
+Nobody tells where the capture's cameras stood, but the splat itself does: surfaces that training saw are sharp, what
+no photo constrained is fuzzy. Candidates all around and inside free space are rendered small, those that look
+at fuzz are dropped, and a greedy cover picks, one after the other, the view that shows most of what was seen least.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..render.opacityfield import field_depth
+from ..render.view import View
+
+OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
+CANDIDATE_PIXELS = 80
+"""Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
+
+PICTURE_ASPECT, PICTURE_ELEVATION = 4 / 3, np.radians(18.0)
+"""Shape of the picture that a scene is shown with, and the angle from which it looks down."""
+
+SKETCH_SPLATS = 40_000
+"""Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
+
+COVER_GRID = 48
+"""Cells along the longest side of the box in which coverage is counted."""
+
+CLEARANCE = 2
+"""Cells that an eye inside the box keeps away from all splats."""
+
+FREE_GRID = 32
+"""Cells along that side in which free space is looked for: coarse, so that the gaps between Gaussians are none."""
+
+ROOM_SHARE = 0.6
+"""Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
+
+INSIDE_SHARPER = 3.0
+"""How much sharper the inside must look than the outside for a scene to be shown from inside."""
+
+WANTED_VIEWS = 4
+"""Views after which another one of the same cell adds nothing to its coverage."""
+
+SHARP_ENOUGH = 1.5
+"""A candidate is kept when its median fuzziness is at most this many times that of the sharpest tenth."""
+
+RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
+"""Views, over those wanted, that may be added for what no sharp view shows, the cells that each of them must add, and
+the sight of a cell that counts there."""
+
+TOLERABLE = 1.5
+"""How much fuzzier than the sharp ones such a view may be as a whole: undersides that nobody saw are fuzzier."""
+
+CHOICE = 0.75
+"""Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
+
+
+def bounds_of(splats):
+    """The box that holds the solid part of a splat: (2, 3) float64; stray floaters and far background lie outside."""
+    solid = splats.means[splats.opacities > 0.3] if (splats.opacities > 0.3).sum() > 100 else splats.means
+    low, high = np.percentile(solid, [0.5, 99.5], axis=0)
+    margin = 0.02 * np.linalg.norm(high - low) + 1e-12
+    return np.stack([low - margin, high + margin]).astype(np.float64)
+
+
+def near_plane(bounds):
+    """Camera z nearer than which nothing is drawn, for a scene of this box: floaters at the eye block no view."""
+    return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
+
+
+def virtual_views(splats, count, pixels, up, seed=0):
+    """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
+
+    splats: cleaned Splats. pixels: longer side of the views returned.
+    up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
+    Returns a list of View, the ones that show most first.
+    """
+    bounds = bounds_of(splats)
+    near = near_plane(bounds)
+    candidates = candidate_views(splats, count, up, seed)
+    sketch = _thinned(splats, np.random.default_rng(seed))
+    coverage, fuzziness = [], []
+    for view in candidates:
+        cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
+        coverage.append(cells)
+        fuzziness.append(fuzz)
+    chosen = _cover(np.array(coverage), np.array(fuzziness), count)
+    return [candidates[index].resized(pixels) for index in chosen]
+
+
+def candidate_views(splats, count, up, seed=0):
+    """Views all around, views from nearer, and views from free places inside: list of small View."""
+    rng = np.random.default_rng(seed)
+    bounds = bounds_of(splats)
+    center, radius = bounds.mean(axis=0), np.linalg.norm(np.diff(bounds, axis=0)) / 2
+    distance = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    views = []
+    for direction in fibonacci_sphere(count):
+        view = View.look_at(center + distance * direction, center, up, OUTER_FOV_DEG, CANDIDATE_PIXELS)
+        views.append(view.framing(corners))
+    for direction in fibonacci_sphere(count):
+        target = center + rng.uniform(-0.3, 0.3, 3) * np.ptp(bounds, axis=0)
+        views.append(View.look_at(target + 0.5 * distance * direction, target, up, OUTER_FOV_DEG, CANDIDATE_PIXELS))
+    for eye in _free_places(splats, bounds, max(count // 6, 4), rng):
+        turn = _random_rotation(rng)
+        for axis in np.vstack([np.eye(3), -np.eye(3)]) @ turn:
+            views.append(View.look_at(eye, eye + axis, up, INNER_FOV_DEG, CANDIDATE_PIXELS))
+    return views
+
+
+def picture_view(splats, up):
+    """A view that makes a good picture of a splat: from slightly above and the side with most to see, or from inside.
+
+    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
+    """
+    rng = np.random.default_rng(0)
+    bounds = bounds_of(splats)
+    near, sketch = near_plane(bounds), _thinned(splats, rng)
+    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    ahead = np.linalg.svd(up[None])[2][1]
+    side = np.cross(up, ahead)
+    size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
+    turns = np.arange(12) * np.pi / 6
+    backwards = [np.cos(a) * ahead + np.sin(a) * side + np.tan(PICTURE_ELEVATION) * up for a in turns]
+    outside = [View.holding(corners, backward, up, OUTER_FOV_DEG, *size, margin=1.05) for backward in backwards]
+    inside = [
+        View.look_at(eye, eye - backward, up, 75.0, *size)
+        for eye in _free_places(splats, bounds, 3, rng)
+        for backward in backwards[::2]
+    ]
+
+    def judge(view):
+        surface = field_depth(sketch, view, near)
+        _, fuzz = _what_is_seen(surface, view, bounds)
+        edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
+        return fuzz, edges
+
+    outside = [(view, *judge(view)) for view in outside]
+    inside = [(view, *judge(view)) for view in inside]
+    sharpest = min(fuzz for _, fuzz, _ in outside)
+    # What is seen from inside a room is much sharper than what is seen of it from outside.
+    from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
+    pool = inside if from_inside else outside
+    sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
+    return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
+
+
+def fibonacci_sphere(count):
+    """`count` evenly spread unit vectors: (count, 3) float64."""
+    index = np.arange(count) + 0.5
+    z = 1 - 2 * index / count
+    azimuth = index * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(azimuth), r * np.sin(azimuth), z], axis=1)
+
+
+def _free_places(splats, bounds, count, rng):
+    """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be.
+
+    Space that surfaces seal off is the inside of an object, unless it is most of the box: then it is a room.
+    """
+    from scipy.ndimage import binary_dilation, label
+
+    cell = np.ptp(bounds, axis=0).max() / FREE_GRID
+    shape = np.maximum(np.ceil(np.ptp(bounds, axis=0) / cell).astype(int), 1)
+    inside = (splats.opacities > 0.1) & ((splats.means >= bounds[0]) & (splats.means < bounds[1])).all(axis=1)
+    cells = np.minimum(((splats.means[inside] - bounds[0]) / cell).astype(int), shape - 1)
+    taken = np.zeros(shape, bool)
+    taken[tuple(cells.T)] = True
+    # With enough space around it, the box's outside is one region that every window and skylight opens to.
+    margin = CLEARANCE + 1
+    regions, _ = label(~binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
+    roomy = np.bincount(regions.ravel()) > ROOM_SHARE * taken.size
+    roomy[0], roomy[regions[0, 0, 0]] = False, True
+    free = np.argwhere(roomy[regions[margin:-margin, margin:-margin, margin:-margin]])
+    if len(free) == 0:
+        return np.zeros((0, 3))
+    points = bounds[0] + (free + rng.uniform(0.25, 0.75, free.shape)) * cell
+    central = np.abs(points - bounds.mean(axis=0)) < 0.42 * np.ptp(bounds, axis=0)
+    points = points[central.all(axis=1)] if central.all(axis=1).any() else points
+    chosen = [int(np.linalg.norm(points - bounds.mean(axis=0), axis=1).argmin())]
+    distance = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def _thinned(splats, rng):
+    """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
+    if len(splats) <= SKETCH_SPLATS:
+        return splats
+    kept = splats.take(np.sort(rng.choice(len(splats), SKETCH_SPLATS, replace=False)))
+    return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / SKETCH_SPLATS)))
+
+
+def _what_is_seen(surface, view, bounds):
+    """How well each cell of the box is seen, (cells,) float32, and the median fuzziness, in the box's radius."""
+    radius = np.linalg.norm(np.ptp(bounds, axis=0)) / 2
+    seen = np.isfinite(surface.depth)
+    rays, depth = view.ray_directions()[seen], surface.depth[seen]
+    # The spread runs along z, the surface's thickness along its normal.
+    fuzz = surface.spread[seen] * -(rays * surface.normal[seen]).sum(axis=1) / radius
+    cell = np.ptp(bounds, axis=0).max() / COVER_GRID
+    shape = np.ceil(np.ptp(bounds, axis=0) / cell).astype(int) + 1
+    sight = np.zeros(int(shape.prod()), np.float32)
+    points = view.center + rays * depth[:, None]
+    inside = ((points >= bounds[0]) & (points < bounds[1])).all(axis=1)
+    if inside.sum() < 20:
+        return sight, np.inf
+    cells = np.ravel_multi_index(((points[inside] - bounds[0]) / cell).astype(int).T, shape)
+    footprint = depth[inside] / view.fx / cell
+    quality = 1 / (1 + (fuzz[inside] / 0.01) ** 2) / np.maximum(footprint * 4, 1) ** 2
+    np.maximum.at(sight, cells, quality.astype(np.float32))
+    return sight, float(np.median(fuzz[inside]))
+
+
+def _cover(coverage, fuzziness, count):
+    """Indices of the candidates chosen: each one adds most to what the ones before it have seen least."""
+    usable = np.flatnonzero(np.isfinite(fuzziness))
+    if len(usable) == 0:
+        return []
+    ranked = np.sort(fuzziness[usable])
+    limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
+    pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= TOLERABLE * limit]
+    seen = np.zeros(coverage.shape[1], np.float32)
+    chosen = []
+    for _ in range(min(count, len(pool))):
+        gain = coverage[pool] @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
+        gain[np.isin(pool, chosen)] = -1
+        chosen.append(int(pool[gain.argmax()]))
+        seen += coverage[chosen[-1]]
+    # What only fuzzier views show, such as a foot seen past an edge, is seen now where it looks sharp itself.
+    sights = np.where(coverage[tolerable] > SHARP_CELL, coverage[tolerable], 0)
+    for _ in range(round(RESCUE_SHARE * count)):
+        gain = sights @ np.maximum(1 - seen, 0)
+        gain[np.isin(tolerable, chosen)] = -1
+        if gain.max() < RESCUE_CELLS:
+            break
+        chosen.append(int(tolerable[gain.argmax()]))
+        seen += coverage[chosen[-1]]
+    return chosen
+
+
+def _random_rotation(rng):
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.diag(r))

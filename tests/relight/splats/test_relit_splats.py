@@ -1,0 +1,407 @@
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from relight.splats import Binding, relit, write_relit_ply
+from relight.splats.backproject import backproject
+from relight.splats.light_ratio import CURVE_POWER, change_of_light
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
+from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.formats.inria import write_inria_ply
+from splat2mesh.splats.formats.ply import Ply
+from splat2mesh.splats.splats import SH_C0, Splats
+
+TILT = np.array([[1, 0, 0, 0.5], [0, -1, 0, 0.25], [0, 0, -1, -2], [0, 0, 0, 1.0]])  # exact in floating point
+
+
+def sphere_scene(max_chunk=40_000, count=3000, frame=TILT):
+    """A ball in the scene frame, coloured by place, chunked."""
+    import open3d as o3d
+
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 24)
+    vertices = np.asarray(ball.vertices, np.float32)
+    colors = np.round(255 * (0.45 + 0.2 * np.sin(3 * vertices))).astype(np.uint8)
+    mesh = Mesh(
+        vertices, vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.asarray(ball.triangles), colors
+    )
+    return Scene.from_mesh(mesh, max_chunk, scene_from_splat=frame)
+
+
+def ball_splats(degree=1, count=3000, seed=0, frame=TILT, thickness=0.002):
+    """Flat Gaussians on that ball, in the splat's frame, of colours between 0.2 and 0.7."""
+    rng = np.random.default_rng(seed)
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    back = np.linalg.inv(frame)
+    means = normals * (1 + rng.normal(0, 0.003, (count, 1))) @ back[:3, :3].T + back[:3, 3]
+    turned = normals @ back[:3, :3].T
+    # The rotation that takes +z to the normal, by half angles; no normal is exactly -z.
+    quats = np.stack([1 + turned[:, 2], -turned[:, 1], turned[:, 0], np.zeros(count)], axis=1)
+    sh = np.zeros((count, (degree + 1) ** 2, 3))
+    sh[:, 0] = (rng.uniform(0.3, 0.6, (count, 3)) - 0.5) / SH_C0
+    sh[:, 1:] = rng.normal(0, 0.02, sh[:, 1:].shape)
+    scales = np.tile([0.05, 0.05, thickness], (count, 1))
+    return Splats(means, scales, quats, rng.uniform(0.3, 0.95, count), sh)
+
+
+def irradiances(scene, seed=0):
+    """Light from two sides, both smooth over the ball and brighter than any captured colour."""
+    x, y, _ = scene.vertices.T
+    before = np.stack([1 + 0.3 * x, 1 + 0.2 * y, 1.1 - 0.3 * x], axis=1)
+    after = np.stack([1 - 0.4 * x, 0.7 + 0.2 * y, 0.5 + 0.3 * x], axis=1)
+    return before.astype(np.float32), after.astype(np.float32)
+
+
+def views_around(count=14, pixels=128):
+    """Views of the ball from all sides, in the splat's frame."""
+    index = np.arange(count) + 0.5
+    z, turn = 1 - 2 * index / count, index * np.pi * (3 - np.sqrt(5))
+    radius = np.sqrt(1 - z * z)
+    center = np.array([-0.5, 0.25, -2.0])
+    eyes = center + 5 * np.stack([radius * np.cos(turn), z, radius * np.sin(turn)], axis=1)
+    return [View.look_at(eye, center, [0.1, -1, 0], 30, pixels) for eye in eyes]
+
+
+@pytest.fixture(scope="module")
+def ball():
+    scene, splats = sphere_scene(), ball_splats()
+    return scene, splats, Binding(splats, scene, views_around())
+
+
+def test_equal_light_changes_no_bit(ball):
+    scene, splats, binding = ball
+    before, _ = irradiances(scene)
+    np.testing.assert_array_equal(binding.relit(before, before).sh, splats.sh)
+
+
+@pytest.mark.parametrize("degree", range(4))
+@pytest.mark.parametrize("factor", [0.5, 1.3])
+def test_light_k_times_as_strong_makes_every_linear_colour_k_times_as_bright(degree, factor):
+    scene, splats = sphere_scene(), ball_splats(degree)
+    before, _ = irradiances(scene)
+    result = relit(splats, scene, before, factor * before, views=())
+    for eye in (None, np.array([0.0, -9.0, 4.0]), np.array([5.0, 5.0, 5.0])):
+        old, new = ((s.colors_diffuse if eye is None else s.colors_toward(eye)) for s in (splats, result))
+        # Where the sRGB curve is a power, before and after, the map is exact but for float32.
+        above_toe = linear_from_srgb(old) * factor > 0.0032
+        assert above_toe.mean() > 0.99
+        np.testing.assert_allclose(
+            linear_from_srgb(new)[above_toe], (factor * linear_from_srgb(old))[above_toe], rtol=2e-5, atol=2e-6
+        )
+
+
+def test_the_fit_leaves_a_constant_factor_as_it_is(ball):
+    scene, splats, binding = ball
+    before, _ = irradiances(scene)
+    expected = 0.5 * linear_from_srgb(splats.colors_diffuse)
+    # A product of 32 views' float32 sums: errors of single sums are 1e-6.
+    found = linear_from_srgb(binding.relit(before, 0.5 * before).colors_diffuse)
+    np.testing.assert_allclose(found, expected, atol=2e-5)
+
+
+def test_a_dark_scene_is_lit_by_exposure_as_by_stronger_light(ball):
+    scene, _, binding = ball
+    before, after = irradiances(scene)
+    doubled, exposed = binding.relit(before, 2 * after, rounds=0), binding.relit(before, after, exposure=2.0, rounds=0)
+    np.testing.assert_array_equal(doubled.sh, exposed.sh)
+
+
+def test_every_splat_takes_the_change_of_its_place(ball):
+    scene, splats, _ = ball
+    before, after = irradiances(scene)
+    result = relit(splats, scene, before, after, views=())
+    centers = splats.means @ TILT[:3, :3].T + TILT[:3, 3]
+    nearest = cKDTree(scene.vertices).query(centers)[1]
+    expected = linear_from_srgb(splats.colors_diffuse) * (after / before)[nearest]
+    # The ratio changes by up to 0.9 per unit, vertices are 0.13 apart, and the softening by SOFTNESS^2 = 1% more.
+    np.testing.assert_allclose(linear_from_srgb(result.colors_diffuse), expected, rtol=0.12, atol=2e-3)
+    error = np.abs(linear_from_srgb(result.colors_diffuse) - expected).mean() / expected.mean()
+    assert error < 0.02
+
+
+def test_what_is_seen_of_the_relit_splats_is_the_change_of_what_is_seen():
+    """Round Gaussians, up to 4% before and behind the surface, which the rays of a view that is not the fit's meet."""
+    scene, splats = sphere_scene(), ball_splats(0, 6000)
+    rng = np.random.default_rng(5)
+    center = np.array([-0.5, 0.25, -2.0])
+    means = center + (splats.means - center) * (1 + rng.uniform(-0.04, 0.04, (6000, 1)))
+    splats = Splats(means, np.full((6000, 3), 0.06), splats.quats_wxyz, splats.opacities, splats.sh)
+    before, after = irradiances(scene)
+    view = View.look_at([-2.5, 0.6, -8.0], [-0.5, 0.25, -2.0], [0, -1, 0], 25, 160)  # none of the fit's
+    old = rasterize(splats, view)
+    solid = old.alpha > 0.99
+    assert solid.mean() > 0.2
+    # Where the ray meets the ball, by the quadratic formula, not the depth of Gaussians.
+    ray, eye = view.ray_directions()[solid], view.center - center
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    root = (ray @ eye) ** 2 - (eye @ eye - 1)
+    met = root > 0.05
+    points = view.center + ray * (-(ray @ eye) - np.sqrt(np.maximum(root, 0)))[:, None]
+    nearest = cKDTree(scene.vertices).query(points @ TILT[:3, :3].T + TILT[:3, 3], 4)[1]
+    expected = (linear_from_srgb(old.color[solid]) * (after / before)[nearest].mean(axis=1))[met]
+    errors = []
+    for result in (
+        splats,
+        relit(splats, scene, before, after, views=()),
+        relit(splats, scene, before, after, views=views_around()),
+    ):
+        shown = linear_from_srgb(rasterize(result, view).color[solid])[met]
+        errors.append(np.linalg.norm(shown - expected) / np.linalg.norm(expected))
+    assert errors[1] < errors[0] / 4
+    # A pixel shows Gaussians up to 0.1 apart, over which the ratio changes by up to 9%.
+    assert max(errors[1:]) < 0.045
+
+
+def test_the_fit_brings_what_is_seen_nearer_to_the_change_behind_each_pixel():
+    """A shadow's edge, narrower than the Gaussians: what their places tell is blurred, the fit sharpens it."""
+    scene, splats = sphere_scene(), ball_splats(0, 3000)
+    splats = Splats(splats.means, np.full((3000, 3), 0.07), splats.quats_wxyz, splats.opacities, splats.sh)
+    before, _ = irradiances(scene)
+    after = before * np.where(scene.vertices[:, 1:2] > 0.13, np.float32(1.0), np.float32(0.2))
+    views, center = views_around(), np.array([-0.5, 0.25, -2.0])
+    binding = Binding(splats, scene, views)
+    errors = []
+    for rounds in (0, 2, 6):
+        result, total = binding.relit(before, after, rounds=rounds), 0.0
+        for view in views:
+            old, new = rasterize(splats, view), rasterize(result, view)
+            ray, eye = view.ray_directions(), view.center - center  # rays meet the ball where a quadratic says
+            a, b, c = (ray * ray).sum(axis=2), ray @ eye, eye @ eye - 1
+            solid = (old.alpha > 0.99) & (b * b - a * c > 0.3 * a)  # not at the rim
+            depth = (-b - np.sqrt(np.maximum(b * b - a * c, 0))) / a
+            y = ((view.center + ray * depth[..., None]) @ TILT[1, :3] + TILT[1, 3])[solid]
+            lit = np.where(y > 0.13, 1.0, 0.2)[:, None]
+            expected = srgb_from_linear(linear_from_srgb(old.color[solid]) * lit)
+            total += np.square(new.color[solid] - expected).sum()
+        errors.append(np.sqrt(total))
+    assert errors[1] < 0.95 * errors[0]  # measured 0.90, and 0.87 after six rounds
+    assert errors[2] < errors[1]
+
+
+def test_contact_a_flat_splat_belongs_to_the_surface_that_it_lies_in():
+    """A wall that stands on a floor: splats beside the edge, as near to either, take the light of their own plane."""
+    grid = np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21), indexing="ij"), axis=-1).reshape(-1, 2)
+    zero = np.zeros(len(grid))
+    floor, wall = np.stack([grid[:, 0], zero, grid[:, 1]], axis=1), np.stack([zero, grid[:, 0], grid[:, 1]], axis=1)
+    i, j = np.meshgrid(np.arange(20), np.arange(20), indexing="ij")
+    corner = (i * 21 + j).ravel()
+    faces = np.concatenate(
+        [np.stack([corner, corner + 1, corner + 22], 1), np.stack([corner, corner + 22, corner + 21], 1)]
+    )
+    normals = np.repeat([[0, 1, 0], [1, 0, 0]], len(grid), axis=0).astype(np.float32)
+    faces = np.concatenate([faces, faces[:, ::-1] + len(grid)]).astype(np.int32)
+    colors = np.full((2 * len(grid), 3), 128, np.uint8)
+    scene = Scene([Mesh(np.concatenate([floor, wall]).astype(np.float32), normals, faces, colors)])
+    z = np.linspace(0.1, 0.9, 30)
+    near = np.full(30, 0.02)
+    means = np.concatenate([np.stack([near, near, z], 1), np.stack([near, near, z], 1)])
+    scales = np.repeat([[0.03, 0.001, 0.03], [0.001, 0.03, 0.03]], 30, axis=0)
+    splats = Splats(means, scales, np.tile([1, 0, 0, 0], (60, 1)), np.full(60, 0.9), np.zeros((60, 1, 3)))
+    before = np.ones((2 * len(grid), 3), np.float32)
+    after = np.repeat([[0.2] * 3, [1.0] * 3], len(grid), axis=0)
+    result = linear_from_srgb(relit(splats, scene, before, after, views=()).colors_diffuse) / linear_from_srgb(0.5)
+    assert (result[:30] < 0.25).all()
+    assert (result[30:] > 0.85).all()
+
+
+def test_chunks_change_no_bit(ball):
+    _, splats, binding = ball
+    whole, cut = sphere_scene(), sphere_scene(300)
+    assert len(whole.chunks) == 1
+    assert len(cut.chunks) > 3
+    other = Binding(splats, cut, views_around())
+    results = [b.relit(*irradiances(s)).sh for b, s in ((binding, whole), (other, cut))]
+    np.testing.assert_array_equal(*results)
+
+
+def test_far_splats_take_a_smooth_mean():
+    scene = sphere_scene()
+    before, after = irradiances(scene)
+    line = np.linspace(2.0, 60.0, 400)
+    means = np.stack(
+        [-0.5 + line, np.full(400, 0.25), np.full(400, -2.0)], axis=1
+    )  # away along x, from the ball's centre
+    splats = Splats(
+        means, np.full((400, 3), 0.1), np.tile([1, 0, 0, 0], (400, 1)), np.full(400, 0.9), np.zeros((400, 1, 3))
+    )
+    logs = np.log(
+        linear_from_srgb(relit(splats, scene, before, after, views=()).colors_diffuse) / linear_from_srgb(0.5)
+    )
+    assert np.abs(np.diff(logs, axis=0)).max() < 0.04  # of 0.5 in all: no jump between neighbours 0.15 apart
+    corner_mean = np.log(after / before).mean(axis=0)  # of vertices, which are not quite areas
+    np.testing.assert_allclose(logs[-1], corner_mean, atol=0.05)
+    assert np.abs(logs[0] - logs[-1]).max() > 0.1  # nearer the ball it is the side that it looks at
+
+
+def test_damaged_splats_keep_their_bits_and_harm_no_other():
+    scene, splats = sphere_scene(), ball_splats()
+    before, after = irradiances(scene)
+    bad = [3, 5, 8, 13, 21]
+    arrays = [
+        splats.means.copy(),
+        splats.scales.copy(),
+        splats.quats_wxyz.copy(),
+        splats.opacities.copy(),
+        splats.sh.copy(),
+    ]
+    arrays[0][3], arrays[1][5], arrays[2][8], arrays[4][13, 2, 1], arrays[0][21] = np.nan, np.inf, 0, np.nan, 1e30
+    broken = Splats(*arrays)
+    with pytest.warns(DataWarning, match="5 of 3000 splats are damaged"):
+        binding = Binding(broken, scene, views_around())
+    result = binding.relit(before, after)
+    others = np.setdiff1d(np.arange(3000), bad)
+    np.testing.assert_array_equal(result.sh[bad], broken.sh[bad])
+    alone = Binding(splats.take(others), scene, views_around()).relit(before, after)
+    np.testing.assert_array_equal(result.sh[others], alone.sh)
+
+
+def test_the_order_of_splats_is_kept(ball):
+    scene, splats, _ = ball
+    before, after = irradiances(scene)
+    mixed = np.random.default_rng(1).permutation(len(splats))
+    plain, shuffled = (relit(s, scene, before, after, views=()) for s in (splats, splats.take(mixed)))
+    np.testing.assert_array_equal(plain.sh[mixed], shuffled.sh)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_few_splats(count):
+    scene, splats = sphere_scene(), ball_splats().take(slice(0, count))
+    result = relit(splats, scene, *irradiances(scene))
+    assert result.sh.shape == (count, 4, 3)
+    assert np.isfinite(result.sh).all()
+
+
+def test_highlights_fade_with_the_light_and_grow_only_with_the_whole_scene(ball):
+    scene, splats, _ = ball
+    before, _ = irradiances(scene)
+    side = scene.vertices[:, :1] > 0
+    after = np.where(side, 4.0, 0.05) * before  # brighter on one side, mean about 2
+    result = relit(splats, scene, before, after, views=())
+    x = (splats.means @ TILT[:3, :3].T + TILT[:3, 3])[:, 0]
+    growth = np.linalg.norm(result.sh[:, 1:], axis=(1, 2)) / np.linalg.norm(splats.sh[:, 1:], axis=(1, 2))
+    assert growth[x < -0.3].max() < 0.38  # 0.05^(1/2.4) = 0.29, softened
+    # The mean of b over the two sides: what the whole scene grows by, were it even.
+    mean = np.exp(np.log([4.0, 0.05]).mean() / CURVE_POWER)
+    assert growth[x > 0.3].max() < max(mean, 1) + 0.05
+
+
+def test_the_change_is_bounded_in_any_light():
+    captured = np.array([[0.5, 0.5, 0.5], [0.0, 0.9, 1.0], [0.02, 0.3, 0.0]])
+    before = np.array([[1.0, 0.0, 1e-9], [0.0, 0.0, 0.0], [2.0, 0.1, 1.0]])
+    for after in (np.zeros((3, 3)), np.full((3, 3), 1e30), before[::-1]):
+        logs, mean = change_of_light(captured, before, after)
+        assert np.isfinite(logs).all()
+        assert np.isfinite(mean).all()
+        shown = captured * np.exp(CURVE_POWER * logs.astype(np.float64))
+        assert (shown <= 1.0 + 1e-3).all()  # the shoulder's room for what was captured white
+
+
+def test_captured_light_that_is_brighter_than_what_arrived_changes_as_the_scene_does():
+    captured, before = np.full((100, 3), 0.3), np.full((100, 3), 1.0)
+    captured[0], before[0] = 0.8, 0.001  # a lamp, or an error: eight hundred times what it received
+    after = np.full((100, 3), 0.5)
+    logs, _ = change_of_light(captured, before, after)
+    # Ratio of the lights there: 500, even when softened 12. Not one of a surface that was that bright before.
+    assert np.exp(CURVE_POWER * logs[0]).max() < 0.6
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda b, a: (b[:-1], a), "irradiance must be"),
+        (lambda b, a: (b, a[:-1]), "must agree in shape"),
+        (lambda b, a: (-b, a), "not negative"),
+        (lambda b, a: (b, a * np.nan), "finite"),
+    ],
+)
+def test_irradiances_that_do_not_fit_are_refused(ball, change, message):
+    scene, _, binding = ball
+    with pytest.raises(InputError, match=message):
+        binding.relit(*change(*irradiances(scene)))
+
+
+@pytest.mark.parametrize("exposure", [0.0, -1.0, np.nan, np.inf])
+def test_exposures_that_are_none_are_refused(ball, exposure):
+    scene, _, binding = ball
+    with pytest.raises(InputError, match="exposure"):
+        binding.relit(*irradiances(scene), exposure=exposure)
+
+
+def test_backprojection_is_the_transpose_of_rendering():
+    """<picture, render(colours)> = <backproject(picture), colours> for any picture and colours above 0."""
+    rng = np.random.default_rng(3)
+    splats = ball_splats(0, 800, thickness=0.03)
+    view = View.look_at([1.0, 0.0, -7.0], [-0.5, 0.25, -2.0], [0, -1, 0], 30, 70, 50)  # tiles that are not full
+    picture = rng.normal(size=(50, 70, 3)).astype(np.float32)
+    count = rng.uniform(0, 1, (50, 70, 1)).astype(np.float32)
+    sums = np.zeros((len(splats), 4), np.float32)
+    backproject(splats, view, np.concatenate([picture, count], axis=-1), sums)
+    color = rasterize(splats, view)
+    expected = (picture * count * color.color).sum()
+    found = (sums[:, :3] * splats.colors_diffuse).sum(dtype=np.float64)
+    scale = np.abs(picture * count * color.color).sum()
+    assert abs(found - expected) < 1e-5 * scale  # float32 sums of some thousand terms
+    assert sums[:, 3].sum(dtype=np.float64) == pytest.approx((count[..., 0] * color.alpha).sum(), rel=1e-5)
+
+
+def test_the_file_differs_from_its_source_in_colours_alone(tmp_path):
+    scene, splats = sphere_scene(), ball_splats(2, 200)
+    source, target = tmp_path / "source.ply", tmp_path / "relit_splat.ply"
+    names = ["opacity", "rot_3", "rot_0", "rot_1", "rot_2", "z", "y", "x", "extra", "scale_0", "scale_1", "scale_2"]
+    names += [f"f_dc_{i}" for i in range(3)] + [f"f_rest_{i}" for i in range(24)]
+    rows = np.zeros(200, [(name, "<f4") for name in names])
+    rng = np.random.default_rng(0)
+    write_inria_ply(target, splats)
+    plain = Ply.open(target).rows("vertex")
+    for name in names:
+        rows[name] = plain[name] if name in plain.dtype.names else rng.normal(size=200)
+    for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
+        rows[name] *= 3.7  # of any length: must not come back normalised
+    rows["x"][7], rows["opacity"][9], rows["rot_0"][4:6] = np.nan, np.inf, 0
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 200\n"
+    header += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    source.write_bytes(header.encode() + rows.tobytes())
+    read = read_splats(source)
+    with pytest.warns(DataWarning, match="1 of 200"):
+        result = relit(read, scene, *irradiances(scene))
+    write_relit_ply(target, result, source)
+    written = Ply.open(target).rows("vertex")
+    kept = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
+    for name in kept:
+        assert written[name].tobytes() == rows[name].tobytes(), name
+    assert list(written.dtype.names)[:9] == ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
+    np.testing.assert_array_equal(read_splats(target).sh, result.sh)
+    assert written["f_dc_0"][7] == rows["f_dc_0"][7]
+    assert (written["f_dc_0"] != rows["f_dc_0"]).sum() == 199
+
+
+def test_the_source_of_other_splats_is_refused(tmp_path):
+    splats = ball_splats(0, 30)
+    write_inria_ply(tmp_path / "other.ply", splats)
+    with pytest.raises(InputError, match="holds 30 splats, 20 are to be written"):
+        write_relit_ply(tmp_path / "relit.ply", splats.take(slice(0, 20)), tmp_path / "other.ply")
+    assert not (tmp_path / "relit.ply").exists()
+
+
+def test_without_an_inria_source_the_file_is_the_standard_one(tmp_path):
+    splats = ball_splats(1, 30)
+    (tmp_path / "source.spz").write_bytes(b"NGSP something else")
+    write_relit_ply(tmp_path / "a.ply", splats, tmp_path / "source.spz")
+    write_inria_ply(tmp_path / "b.ply", splats)
+    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
+
+
+def test_dark_colours_stay_dark():
+    """The affine map would lift black by 0.055 (g - 1); light of a tenth leaves nothing to show but black."""
+    assert srgb_from_linear(0.1 * linear_from_srgb(0.04)) < 0.005
+    scene, splats = sphere_scene(), ball_splats(0)
+    black = Splats(
+        *(getattr(splats, n) for n in ("means", "scales", "quats_wxyz", "opacities")), splats.sh * 0 - 0.46 / SH_C0
+    )
+    before, _ = irradiances(scene)
+    assert relit(black, scene, before, 0.1 * before, views=()).colors_diffuse.max() < 0.005

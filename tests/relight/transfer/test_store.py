@@ -1,0 +1,344 @@
+"""What is kept between runs: found again to the bit, or not at all; nothing torn, foreign or stale is ever used."""
+
+import os
+import shutil
+import threading
+
+import numpy as np
+import pytest
+from plan_scenes import corner, difference, occluder_of, turned
+
+from relight import Environment, Relighter
+from relight.transfer import store
+from relight.transfer.bounces import Interreflection, with_bounces
+from relight.transfer.store import MOST_OF_A_KIND, Cache, array_key, geometry_key
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import write_mesh_ply
+from splat2mesh.scene.scene import Scene
+
+ARRAYS = {"values": np.arange(1000.0), "names": np.array(["a", "bc"]), "nothing": np.zeros((0, 3), np.float32)}
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A scene folder that every test copies: a corner of 507 vertices."""
+    folder = tmp_path_factory.mktemp("saved") / "corner"
+    scene, _ = corner(12)
+    scene.save(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(saved, tmp_path):
+    return shutil.copytree(saved, tmp_path / "corner")
+
+
+@pytest.fixture(scope="module")
+def noon():
+    return Environment.load("noon")
+
+
+def opened(folder, **options):
+    """A Relighter of a new run."""
+    scene = Scene.load(folder)
+    return Relighter(scene, cache=Cache.of_scene(scene), **options)
+
+
+def grey(folder):
+    return np.full(Scene.load(folder).vertices.shape, 0.7, np.float32)
+
+
+# -- files
+
+
+def test_arrays_come_back_as_they_were(tmp_path):
+    kept = Cache(tmp_path / "cache", "geometry")
+    kept.put("transfer", "raytraced", 8, 128, **ARRAYS)
+    found = Cache(tmp_path / "cache", "geometry").get("transfer", "raytraced", 8, 128)
+    assert found.keys() == ARRAYS.keys()
+    for name, array in ARRAYS.items():
+        np.testing.assert_array_equal(found[name], array)
+        assert found[name].dtype == array.dtype
+    assert kept.settings_of("transfer") == [("raytraced", "8", "128")] and kept.settings_of("light") == []
+    for other in (("transfer", "raytraced", 8, 64), ("light", "raytraced", 8, 128)):
+        assert kept.get(*other) is None
+
+
+def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nowhere = Cache()
+    nowhere.put("transfer", 1, **ARRAYS)
+    assert nowhere.get("transfer", 1) is None and nowhere.settings_of("transfer") == []
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 0.9, 0.999])
+def test_a_torn_file_is_not_there(tmp_path, share):
+    kept = Cache(tmp_path, "geometry")
+    kept.put("transfer", 1, **ARRAYS)
+    (path,) = tmp_path.glob("*.npz")
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert kept.get("transfer", 1) is None
+    kept.put("transfer", 1, **ARRAYS)
+    assert kept.get("transfer", 1) is not None
+
+
+def test_a_flipped_bit_is_not_there(tmp_path):
+    """Anywhere among the numbers: each array has a checksum."""
+    kept = Cache(tmp_path, "geometry")
+    kept.put("transfer", 1, **ARRAYS)
+    (path,) = tmp_path.glob("*.npz")
+    content = bytearray(path.read_bytes())
+    at = bytes(content).index(np.float64(512.0).tobytes())
+    content[at] ^= 1
+    path.write_bytes(content)
+    assert kept.get("transfer", 1) is None
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04", b"not a zip file at all", "pickle", "keyless"])
+def test_another_programs_file_is_not_there(tmp_path, content):
+    path = tmp_path / "transfer-1.npz"
+    if content == "pickle":
+        np.savez(path, key=np.array(store.VERSION), values=np.array([{"an": "object"}], object))
+    elif content == "keyless":
+        np.savez(path, **ARRAYS)
+    else:
+        path.write_bytes(content)
+    assert Cache(tmp_path, "geometry").get("transfer", 1) is None
+
+
+def test_a_folder_in_a_files_place_is_not_there(tmp_path):
+    (tmp_path / "transfer-1.npz").mkdir()
+    kept = Cache(tmp_path, "geometry")
+    kept.put("transfer", 1, **ARRAYS)
+    assert kept.get("transfer", 1) is None
+    assert [path.name for path in tmp_path.iterdir()] == ["transfer-1.npz"]
+
+
+def test_another_geometry_or_version_is_not_there(tmp_path, monkeypatch):
+    Cache(tmp_path, "one").put("transfer", 1, **ARRAYS)
+    assert Cache(tmp_path, "other").get("transfer", 1) is None
+    assert Cache(tmp_path, "one").get("transfer", 1) is not None
+    monkeypatch.setattr(store, "VERSION", store.VERSION + 1)
+    assert Cache(tmp_path, "one").get("transfer", 1) is None
+
+
+def test_writers_at_once_leave_one_whole_file(tmp_path):
+    """Every reading in between finds all of one writer's arrays, or nothing."""
+    kept, failures, done = Cache(tmp_path, "geometry"), [], threading.Event()
+
+    def write(number):
+        for _ in range(15):
+            kept.put("transfer", 1, first=np.full(20_000, number), second=np.full(20_000, number))
+
+    def read():
+        while not done.is_set():
+            found = kept.get("transfer", 1)
+            if found is not None and len({*found["first"], *found["second"]}) != 1:
+                failures.append(found)
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    reader = threading.Thread(target=read)
+    for thread in (reader, *threads):
+        thread.start()
+    for thread in threads:
+        thread.join()
+    done.set()
+    reader.join()
+    assert not failures and kept.get("transfer", 1)["first"].shape == (20_000,)
+    assert [path.name for path in tmp_path.iterdir()] == ["transfer-1.npz"]
+
+
+def test_few_files_of_a_kind_stay_and_those_are_the_latest_used(tmp_path):
+    kept = Cache(tmp_path, "geometry")
+    for number in range(MOST_OF_A_KIND):
+        kept.put("transfer", number, **ARRAYS)
+        path = tmp_path / f"transfer-{number}.npz"
+        os.utime(path, (1e9 + number, 1e9 + number))
+    kept.put("light", 0, **ARRAYS)
+    assert kept.get("transfer", 0) is not None  # used: now it is the newest
+    kept.put("transfer", "new", **ARRAYS)
+    there = {int(name) if name.isdigit() else name for (name,) in kept.settings_of("transfer")}
+    assert there == {0, "new", *range(2, MOST_OF_A_KIND)}
+    assert kept.settings_of("light") == [("0",)]
+
+
+@pytest.mark.parametrize("obstacle", ["read-only", "file", "full"])
+def test_a_folder_that_takes_nothing_does_no_harm(folder, noon, monkeypatch, obstacle):
+    if obstacle == "file":
+        (folder / store.FOLDER).write_text("in the way")
+    elif obstacle == "full":
+        monkeypatch.setattr(np, "savez", lambda file, **arrays: file.write(b"half") and refuse())
+    else:
+        monkeypatch.setattr(store.tempfile, "NamedTemporaryFile", lambda **options: refuse())
+    radiance = opened(folder, rays=16).shade(noon)
+    np.testing.assert_array_equal(radiance, Relighter(Scene.load(folder), rays=16).shade(noon))
+    left = list((folder / store.FOLDER).iterdir()) if obstacle != "file" else []
+    assert left == []
+
+
+def refuse():
+    raise OSError(28, "No space left on device")
+
+
+def test_a_mesh_file_keeps_nothing_beside_it(tmp_path, noon):
+    scene, _ = corner(4)
+    write_mesh_ply(tmp_path / "corner.ply", scene.chunks[0])
+    for each in (Scene.load(tmp_path / "corner.ply"), scene):
+        assert Cache.of_scene(each).folder is None
+    opened(tmp_path / "corner.ply", rays=8).shade(noon)
+    assert [path.name for path in tmp_path.iterdir()] == ["corner.ply"]
+
+
+# -- keys
+
+
+def test_any_change_of_what_light_depends_on_is_another_geometry():
+    scene, _ = corner(3)
+    (chunk,) = scene.chunks
+    moved, tilted = chunk.vertices.copy(), chunk.normals.copy()
+    moved[5, 1] = np.nextafter(moved[5, 1], np.float32(2))
+    tilted[5, 1] = np.nextafter(tilted[5, 1], np.float32(2))
+    turned_faces = np.roll(chunk.faces, 1, axis=1)
+    colors = np.zeros_like(chunk.colors_srgb)
+    same = Scene([Mesh(chunk.vertices, chunk.normals, chunk.faces, colors)])
+    assert geometry_key(same) == geometry_key(scene)  # albedo is not geometry
+    others = [
+        Scene([Mesh(moved, chunk.normals, chunk.faces, colors)]),
+        Scene([Mesh(chunk.vertices, tilted, chunk.faces, colors)]),
+        Scene([Mesh(chunk.vertices, chunk.normals, turned_faces, colors)]),
+        Scene([Mesh(chunk.vertices, chunk.normals, chunk.faces[1:], colors)]),
+        Scene([chunk, chunk]),
+        Scene.from_mesh(chunk, 24),
+        turned(scene, 90.0),
+    ]
+    keys = {geometry_key(each) for each in [scene, *others]}
+    assert len(keys) == len(others) + 1
+
+
+def test_lists_of_arrays_have_keys_of_their_own():
+    a, b = np.arange(4.0), np.arange(4.0).reshape(2, 2)
+    keys = [array_key(*each) for each in ((a,), (b,), (a, b), (b, a), (None,), (), (a, None), (None, a))]
+    assert len(set(keys)) == len(keys)
+    assert array_key(a) == array_key(a.copy()) == array_key(np.arange(8.0)[::2] / 2)
+
+
+# -- what a scene computes
+
+
+@pytest.mark.parametrize("method", ["raytraced", "neural"])
+def test_a_second_run_traces_nothing(folder, noon, method):
+    first = opened(folder, method=method)
+    lit = first.shade(noon, grey(folder))
+    assert first.rays_traced > 0
+    second = opened(folder, method=method)
+    np.testing.assert_array_equal(second.shade(noon, grey(folder)), lit)
+    assert second.rays_traced == 0
+    # Another light, turned, is the same transfer under other coefficients.
+    sunset = Environment.load("sunset").rotated(70.0)
+    np.testing.assert_array_equal(opened(folder, method=method).shade(sunset), first.shade(sunset))
+
+
+def test_another_run_with_a_plan_finds_plan_and_transfer(folder):
+    light = Environment.load("noon")
+    first = opened(folder, tolerance=0.03)
+    lit, plan = first.shading(light, grey(folder)), first.plan_for(light, grey(folder))
+    second = opened(folder, tolerance=0.03)
+    again = second.shading(Environment.load("noon").rotated(40.0).rotated(-40.0), grey(folder))
+    np.testing.assert_array_equal(again.radiance, lit.radiance)
+    assert second.rays_traced == 0 and again.settings == lit.settings
+    assert second.plan_for(light, grey(folder)).as_dict() == plan.as_dict()
+    assert opened(folder, tolerance=0.3).plan_for(light, grey(folder)).tolerance == 0.3
+    assert opened(folder, tolerance=0.03).plan_for(light).contributions != plan.contributions  # white is another
+
+
+def test_a_plan_that_is_broken_is_made_again(folder):
+    light, first = Environment.load("noon"), opened(folder, tolerance=0.03)
+    lit = first.shading(light)
+    (path,) = (folder / store.FOLDER).glob("plan-*.npz")
+    kept = Cache.of_scene(Scene.load(folder))
+    for text in ("{", "{}", "[]", '{"settings": 1}'):
+        kept.put("plan", *path.stem.split("-")[1:], plan=np.array(text))
+        assert opened(folder, tolerance=0.03).shading(light).settings == lit.settings
+
+
+def test_a_torn_transfer_is_traced_again(folder, noon):
+    lit = opened(folder, rays=16).shade(noon)
+    for path in (folder / store.FOLDER).glob("*.npz"):
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    again = opened(folder, rays=16)
+    np.testing.assert_array_equal(again.shade(noon), lit)
+    assert again.rays_traced == 16 * 507
+
+
+def test_another_mesh_in_the_folder_is_traced_anew(folder, noon):
+    opened(folder, rays=16).shade(noon)
+    scene, _ = corner(12)
+    other = turned(scene, 30.0)
+    other.save(folder.parent / "other")
+    shutil.copytree(folder / store.FOLDER, folder.parent / "other" / store.FOLDER)
+    relighter = opened(folder.parent / "other", rays=16)
+    np.testing.assert_array_equal(relighter.shade(noon), Relighter(other, rays=16).shade(noon))
+    assert relighter.rays_traced == 16 * 507
+
+
+@pytest.mark.parametrize("change", [{"seed": 1}, {"method": "neural"}, {"rays": 96}])
+def test_other_rays_are_not_taken_for_these(folder, noon, change):
+    opened(folder, rays=32, bands=4).shade(noon)
+    asked = {"rays": 32, "bands": 4} | change
+    found, fresh = opened(folder, **asked), Relighter(Scene.load(folder), **asked)
+    if "method" in change:  # the network takes the same rays
+        np.testing.assert_array_equal(found.shade(noon), fresh.shade(noon))
+        assert found.rays_traced == 0
+    elif "seed" in change:
+        np.testing.assert_array_equal(found.shade(noon), fresh.shade(noon))
+        assert found.rays_traced == 32 * 507
+    else:  # 32 grow to 128, which serve for 96
+        assert found.shading(noon).settings.rays == 128 and found.rays_traced == 96 * 507
+        assert difference(found.transfer, fresh.transfer) < 0.05
+
+
+def test_more_bands_are_gathered_from_kept_rays(folder, noon):
+    opened(folder, rays=32, bands=3).shade(noon)
+    more = opened(folder, rays=32, bands=8)
+    radiance = more.shade(noon)
+    assert more.rays_traced == 0
+    np.testing.assert_array_equal(radiance, Relighter(Scene.load(folder), rays=32, bands=8).shade(noon))
+    # And fewer bands are the first of more.
+    fewer = opened(folder, rays=32, bands=5)
+    fewer.shade(noon)
+    assert fewer.rays_traced == 0
+    np.testing.assert_array_equal(fewer.transfer[:, :25], more.transfer[:, :25])
+
+
+def test_twice_the_rays_trace_the_new_half(folder, noon):
+    opened(folder, rays=32).shade(noon)
+    twice, again = opened(folder, rays=64), opened(folder, rays=64)
+    lit = twice.shade(noon)
+    assert twice.rays_traced == 32 * 507
+    np.testing.assert_array_equal(again.shade(noon), lit)
+    assert again.rays_traced == 0
+    # What is there is not thrown away for less.
+    fewer = opened(folder, rays=16)
+    assert fewer.shading(noon).settings.rays >= 16 and fewer.rays_traced == 0
+
+
+def test_interreflection_comes_back_to_the_bit(folder, noon):
+    scene = Scene.load(folder)
+    visible = np.random.default_rng(0).random(len(scene.vertices))
+    made = Interreflection(occluder_of(scene), 24, seed=4)
+    kept = Cache.of_scene(scene)
+    kept.put("bounces", 24, **made.arrays())
+    arrays = kept.get("bounces", 24)
+    light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
+    for each in (None, visible):
+        fresh = Interreflection(occluder_of(scene), 24, 4, each)
+        restored = Interreflection.restored(24, arrays, each)
+        np.testing.assert_array_equal(restored.bounce(light), fresh.bounce(light))
+        assert (restored.entries, restored.back_hits, restored.rays) == (fresh.entries, fresh.back_hits, 24)
+        for name in ("hits", "shares"):
+            np.testing.assert_array_equal(getattr(restored, name), getattr(fresh, name))
+        one, other = (with_bounces(light, grey(folder), matrix) for matrix in (restored, fresh))
+        np.testing.assert_array_equal(one[0], other[0])
+        assert one[1] == other[1]

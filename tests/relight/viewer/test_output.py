@@ -1,0 +1,109 @@
+"""What the session leaves behind: pictures, films, cells of notebooks, and one line where something is missing."""
+
+import asyncio
+import sys
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+pytest.importorskip("pyvista")
+
+from viewer_scenes import SIZE, ball_on_plate, bare, session_of
+
+from relight.viewer import record_turntable, view
+from relight.viewer.notebook import serve, shown, ticking
+from relight.viewer.window import Window
+from splat2mesh.base.errors import InputError
+
+pytestmark = pytest.mark.usefixtures("vtk_is_silent")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ball_on_plate()
+
+
+def test_view_saves_the_picture_of_a_session(scene, tmp_path):
+    path = tmp_path / "session.png"
+    options = {"size": SIZE, "tolerance": 0.05, "exposure": 0.35, "state": {"split": True, "angle_deg": 20.0}}
+    assert view(scene, "noon", screenshot=path, **options) is None
+    saved = iio.imread(path)
+    window = Window(session_of(scene, exposure=0.35), SIZE, off_screen=True)
+    window.session.change(split=True, angle_deg=20.0)
+    window.finish()
+    figures = slice(SIZE[1] - 130, SIZE[1] - 48)  # milliseconds differ
+    for picture in (saved, expected := window.picture()):
+        picture[figures] = 0
+    assert saved.shape == (*SIZE[::-1], 3) and np.array_equal(saved, expected)
+    window.close()
+
+
+def test_a_key_saves_pictures_without_the_panel_under_free_names(window, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    expected = bare(window)
+    window.press_key("p")
+    assert "relight_0001.png" in window.note
+    window.press_key("p")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["relight_0001.png", "relight_0002.png"]
+    assert np.array_equal(iio.imread("relight_0001.png"), expected)
+
+
+def test_a_film_holds_every_angle_in_full_and_leaves_the_session_as_it_was(scene, tmp_path):
+    path = tmp_path / "turn.gif"
+    options = {"size": (240, 180), "tolerance": 0.05, "exposure": 0.35}
+    record_turntable(path, scene, "noon", frames=4, **options)
+    film = iio.imread(path, index=None)
+    assert film.shape == (4, 180, 240, 3)
+    window = Window(session_of(scene, exposure=0.35), (240, 180), off_screen=True)
+    for index in range(4):
+        window.session.change(angle_deg=90.0 * index)
+        # 256 colours for each picture
+        assert np.abs(film[index].astype(int) - bare(window)).mean() < 4.0
+    before = window.session.state, window.orbit
+    window.record(tmp_path / "camera.gif", frames=3, what="camera")
+    while window.recording:
+        window.tick()
+    assert (window.session.state, window.orbit) == before and window.note.startswith("saved")
+    assert len(iio.imread(tmp_path / "camera.gif", index=None)) == 3
+    window.record(tmp_path / "dropped.gif")
+    window.tick()
+    window.press_key("v")
+    assert not window.recording and not (tmp_path / "dropped.gif").exists() and window.session.state == before[0]
+    window.close()
+    for name, more in (("turn.gif", {}), ("turn.avi", {}), ("no/turn.gif", {}), ("a.gif", {"frames": 1})):
+        with pytest.raises(InputError):
+            record_turntable(tmp_path / name, scene, "noon", **(options | more))
+
+
+def test_in_a_notebook_the_loop_pushes_every_picture_until_it_is_closed(window):
+    pushed = []
+
+    def push():
+        pushed.append(window.session.state.angle_deg)
+        if len(pushed) == 1:
+            window.press_key("Right")
+        elif pushed[-1] == 5.0:
+            window.quit()
+
+    asyncio.run(ticking(window, push))
+    assert pushed[0] == 0.0 and pushed[-1] == 5.0 and not window.is_open
+
+
+def test_without_trame_one_line_says_what_to_do(window, monkeypatch):
+    for name in ("trame", "trame_pyvista", "trame_pyvista.ui"):
+        monkeypatch.setitem(sys.modules, name, None)
+    for start in (shown, serve):
+        with pytest.raises(InputError, match="pip install"):
+            start(window)
+
+
+def test_without_pyvista_or_a_display_one_line_says_what_to_do(scene, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(InputError, match=r'pip install "splat2mesh\[view\]"'):
+        view(scene, off_screen=True)
+    monkeypatch.undo()
+    if sys.platform == "linux":
+        monkeypatch.delenv("DISPLAY", raising=False)
+        with pytest.raises(InputError, match="no display"):
+            view(scene)

@@ -1,0 +1,159 @@
+"""PlayCanvas SOG, both versions, from images encoded here."""
+
+import json
+import zipfile
+from dataclasses import replace
+
+import imagecodecs
+import numpy as np
+import pytest
+from splat_samples import assert_same, make_splats, smallest_three, store
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.splats.formats import read_splats
+
+
+def webp(values, size):
+    """(N, 3 or 4) integers as a lossless image of `size` (H, W), the rest zero."""
+    image = np.zeros((size[0] * size[1], 4), np.uint8)
+    image[:, 3] = 255
+    image[: len(values), : values.shape[1]] = values
+    return imagecodecs.webp_encode(image.reshape(*size, 4), lossless=True)
+
+
+def sog_parts(splats, version):
+    """File name -> bytes of an unbundled SOG. Scales and colours are snapped to 256 even levels."""
+    n, size = len(splats), (8, -(-len(splats) // 8))
+    mean_log = np.sign(splats.means) * np.log1p(np.abs(splats.means))
+    low, high = mean_log.min(axis=0), mean_log.max(axis=0)
+    fixed = np.rint((mean_log - low) / (high - low) * 65535).astype(int)
+    largest, small = smallest_three(splats.quats_wxyz)
+    quats = np.rint((small * np.sqrt(2) + 1) * 127.5)
+    scale_log, dc = np.log(splats.scales), splats.sh[:, 0]
+
+    def levels(values):
+        return np.rint((values - values.min()) / np.ptp(values) * 255)
+
+    def description(values, channels, name):
+        if version == 2:
+            return {"codebook": np.linspace(values.min(), values.max(), 256).tolist(), "files": [name]}
+        bounds = float(values.min()), float(values.max())
+        spread = {"mins": [bounds[0]] * channels, "maxs": [bounds[1]] * channels}
+        return (spread if channels > 1 else {"mins": bounds[0], "maxs": bounds[1]}) | {"files": [name]}
+
+    means = {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]}
+    meta = {"means": means, "quats": {"files": ["quats.webp"]}}
+    meta |= {"scales": description(scale_log, 3, "scales.webp"), "sh0": description(dc, 3, "sh0.webp")}
+    alpha = np.rint(splats.opacities * 255)
+    if version == 2:
+        meta |= {"version": 2, "count": n}
+    else:
+        means["shape"] = [n, 3]
+        logits = np.log(splats.opacities / (1 - splats.opacities))
+        alpha = levels(logits)
+        meta["sh0"]["mins"].append(float(logits.min()))
+        meta["sh0"]["maxs"].append(float(logits.max()))
+    parts = {
+        "means_l.webp": webp(fixed & 255, size),
+        "means_u.webp": webp(fixed >> 8, size),
+        "quats.webp": webp(np.column_stack([quats, 252 + largest]), size),
+        "scales.webp": webp(levels(scale_log), size),
+        "sh0.webp": webp(np.column_stack([levels(dc), alpha]), size),
+    }
+    if splats.degree:
+        rest = splats.sh.shape[1] - 1
+        palette, label = np.unique(splats.sh[:, 1:], axis=0, return_inverse=True)
+        rows = -(-len(palette) // 64)
+        image = levels(palette).reshape(-1, 3)  # 64 entries a row, each `rest` pixels wide
+        meta["shN"] = description(palette, 1, "shN_centroids.webp")
+        meta["shN"]["files"].append("shN_labels.webp")
+        parts["shN_centroids.webp"] = webp(image, (rows, 64 * rest))
+        parts["shN_labels.webp"] = webp(np.column_stack([label & 255, label >> 8, 0 * label]), size)
+    return parts | {"meta.json": json.dumps(meta).encode()}
+
+
+def store_folder(tmp_path, parts):
+    for name, data in parts.items():
+        store(tmp_path, name, data)
+    return tmp_path
+
+
+def palette_splats(n, degree):
+    """Splats that share 100 sets of higher coefficients."""
+    splats = make_splats(n, degree)
+    return replace(splats, sh=np.concatenate([splats.sh[:, :1], splats.sh[np.arange(n) % 100, 1:]], axis=1))
+
+
+@pytest.mark.parametrize("degree", range(4))
+@pytest.mark.parametrize("version", [1, 2])
+def test_sog_is_right_to_its_quantisation(tmp_path, version, degree):
+    splats = palette_splats(300, degree)
+    found = read_splats(store_folder(tmp_path, sog_parts(splats, version)))
+    # Half a level over each range: 16 bits for the means (times |x| + 1 <= 6 for the logarithm), else 8.
+    np.testing.assert_allclose(found.means, splats.means, atol=0.51 * 4 / 65535 * 6)
+    np.testing.assert_allclose(np.log(found.scales), np.log(splats.scales), atol=0.51 * 8 / 255)
+    np.testing.assert_allclose(found.sh, splats.sh, atol=0.51 * 8 / 255)
+    np.testing.assert_allclose(found.opacities, splats.opacities, atol=0.51 * 4.4 / 255 / (4 if version == 1 else 4.4))
+    np.testing.assert_allclose(found.rotation_matrices(), splats.rotation_matrices(), atol=0.02)
+    assert found.degree == degree
+
+
+def test_sog_folder_meta_and_zip_are_one(tmp_path):
+    parts = sog_parts(palette_splats(100, 1), 2)
+    folder = store_folder(tmp_path, parts)
+    expected = read_splats(folder)
+    assert_same(read_splats(folder / "meta.json"), expected)
+    for prefix in ("", "scene/"):
+        with zipfile.ZipFile(tmp_path / "a.sog", "w") as bundle:
+            for name, data in parts.items():
+                bundle.writestr(prefix + name, data)
+        assert_same(read_splats(tmp_path / "a.sog"), expected)
+
+
+def test_sog_codebook_whose_first_entry_was_lost(tmp_path):
+    splats = palette_splats(100, 0)
+    parts = sog_parts(splats, 2)
+    meta = json.loads(parts["meta.json"])
+    meta["scales"]["codebook"][0] = None
+    found = read_splats(store_folder(tmp_path, parts | {"meta.json": json.dumps(meta).encode()}))
+    step = np.diff(meta["scales"]["codebook"][1:3])[0]
+    # The lost entry is extrapolated by the mean step of the others: half a step of rounding, 1/255 more.
+    np.testing.assert_allclose(np.log(found.scales), np.log(splats.scales), atol=0.52 * step)
+
+
+def test_damaged_sogs(tmp_path):
+    parts = sog_parts(palette_splats(100, 1), 2)
+    meta = json.loads(parts["meta.json"])
+    small = webp(np.zeros((4, 3)), (2, 2))
+    tags = webp(np.column_stack([np.zeros((100, 3)), np.full(100, 9)]), (10, 10))
+    labels = webp(np.full((100, 3), 255), (10, 10))
+
+    def edited(**changes):
+        return {"meta.json": json.dumps(meta | changes).encode()}
+
+    for changes, message in [
+        ({"sh0.webp": b"RIFF but no image"}, r"sh0\.webp is no readable WebP"),
+        ({"scales.webp": small}, r"scales\.webp has 4 pixels"),
+        ({"quats.webp": tags}, "100 quaternions carry no valid mark"),
+        ({"shN_labels.webp": labels}, "uses entry 65535 of the shN palette"),
+        ({"shN_centroids.webp": small}, "2 pixels wide"),
+        (edited(count=0), "holds no splats"),
+        (edited(count=1 << 40), "expected one for each of"),
+        (edited(scales={"files": ["scales.webp"]}), "does not describe a SOG.*mins"),
+        (edited(quats={"files": []}), "does not describe a SOG"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            read_splats(store_folder(tmp_path, parts | changes))
+    store_folder(tmp_path, parts)
+    (tmp_path / "quats.webp").unlink()
+    with pytest.raises(InputError, match=r"quats\.webp is missing"):
+        read_splats(tmp_path)
+    with zipfile.ZipFile(tmp_path / "a.sog", "w") as bundle:
+        for name in parts.keys() - {"quats.webp"}:
+            bundle.writestr(name, parts[name])
+    with pytest.raises(InputError, match=r"lacks quats\.webp"):
+        read_splats(tmp_path / "a.sog")
+    with zipfile.ZipFile(tmp_path / "b.sog", "w") as bundle:
+        bundle.writestr("readme.txt", "nothing")
+    with pytest.raises(InputError, match=r"zip without meta\.json"):
+        read_splats(tmp_path / "b.sog")

@@ -1,0 +1,48 @@
+"""What the tests of the viewer share: a small scene, and sessions that wait for their light."""
+
+import numpy as np
+import open3d as o3d
+
+from relight import Environment
+from relight.viewer.session import Session, choices_of
+from relight.viewer.worker import Inline
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+SIZE = 480, 360  # of small windows
+
+
+def ball_on_plate(resolution=10, **fields):
+    """A ball over a plate, 500 vertices in two chunks, coloured by position: the ball's shadow falls on the plate."""
+    plate = o3d.geometry.TriangleMesh.create_box(3.0, 0.2, 3.0).translate((-1.5, -1.4, -1.5)).subdivide_midpoint(3)
+    ball = o3d.geometry.TriangleMesh.create_sphere(0.8, resolution).translate((0.0, 0.1, 0.0))
+    return as_scene(plate + ball, **fields)
+
+
+def as_scene(mesh, color=None, max_chunk_vertices=300):
+    """A Scene of an open3d mesh; without a colour it is coloured by position."""
+    mesh.compute_vertex_normals()
+    vertices = np.asarray(mesh.vertices, np.float32)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    colors = np.uint8(60 + 160 * (vertices - low) / (high - low))
+    if color is not None:
+        colors[:] = color
+    normals, faces = np.asarray(mesh.vertex_normals, np.float32), np.asarray(mesh.triangles, np.int32)
+    return Scene.from_mesh(Mesh(vertices, normals, faces, colors), max_chunk_vertices)
+
+
+def session_of(scene, environment="noon", **options):
+    """A Session whose background works within `poll`."""
+    options = {"background": Inline, "tolerance": 0.05} | options
+    return Session(scene, choices_of(environment), **options)
+
+
+def constant(radiance=1.0):
+    """The same light from everywhere."""
+    return Environment(np.full((16, 32, 3), radiance, np.float32), "constant")
+
+
+def bare(window):
+    """The settled picture without the panel."""
+    window.session.finish()
+    return window.picture(panel=False).astype(int)
