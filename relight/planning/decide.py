@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from ..light import suns
+from ..light import sun_split
 from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from . import costs
@@ -292,12 +292,12 @@ class _Choice:
         key = settings.bands, settings.suns
         if key in self._splits:
             return {"image": self._splits[key][0]}
-        levels = range(len(suns.LEVELS))
+        levels = range(len(sun_split.LEVELS))
         errors = [self.measured.truncation(settings.bands, level) for level in levels]
         good = [level for level in levels if errors[level] <= 0.5 * settings.suns]
         return {"level": good[0] if good else int(np.argmin(errors))}
 
     def _split(self, key):
-        rest, found = suns.split(self._environment, *key)
+        rest, found = sun_split.split(self._environment, *key)
         self._splits[key] = (rest.radiance if len(found) else None), found, getattr(rest, "width", 0.0)
         self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])

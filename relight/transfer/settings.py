@@ -9,7 +9,7 @@ SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
 directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
 
 SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
-"""Where nothing is planned: the defaults of `suns.split`, of `bounces.Interreflection` and of `with_bounces`."""
+"""Where nothing is planned: the defaults of `sun_split.split`, of `bounces.Interreflection` and of `with_bounces`."""
 
 
 class Settings(NamedTuple):

@@ -81,7 +81,7 @@ class Light(NamedTuple):
 
 
 class Lit(NamedTuple):
-    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `engine.relighter.Shading`. settings: in words.
+    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `Shading`. settings: in words.
 
     effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
     shading took, without what is computed once for a scene.

@@ -353,7 +353,7 @@ def test_a_plane_cannot_be_told_apart():
 
 
 @pytest.mark.parametrize("value", [0.0, 1.0, np.nan, np.inf, -1.0])
-@pytest.mark.filterwarnings("ignore::splat2mesh.errors.DataWarning")
+@pytest.mark.filterwarnings("ignore::splat2mesh.base.errors.DataWarning")
 def test_black_clipped_and_broken_colours_fall_back(value):
     scene = objects()
     captured = np.full((len(scene[3]), 3), value, np.float32)

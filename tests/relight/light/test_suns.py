@@ -6,7 +6,7 @@ import pytest
 from scipy.special import sph_harm_y
 
 from relight import Environment
-from relight.light import sun_clusters, suns
+from relight.light import sun_clusters, sun_split
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.light.sun_split import split
 from relight.light.suns import Suns
@@ -180,8 +180,8 @@ def test_repaired_pixels_are_split_as_repaired():
 
 def test_split_is_found_once_for_all_rotations(monkeypatch):
     calls = []
-    once = suns._split
-    monkeypatch.setattr(suns, "_split", lambda *arguments: calls.append(0) or once(*arguments))
+    once = sun_split._split
+    monkeypatch.setattr(sun_split, "_split", lambda *arguments: calls.append(0) or once(*arguments))
     light = windows()
     first_rest, first = split(light.rotated(20.0))
     rest, taken = split(light.rotated(50.0))
@@ -285,7 +285,7 @@ def test_sunlight_is_the_sum_over_visible_suns():
 def test_suns_all_around_are_a_constant_sky():
     vertices, _, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(2.0, 12))
     count = 4000
-    even = Suns(suns.fibonacci_sphere(count), np.full((count, 3), 4 * np.pi / count))
+    even = Suns(fibonacci_sphere(count), np.full((count, 3), 4 * np.pi / count))
     # The clamped cosine has a kink: the Fibonacci sum is good to count^-1.
     np.testing.assert_allclose(sunlight(Occluder(vertices, vertices, faces), EVERY, even), 1.0, atol=1e-3)
 
