@@ -48,7 +48,7 @@ def appearance_of(choice, capture_env, relighter):
     """
     captured = linear_from_srgb(relighter.scene.colors_srgb / np.float32(255.0))
     if capture_env is not None and choice != "estimated":
-        raise InputError(f"--capture-env: it is there to estimate the albedo, and the albedo is {choice}")
+        raise InputError(f"`capture_env`: it is there to estimate the albedo, and the albedo is {choice}")
     if choice == "captured":
         return _given(captured, captured)
     if choice == "white":
@@ -130,13 +130,13 @@ def _read(choice, count):
     try:
         albedo = np.load(choice)
     except FileNotFoundError:
-        raise InputError(f"--albedo {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
+        raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
+        raise InputError(f"`albedo` {choice}: not an array in .npy format ({error})") from None
     if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
         found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
-        raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
+        raise InputError(f"`albedo` {choice}: expected numbers of shape ({count}, 3), found {found}")
     if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
         low, high = albedo.min(), albedo.max()
-        raise InputError(f"--albedo {choice}: expected linear values from 0 to 1, found {low} to {high}")
+        raise InputError(f"`albedo` {choice}: expected linear values from 0 to 1, found {low} to {high}")
     return albedo.astype(np.float32)
