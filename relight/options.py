@@ -97,7 +97,7 @@ def _able(method: str) -> frozenset[str]:
 
 
 def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozenset[str]:
-    """"auto", or the set of effects of a text or of names. Raises InputError for what makes no sense."""
+    """ "auto", or the set of effects of a text or of names. Raises InputError for what makes no sense."""
     names = choice.replace(",", " ").split() or [""] if isinstance(choice, str) else list(map(str, choice))
     if names == ["auto"]:
         return "auto"

@@ -59,14 +59,12 @@ def planned(
     sizes,  # (C,) vertices of each chunk
     environment,  # Environment
     albedo=None,  # (V, 3) linear, white without
-    options=LightingOptions(tolerance=DEFAULT_TOLERANCE),  # noqa: B008  frozen
+    options=None,  # LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic"
     angles=1,  # for how many lights
 ):
-    """Measure a sample of the scene under all rotations of the light, and choose: a Plan.
-
-    options: LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic".
-    """
+    """Measure a sample of the scene under all rotations of the light, and choose: a Plan."""
     start = time.perf_counter()
+    options = (options or LightingOptions()).planned()
     budget_s, effects = options.budget_s, options.fixed_effects
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)

@@ -96,7 +96,9 @@ def _of_open3d(mesh: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _of_tensors(mesh: Any) -> tuple[Any, Any, Any, Any]:
-    known = {name: mesh.vertex[name].cpu().numpy() for name in ("positions", "normals", "colors") if name in mesh.vertex}
+    known = {
+        name: mesh.vertex[name].cpu().numpy() for name in ("positions", "normals", "colors") if name in mesh.vertex
+    }
     if "positions" not in known or "indices" not in mesh.triangle:
         raise InputError("expected a triangle mesh, found an open3d tensor mesh without positions or indices")
     return known["positions"], mesh.triangle["indices"].cpu().numpy(), known.get("normals"), known.get("colors")
