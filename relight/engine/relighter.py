@@ -133,7 +133,8 @@ class Relighter:
     ) -> "Plan | None":
         """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
 
-        albedo_linear: (V, 3) in [0, 1], white without. angles: for how many lights it is to be worth. Until the light has been shaded its error is a prediction.
+        albedo_linear: (V, 3) in [0, 1], white without. angles: for how many lights it is to be worth. Until the light
+        has been shaded its error is a prediction.
         """
         if self._planner is None or self.options.method not in PLANNED:
             return None

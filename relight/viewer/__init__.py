@@ -44,8 +44,8 @@ def view(
     """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
 
     options, wishes: LightingOptions and fields of them, as of Relighter; a session has a tolerance and no budget. The
-    first of the albedos is shown first. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
-    input that cannot be used, a missing PyVista and a missing display.
+    first of the albedos is shown first. With `screenshot` no window opens: the picture is written when its light is
+    complete. Raises InputError for input that cannot be used, a missing PyVista and a missing display.
     """
     from .window import SIZE, Window, in_notebook, load_pyvista
 

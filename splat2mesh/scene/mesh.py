@@ -21,7 +21,7 @@ class Mesh:
 
 
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
-    """Unit normals (V, 3) of points (V, 3) and faces (F, 3), by the angle-free mean of the face normals that open3d takes."""
+    """Unit normals (V, 3) of points (V, 3) and faces (F, 3): the mean of the face normals, as open3d takes it."""
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(faces))
