@@ -117,13 +117,13 @@ def angles_from(text: str) -> list[float]:
     except ValueError:
         values = []
     if len(values) not in (1, 3) or not all(map(math.isfinite, values)):
-        raise InputError(f"`rotate` {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10")
+        raise InputError(f"--rotate {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10")
     start, stop, step = values if len(values) == 3 else (values[0], values[0], 1.0)
     if step == 0.0 or (stop - start) / step < 0.0:
-        raise InputError(f"`rotate` {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
+        raise InputError(f"--rotate {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
     count = math.floor((stop - start) / step + 1e-6) + 1
     if count > MAX_ANGLES:
-        raise InputError(f"`rotate` {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step")
+        raise InputError(f"--rotate {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 
@@ -137,7 +137,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     _check(options, source)
     angles = angles_from(options.rotate)
     if (options.view or options.animate) and len(angles) > 1:
-        raise _error(f"`rotate` {options.rotate}: a session or an animation has one angle")
+        raise _error(f"--rotate {options.rotate}: a session or an animation has one angle")
     names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
     lighting = LightingOptions(**{name: getattr(options, name) for name in names})
     folders = [] if options.plan or options.view else _output_folders(options, source, angles)
@@ -187,9 +187,9 @@ def _check(options: argparse.Namespace, source: Path) -> None:
         raise _error(f"{source}: no such scene folder or mesh file")
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
-        raise _error(f"`exposure` {options.exposure}: expected stops from -{limit} to {limit}")
+        raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
     if options.screenshot and not options.view:
-        raise _error("`screenshot`: it is one of the session; give `view` too")
+        raise _error("--screenshot: it is one of the session; give --view too")
 
 
 def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
@@ -203,7 +203,7 @@ def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
 
 def _planned(job: "Job") -> tuple[list[str], Any]:
     if job.plan is None:
-        raise _error(f"`plan`: the method {job.options.method} has nothing to plan; leave it at auto")
+        raise _error(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
     return job.plan.table(), {"plan": job.plan.as_dict()}
 
 
