@@ -1,6 +1,12 @@
-"""What the tests of the session share."""
+"""What the tests share."""
 
-import pytest
+import os
+
+# As the commands set them, before any library reads them: waiting threads must not take the cores of other tests.
+os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+import pytest  # noqa: E402
 
 
 @pytest.fixture

@@ -49,7 +49,8 @@ class LiveTransfer:
         counts = [len(chunk.vertices) for chunk in scene.chunks]
         self._starts = np.append(0, np.cumsum(counts))
         self._body_of = _bodies(moving, len(counts))
-        self._vertices, self._normals, faces = scene.vertices, unit_normals(scene.normals), scene.faces
+        self._vertices, faces = np.array(scene.vertices), scene.faces  # a copy: it is what moves
+        self._normals = np.array(unit_normals(scene.normals))
         if len(faces) == 0:
             raise InputError("the scene has no faces: light needs a surface")
         self.frame = Frame.around(self._vertices, faces) if frame is None else frame

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -11,11 +12,12 @@ import numpy as np
 from ..base.errors import InputError
 from .color import srgb_from_linear
 from .mesh import Mesh
+from .plymesh import check_whole
 
 READABLE_SUFFIXES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off")
 
 
-def read_mesh(path):
+def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
     The vertex order is the one in which open3d reads the file. Raises InputError for a file that is missing, of
@@ -29,13 +31,13 @@ def read_mesh(path):
     if path.suffix.lower() not in READABLE_SUFFIXES:
         raise InputError(f"{path}: not a mesh file I can read; expected one of {' '.join(READABLE_SUFFIXES)}")
     silent = o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error)
-    with silent, _complaints() as complaints, _triangulated_obj(path) as readable:
+    if path.suffix.lower() == ".ply":
+        check_whole(path)  # open3d hands over the part that it could read, and says so on stderr alone
+    with silent, _triangulated_obj(path) as readable:
         try:
             mesh = o3d.io.read_triangle_mesh(os.fspath(readable))
         except RuntimeError as error:
             raise InputError(f"{path}: cannot be read as a mesh ({error})") from error
-    if complaints:
-        raise InputError(f"{path}: broken or cut short ({complaints[0]}); export the mesh again")
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
@@ -57,7 +59,7 @@ def read_mesh(path):
     )
 
 
-def write_mesh_ply(path, mesh):
+def write_mesh_ply(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour."""
     vertex = np.zeros(len(mesh.vertices), [("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
     vertex["position"], vertex["normal"], vertex["color"] = mesh.vertices, mesh.normals, mesh.colors_srgb
@@ -74,25 +76,7 @@ def write_mesh_ply(path, mesh):
 
 
 @contextmanager
-def _complaints():
-    """Yield a list that holds, after the block, what open3d's PLY reader printed on the process's stderr.
-
-    It prints errors there, whatever the logging level, and hands over the part of the mesh that it could read.
-    """
-    lines, stderr = [], os.dup(2)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
-        try:
-            yield lines
-        finally:
-            os.dup2(stderr, 2)
-            os.close(stderr)
-            file.seek(0)
-            lines += [line for line in file.read().decode(errors="replace").split("\n") if "RPly" in line]
-
-
-@contextmanager
-def _triangulated_obj(path):
+def _triangulated_obj(path: Path) -> Iterator[Path]:
     """The file itself, or for an OBJ with larger polygons (which open3d skips) a temporary fan-triangulated copy."""
     lines = []
     if path.suffix.lower() == ".obj":
@@ -113,5 +97,5 @@ def _triangulated_obj(path):
         yield copy
 
 
-def _is_polygon(corners):
+def _is_polygon(corners: list[str]) -> bool:
     return corners[:1] == ["f"] and len(corners) > 4

@@ -209,11 +209,11 @@ def test_options_are_for_all_objects_that_do_not_say(folder):
     found = plan_layout(path, up="+y", detail="draft")["objects"]
     np.testing.assert_array_equal(found["object"]["scene_from_splat"], np.eye(4))
     assert found["object-2"]["scene_from_splat"] != found["object"]["scene_from_splat"]
-    with pytest.raises(InputError, match="--cameras sparse: in a layout, give each object its own"):
+    with pytest.raises(InputError, match="`cameras` sparse: in a layout, give each object its own"):
         convert_layout(path, cameras="sparse")
-    with pytest.raises(InputError, match="--detail bold"):
+    with pytest.raises(InputError, match="`detail` bold"):
         convert_layout(path, detail="bold")
-    with pytest.raises(InputError, match="--vertices 0"):
+    with pytest.raises(InputError, match="`vertices` 0"):
         convert_layout(path, vertices=0)
 
 

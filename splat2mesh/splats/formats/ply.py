@@ -8,7 +8,7 @@ import itertools
 import os
 import sys
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +26,14 @@ _TYPES = {
 
 @dataclass
 class Element:
-    """One element of a header: its row count, and the NumPy type code or "list" of each property."""
+    """One element of a header: its row count, and the NumPy type code or "list" of each property.
+
+    lists: property -> the type codes of its list's length and of its items.
+    """
 
     count: int
     properties: dict
+    lists: dict = field(default_factory=dict)
 
     @property
     def has_lists(self):
@@ -75,6 +79,7 @@ class Ply:
                         element and name not in element.properties and {count_type, item_type} <= _TYPES.keys()
                     ):
                         element.properties[name] = "list"
+                        element.lists[name] = _TYPES[count_type], _TYPES[item_type]
                     case ["property", kind, name] if element and name not in element.properties and kind in _TYPES:
                         element.properties[name] = _TYPES[kind]
                     case _:
@@ -83,6 +88,11 @@ class Ply:
             if format is None:
                 raise InputError(f"{path}: the PLY header has no format line: the file is damaged")
             return cls(path, format, elements, file.tell())
+
+    @property
+    def byte_order(self):
+        """That of the rows, as NumPy writes it; "=" for ascii."""
+        return _BYTE_ORDERS[self.format]
 
     def rows(self, name):
         """The rows of element `name`: structured array (count,), memory-mapped when the file is binary.

@@ -104,5 +104,5 @@ def test_given_colours_leave_their_irradiance(table, relighter, tmp_path):
     np.testing.assert_allclose(half.irradiance, 2 * captured, rtol=1e-6)
     for look in (as_captured, white, half):
         assert look.capture is None and look.prior is None
-    with pytest.raises(InputError, match="--capture-env"):
+    with pytest.raises(InputError, match="`capture_env`"):
         appearance_of("white", Environment.load("noon"), relighter)

@@ -369,7 +369,7 @@ def test_slivers_and_lost_faces_do_no_harm(ball):
 def test_bad_input_is_refused(ball):
     count = len(ball.vertices)
     for size in (8, 10_000, 20.5, True):
-        with pytest.raises(InputError, match="--texture-size"):
+        with pytest.raises(InputError, match="`texture_size`"):
             bake(ball, size=size)
     with pytest.raises(InputError, match=rf"irradiance must have shape \({count}, 3\)"):
         bake(ball, irradiance=np.ones((count - 1, 3)), size=64)

@@ -35,7 +35,7 @@ def test_a_new_output_is_accepted_wherever_it_can_be_made(tmp_path):
 def test_an_existing_output_needs_overwrite(tmp_path, kind):
     path = tmp_path / "out"
     {"file": path.touch, "folder": path.mkdir, "dangling link": lambda: path.symlink_to("nowhere")}[kind]()
-    with pytest.raises(InputError, match=r"out exists already.*-o.*--overwrite"):
+    with pytest.raises(InputError, match=r"out exists already.*`output`.*`overwrite`"):
         check_output(path, overwrite=False)
     check_output(path, overwrite=True)
 

@@ -173,7 +173,7 @@ def test_what_is_not_there_is_refused(tmp_path):
 
 def test_an_existing_output_is_refused_and_stays_as_it_was(saved):
     before = {name: (saved / name).read_bytes() for name in listing(saved) if (saved / name).is_file()}
-    with pytest.raises(InputError, match=r"exists already.*--overwrite"):
+    with pytest.raises(InputError, match=r"exists already.*`overwrite`"):
         random_scene(seed=1).save(saved)
     assert {name: (saved / name).read_bytes() for name in before} == before
 
@@ -192,7 +192,7 @@ def test_overwriting_spares_what_is_no_scene(tmp_path):
     (folder / "cat.jpg").write_text("cat")
     file.write_text("dear")
     for path in (folder, file):
-        with pytest.raises(InputError, match=r"holds no scene.json, so --overwrite spares it"):
+        with pytest.raises(InputError, match=r"holds no scene.json, so `overwrite` spares it"):
             random_scene().save(path, overwrite=True)
     assert listing(tmp_path) == ["letter.txt", "photos", "photos/cat.jpg"]
     assert file.read_text() == "dear"

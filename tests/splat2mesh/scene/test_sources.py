@@ -93,7 +93,7 @@ def test_a_scene_folder_of_before_without_a_path(work):
     meta = json.loads((folder / "scene.json").read_text())
     del meta["source"]["path"]
     (folder / "scene.json").write_text(json.dumps(meta))
-    with pytest.raises(InputError, match="does not exist: name the right one with --splat FILE"):
+    with pytest.raises(InputError, match="does not exist: name the right one by `splat`"):
         source_splats(Scene.load(folder))
     (work / "a" / "guitar.ply").rename(folder.parent / "guitar.ply")
     assert source_splats(Scene.load(folder))[1] == [folder.parent / "guitar.ply"]
@@ -108,11 +108,11 @@ def test_another_file_of_the_name_is_passed_over(work):
 def test_a_changed_or_missing_splat_is_refused_with_the_next_step(work):
     scene = Scene.load(work / "a" / "out" / "guitar")
     write_ply(work / "a" / "guitar.ply", 30, seed=1)
-    with pytest.raises(InputError, match=r"a/guitar.ply is not the splat .*SHA-256 differs.*--splat FILE") as caught:
+    with pytest.raises(InputError, match=r"a/guitar.ply is not the splat .*SHA-256 differs.*`splat`") as caught:
         source_splats(scene)
     assert "\n" not in str(caught.value)
     (work / "a" / "guitar.ply").unlink()
-    with pytest.raises(InputError, match=r"a/guitar.ply, which .* does not exist: .*--splat FILE"):
+    with pytest.raises(InputError, match=r"a/guitar.ply, which .* does not exist: .*`splat`"):
         source_splats(scene)
 
 
@@ -121,9 +121,9 @@ def test_a_given_path_is_the_only_one_looked_at(work):
     other = write_ply(work / "other.ply", 30, seed=1)
     renamed = shutil.copy(work / "a" / "guitar.ply", work / "renamed.bin")
     assert source_splats(scene, renamed)[1] == [renamed]
-    with pytest.raises(InputError, match=r"other.ply is not the splat .*--splat must name the unchanged one"):
+    with pytest.raises(InputError, match=r"other.ply is not the splat .*`splat` must name the unchanged one"):
         source_splats(scene, other)
-    with pytest.raises(InputError, match=r"--splat nothing.ply: no such file"):
+    with pytest.raises(InputError, match=r"`splat` nothing.ply: no such file"):
         source_splats(scene, "nothing.ply")
 
 

@@ -164,7 +164,7 @@ def test_cutting_leaves_what_the_foreground_alone_gives_and_says_so(converted):
     alone, cut = converted["alone"], converted["cut"]
     (warning,) = converted["warnings"]
     assert f"{DOME} of {20_000 - alone.statistics['splats_invisible'] + DOME} splats" in str(warning.message)
-    assert "--background keep" in str(warning.message)
+    assert "`background` keep" in str(warning.message)
     assert cut.settings["background"] == "cut" and cut.statistics["splats_background"] == DOME
     assert alone.statistics["splats_background"] == 0
     # Splats stand in another order, so sums are rounded differently; more, only where a choice was that close.
@@ -225,5 +225,5 @@ def test_the_plan_counts_the_background_and_measures_the_foreground(files):
     assert with_dome["splats"] == alone["splats"] + DOME and with_dome["background"] == "cut"
     np.testing.assert_array_equal(with_dome["bounds_in_splat_frame"], alone["bounds_in_splat_frame"])
     assert with_dome["training_pixel"] == alone["training_pixel"]
-    with pytest.raises(InputError, match="--background drop: expected one of cut keep"):
+    with pytest.raises(InputError, match="`background` drop: expected one of cut keep"):
         plan(files / "dome.ply", background="drop")

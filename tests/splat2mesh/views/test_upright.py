@@ -52,7 +52,7 @@ def test_minus_y_is_exactly_half_a_turn_about_x_and_the_default_without_cameras(
 
 
 def test_another_up_is_refused_with_the_choices():
-    with pytest.raises(InputError, match=r"--up up: expected one of auto \+y -y \+z -z"):
+    with pytest.raises(InputError, match=r"`up` up: expected one of auto \+y -y \+z -z"):
         scene_from_splat("up")
 
 

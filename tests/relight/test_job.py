@@ -1,0 +1,72 @@
+"""Job: no work before it is asked for, stage after stage, and the same results for a scene in memory as for its folder."""
+
+import json
+
+import numpy as np
+import pytest
+from viewer_scenes import ball_on_plate
+
+from relight import Environment, LightingOptions, Scene
+from relight.job import Job
+from splat2mesh.base.errors import InputError
+
+FAST = LightingOptions("analytic", bands=3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("job") / "ball"
+    ball_on_plate().save(path)
+    return path
+
+
+def test_the_constructor_does_no_work():
+    job = Job("nowhere", "no light.exr", albedo="nothing.npy", splat="no splat", capture_env="no sky", animated=True)
+    assert not job.stages.seconds
+    with pytest.raises(InputError, match=r"no light\.exr"):
+        job.scene  # noqa: B018
+    with pytest.raises(InputError, match="nowhere"):
+        Job("nowhere", "noon").scene  # noqa: B018
+
+
+def test_stages_are_done_once_and_only_as_far_as_they_are_asked_for(folder):
+    job = Job(folder, "noon", FAST, caching="none")
+    assert job.scene is job.scene and set(job.stages.seconds) == {"environment", "load"}
+    assert job.plan is not None and "shade" not in job.stages.seconds
+    assert job.plan is job.plan and job.appearance is job.appearance
+    (shaded,) = job.shaded()
+    assert "shade" in job.stages.seconds and "write" not in job.stages.seconds
+    assert job.report(shaded)["files"] == [] and json.dumps(job.report(shaded))
+
+
+def test_a_scene_in_memory_gives_what_its_folder_gives(folder, tmp_path):
+    light = Environment.load("noon")
+    jobs = (
+        Job(folder, "noon", FAST, angles_deg=(0.0, 30.0), albedo="captured", formats=("npy",), caching="none"),
+        Job(ball_on_plate(), light, FAST, angles_deg=(0.0, 30.0), formats=("npy",)),
+    )
+    for job, name in zip(jobs, "ab", strict=True):
+        for number, shaded in enumerate(job.shaded()):
+            job.write(shaded, tmp_path / f"{name}{number}")
+    for number in range(2):
+        one, other = (np.load(tmp_path / f"{name}{number}" / "radiance.npy") for name in "ab")
+        np.testing.assert_array_equal(one, other)
+    reports = [json.loads((tmp_path / f"{name}1" / "report.json").read_text()) for name in "ab"]
+    assert [report["angle_deg"] for report in reports] == [30.0, 30.0]
+    assert [report["albedo"] for report in reports] == ["captured", "captured"]
+    assert reports[0]["exposure"] == reports[1]["exposure"]
+
+
+def test_the_albedo_may_be_an_array(folder):
+    scene = Scene.load(folder)
+    grey = np.full((scene.vertex_count, 3), 0.5, np.float32)
+    (shaded,) = Job(scene, "noon", FAST, albedo=grey).shaded()
+    (white,) = Job(scene, "noon", FAST, albedo="white").shaded()
+    np.testing.assert_array_equal(shaded.shading.radiance, 0.5 * white.shading.radiance)
+    with pytest.raises(InputError, match="`albedo` an array: expected numbers of shape"):
+        Job(scene, "noon", FAST, albedo=grey[1:]).appearance  # noqa: B018
+
+
+def test_a_scene_without_a_splat_is_lit_by_its_own_colours(folder):
+    assert Job(ball_on_plate(), "noon", FAST).appearance.capture is None
+    assert Job(folder, "noon", FAST, caching="none").appearance.capture is not None
