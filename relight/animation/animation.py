@@ -34,7 +34,7 @@ class Animation:
         self._data = GltfData(path)
         document = self._data.document
         self._order, self._parent, self._shown = self._data.hierarchy()
-        self._rest = self._data.rest_transforms()
+        self._initial = self._data.initial_transforms()
         self.names = [each.name or str(number) for number, each in enumerate(document.animations or [])]
         number = _chosen(self._data.path, self.names, animation)
         self.name = self.names[number]
@@ -54,7 +54,7 @@ class Animation:
 
         Both (V, 3) float32, scene frame; the normals unit, or 0 where a vertex has none.
         """
-        transforms = [dict(each) for each in self._rest]
+        transforms = [dict(each) for each in self._initial]
         weights = {}
         for (node, path), track in self._tracks.items():
             value = track.at(time_s)
@@ -118,7 +118,7 @@ class Animation:
                 tracks[node, path] = Track(times, values.reshape(shape), interpolation, path == "rotation")
             except InputError as error:
                 raise InputError(f"{self._data.path}: {what}: {error}") from None
-            if "matrix" in self._rest[node] and path != "weights":
+            if "matrix" in self._initial[node] and path != "weights":
                 raise InputError(f"{self._data.path}: node {node} is animated and has a matrix, which glTF rules out")
         return tracks
 

@@ -58,12 +58,12 @@ class Environment:
         path = Path(source)
         image = _read(path)
         image, repaired = _repaired(image, path.name)
-        layout = projections.recognise(image)
-        if layout == "angular map":
+        projection = projections.recognise(image)
+        if projection == "angular map":
             image = projections.latlong_from_angular(image)
-        elif layout == "vertical cross":
+        elif projection == "vertical cross":
             image = projections.latlong_from_cross(image)
-        elif layout is None:
+        elif projection is None:
             height, width = image.shape[:2]
             warnings.warn(
                 f"{path.name}: {width} x {height} is neither 2:1, nor an angular map (square, black outside "

@@ -13,7 +13,7 @@ PICTURE_SIZE = 960, 720
 class Results:
     """Writes the results of a scene, light after light.
 
-    kinds: words of `files.FILES`. baked: some of `files.BAKED`. splats: (Splats, paths of their files), None where no
+    kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without.
     """
 
@@ -79,19 +79,20 @@ class Results:
         from ..texture import bake
         from .textured_files import write_textured_glb, write_transfer
 
-        look = self._appearance
+        appearance = self._appearance
         if self._texture is None:
-            known = {"irradiance": look.irradiance, "prior": look.prior}
-            if look.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
-                known = {"albedo": np.ones_like(look.captured) if look.albedo is None else look.albedo}
-                known = {} if look.albedo is look.captured else known
+            known = {"irradiance": appearance.irradiance, "prior": appearance.prior}
+            if appearance.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
+                white = np.ones_like(appearance.captured)
+                known = {"albedo": white if appearance.albedo is None else appearance.albedo}
+                known = {} if appearance.albedo is appearance.captured else known
             known |= {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
             self._texture = bake(self._scene, self._splats, **known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-            picture = self._texture.relit(look.received(radiance), exposure)
+            picture = self._texture.relit(appearance.received(radiance), exposure)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
             write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)

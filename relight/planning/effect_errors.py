@@ -21,7 +21,7 @@ DARK = 1e-3
 """Errors are over at least this part of what open surfaces would send on: no promise holds in the dark."""
 
 
-class Measured:
+class EffectErrors:
     """A sample of a scene under an environment: what its effects contribute.
 
     sample: Sample. albedo: (V, 3) or None for white. total: (TURNS,) norms of all light, over which errors are.

@@ -11,7 +11,7 @@ from splat2mesh.splats.splats import ABSURD_LENGTH, INVISIBLE_OPACITY, MIN_SPLAT
 
 from .attachment import Places, Surface
 from .backproject import backproject
-from .light_ratio import CURVE_OFFSET, change_of_light, relit_sh
+from .light_ratio import CURVE_OFFSET, log_gain, relit_sh
 
 VIEWS, PIXELS = 32, 256
 """Virtual views of the fit and their longer side. 24 or 48 views or 320 pixels differ by less than 0.1 dB; 192
@@ -85,7 +85,7 @@ class Binding:
                 f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
             )
         shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
-        of_vertices, mean = change_of_light(self._captured, before, after, shares)
+        of_vertices, mean = log_gain(self._captured, before, after, shares)
         of_nodes = self.surface.of_vertices(of_vertices)
         logs = self.places.interpolate(of_nodes)
         correction = self._fit(of_nodes, logs, mean, rounds) if len(self._looks) else 0.0
@@ -117,7 +117,7 @@ class Binding:
             sums[:] = 0.0
             for look in self._looks:
                 color = rasterize(current, look.view, self._near).color
-                error = np.expm1(look.change(of_nodes)) * look.base - (color - look.color)
+                error = np.expm1(look.log_gain(of_nodes)) * look.base - (color - look.color)
                 backproject(s, look.view, look.values(error), sums, self._near)
             moved += sums[:, :3] / (sums[:, 3:] + CAUTION) / SH_C0
         correction = np.zeros_like(logs)
@@ -154,7 +154,7 @@ class _Look:
         second, third = hits["primitive_uvs"].numpy()[self._known].T
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)
 
-    def change(self, of_nodes):
+    def log_gain(self, of_nodes):
         """b of what each pixel shows: (H, W, 3) float32, 0 where that is not known."""
         result = np.zeros_like(self.color)
         result[self._known] = np.einsum("nk,nkc->nc", self._shares, of_nodes[self._corners])

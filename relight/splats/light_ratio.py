@@ -29,7 +29,7 @@ _DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte tells 
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
-def change_of_light(
+def log_gain(
     captured,  # (V, 3) linear colours as captured
     before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
     after,  # (V, 3) irradiance in the new light, exposure applied

@@ -81,8 +81,8 @@ def unwrap(scene, size):
     total = float(face_areas(nodes[:, :3], corners).sum())
     if not 0.0 < total < np.inf:
         raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
-    uv, faces, pixels = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
-    uv = (uv * (size / pixels)).astype(np.float32)
+    uv, faces, side = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
+    uv = (uv * (size / side)).astype(np.float32)
     best = np.full((size, size), np.inf, np.float32)
     face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
     _draw(uv, faces, np.float32(REACH), best, face, weights)

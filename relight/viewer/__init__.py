@@ -3,7 +3,7 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `session` state and light, `background` and `lighting` the heavy work in a process of its own, `views` what the
+Modules: `session` state and light, `worker` and `lighting` the heavy work in a process of its own, `modes` what the
 surface is coloured by, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
 """
 

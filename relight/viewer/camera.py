@@ -59,8 +59,8 @@ class Orbit:
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
 
-    def in_frame(self, aspect):
-        """The same, from as much farther as a window lower than a picture, (width over height), shows less."""
+    def in_window(self, aspect):
+        """The same view from so far that a window of this aspect, width over height, shows all of a picture."""
         return replace(self, distance=self.distance * max(1.0, aspect / PICTURE_ASPECT))
 
     @property

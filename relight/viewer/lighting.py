@@ -1,6 +1,6 @@
 """What the session asks of the engine, in the order in which a person wants to see it.
 
-The only module of the viewer that knows the engine. It runs in the background process (`background`) and answers
+The only module of the viewer that knows the engine. It runs in the worker process (`worker`) and answers
 each wish with a few results: the light, then the transfers with which the window shades by itself at once, then
 what takes longer. Nothing here knows of windows.
 """
@@ -29,7 +29,7 @@ SAMPLE = 256
 SAMPLE_RAYS = 1024
 """Rays of each of them that gather bounced light: their noise is a quarter of that of the 64 rays of the engine."""
 
-MOST_PLANNERS = 8
+MOST_RELIGHTERS = 8
 """Tolerances whose plans are remembered."""
 
 DRAG_BANDS = 4
@@ -116,7 +116,7 @@ class Lighting:
         self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
         self.step = None
         self._relighter = Relighter(scene, stages=stages, **options)
-        self._options, self._planners, self._converged = options, {}, None
+        self._options, self._relighters, self._converged = options, {}, None
         self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
 
     def answers(self, wish):
@@ -146,12 +146,12 @@ class Lighting:
         return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
 
     def _transfer(self, wish):
-        planner, plan = self._planned(wish)
+        relighter, plan = self._planned(wish)
         if plan is None:
-            if planner.method == "blinn-phong":
+            if relighter.method == "blinn-phong":
                 return None
-            return planner.transfer
-        transfer, done = planner.precomputed.transfer(plan.settings)
+            return relighter.transfer
+        transfer, done = relighter.precomputed.transfer(plan.settings)
         if done[:4] == self._transfer_sent:
             return None
         self._transfer_sent = done[:4]
@@ -159,32 +159,32 @@ class Lighting:
 
     def _shading(self, wish):
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
-        planner, plan = self._planned(wish)
-        whole = planner.shading(environment, albedo)  # with all effects: what is computed once, and the plan checked
+        relighter, plan = self._planned(wish)
+        whole = relighter.shading(environment, albedo)  # with all effects: what is computed once, and the plan checked
         settings = restricted(whole.settings, wish.effects)
         start = time.perf_counter()
-        shading = planner.shading(environment, albedo, settings)
+        shading = relighter.shading(environment, albedo, settings)
         seconds = time.perf_counter() - start
         predicted = None if plan is None else plan.error
         words = str(shading.settings)
         return Lit(*shading[:3], words, whole.settings.effects, predicted, seconds)
 
     def _bounced(self, wish):
-        albedo, (planner, plan) = self.albedos[wish.albedo], self._planned(wish)
+        albedo, (relighter, plan) = self.albedos[wish.albedo], self._planned(wish)
         rays = 0 if plan is None else restricted(plan.settings, wish.effects).bounce_rays
         if not rays or albedo is None:
             return None
         from ..transfer.bounces import transfer_with_bounces
 
-        plain = planner.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
-        bounced, _ = transfer_with_bounces(plain, albedo, planner.precomputed.interreflection(rays, plain))
+        plain = relighter.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
+        bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
         return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
 
     def _error(self, wish):
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
-        planner, _ = self._planned(wish)
-        whole = planner.shading(environment, albedo)
-        shown = planner.shading(environment, albedo, restricted(whole.settings, wish.effects))
+        relighter, _ = self._planned(wish)
+        whole = relighter.shading(environment, albedo)
+        shown = relighter.shading(environment, albedo, restricted(whole.settings, wish.effects))
         return self._error_of(shown.radiance, whole.radiance, wish)
 
     def _reference(self, wish):
@@ -220,14 +220,14 @@ class Lighting:
 
         All share what was traced.
         """
-        if wish.tolerance not in self._planners:
-            while len(self._planners) >= MOST_PLANNERS:
-                self._planners.pop(next(iter(self._planners)))
+        if wish.tolerance not in self._relighters:
+            while len(self._relighters) >= MOST_RELIGHTERS:
+                self._relighters.pop(next(iter(self._relighters)))
             options = {name: value for name, value in self._options.items() if name != "cache"}
             options |= {"stages": self.stages, "tolerance": wish.tolerance, "precomputed": self._relighter.precomputed}
-            self._planners[wish.tolerance] = Relighter(self.scene, **options)
-        planner = self._planners[wish.tolerance]
-        return planner, planner.plan_for(self._environment(wish), self.albedos[wish.albedo])
+            self._relighters[wish.tolerance] = Relighter(self.scene, **options)
+        relighter = self._relighters[wish.tolerance]
+        return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
     def _environment(self, wish):
         """The Environment of a wish, turned. The last one stays loaded."""

@@ -1,4 +1,4 @@
-"""What each view of the session colours the surface by."""
+"""What the session colours the surface by, in each of its modes."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -34,17 +34,17 @@ _CHUNKS = np.array(
 _LAMP = np.array([0.35, 0.8, 0.48], np.float32)  # gives the flat colours of chunks their shape
 
 
-class View(NamedTuple):
+class Mode(NamedTuple):
     """One way to colour. title: on screen. text: for the help. colors: of a Session, (V, 3) uint8.
 
-    live: whether it depends on the light. reference: whether it needs converged light at every vertex.
+    lights: whether it depends on the light. reference: whether it needs converged light at every vertex.
     scale: of a Session, the end of its scalar bar.
     """
 
     title: str
     text: str
     colors: Callable
-    live: bool = False
+    lights: bool = False
     reference: bool = False
     scale: Callable | None = None
 
@@ -77,12 +77,12 @@ def _error(session):
     return map_colors(errors / error_scale(session))
 
 
-VIEWS = {
-    "relit": View("Relit", "under the light", _relit, True),
-    "albedo": View("Albedo", "the colour of the surface itself", _albedo),
-    "normals": View("Normals", "red to the right, green up, blue to the front", _normals),
-    "chunks": View("Chunks", "the parts that the mesh is cut into", _chunks),
-    "error": View("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
+MODES = {
+    "relit": Mode("Relit", "under the light", _relit, True),
+    "albedo": Mode("Albedo", "the colour of the surface itself", _albedo),
+    "normals": Mode("Normals", "red to the right, green up, blue to the front", _normals),
+    "chunks": Mode("Chunks", "the parts that the mesh is cut into", _chunks),
+    "error": Mode("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
 }
 
 

@@ -53,17 +53,17 @@ class Raster:
         in_slices(_rasterise, height, local, self._faces, np.float32(self._near), self._face, self._weights)
         self._seen, self._sky_places = (orbit, size), None
 
-    def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, background=((0, 0, 0), (0, 0, 0))):
+    def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, backdrop=((0, 0, 0), (0, 0, 0))):
         """The picture, (H, W, 3) uint8, BOTTOM row first.
 
         colors: (V, 3) uint8. captured: the same, shown left of `split`, 0..1 over the width. sky: (H', W', 3) uint8
-        canonical lat-long, turned by `angle_deg`; without one `background`, sRGB bytes at the bottom and the top.
+        canonical lat-long, turned by `angle_deg`; without one `backdrop`, sRGB bytes at the bottom and the top.
         """
         width, height = self.size
         out = np.zeros((height, width, 3), np.uint8)
         left = width * split if captured is not None else 0.0
         captured = colors if captured is None else captured
-        ramp = np.linspace(*np.asarray(background, np.float32), height).astype(np.float32)
+        ramp = np.linspace(*np.asarray(backdrop, np.float32), height).astype(np.float32)
         if sky is None:
             places, sky = np.zeros((0, 0, 2), np.float32), np.zeros((1, 1, 3), np.uint8)
         else:

@@ -1,8 +1,8 @@
 """The state of an interactive session and the light that belongs to it. Knows nothing of windows.
 
 A change of the light shows at once: one product of the transfer that the window holds with the new coefficients, and
-another for bounced light in few bands. Suns and bounces in full, errors and references follow from the background
-(`background`) when the light has not moved for `REST_SECONDS`.
+another for bounced light in few bands. Suns and bounces in full, errors and references follow from the worker
+(`worker`) when the light has not moved for `REST_SECONDS`.
 """
 
 import time
@@ -18,12 +18,12 @@ from ..light.environment import Environment, turned_about_y
 from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
 from .lighting import Wish, available_effects, check_albedos, keys
-from .modes import VIEWS
+from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
 from .worker import Process
 
 REST_SECONDS = 0.15
-"""Of stillness before the background takes up a new angle: for a hand that stops, not one that slows down."""
+"""Of stillness before the worker takes up a new angle: for a hand that stops, not one that slows down."""
 
 TURN_DEG_PER_SECOND = 36.0
 
@@ -35,14 +35,14 @@ RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0
 class State:
     """All that a person can set, but the camera.
 
-    environment, albedo, view: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
+    environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself.
     """
 
     environment: str
     albedo: str
-    view: str = "relit"
+    mode: str = "relit"
     angle_deg: float = 0.0
     exposure_ev: float = 0.0
     tolerance: float = 0.02
@@ -59,7 +59,7 @@ class Session:
     """One scene under the lights of a list, with what a person has set.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
-    progress: (label, fraction or None) of the work in the background, or None. message: what there is to tell, or "".
+    progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
     revision: grows with everything that may change the picture.
     """
 
@@ -70,10 +70,10 @@ class Session:
         albedos=None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
         exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
         tolerance=0.02,
-        background=Process,
+        worker=Process,
         **options,  # of Relighter: method, effects, seed, bands, rays
     ):
-        """Start the background. Raises InputError for albedos and options that do not fit."""
+        """Start the worker. Raises InputError for albedos and options that do not fit."""
         self.scene = scene
         captured = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
         self.albedos = check_albedos(scene, {"captured": captured, "white": None} if albedos is None else albedos)
@@ -91,7 +91,7 @@ class Session:
         self._found, self._memory = {}, {}  # newest results by kind; what was derived from them, by name
         self._asked, self._answered, self._ended, self._moved = None, None, "", -np.inf
         self.light_seconds = None
-        self._background = background(scene, self.environments, self.albedos, options)
+        self._worker = worker(scene, self.environments, self.albedos, options)
         self._ask()
         prepare()
 
@@ -115,15 +115,15 @@ class Session:
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
 
     def poll(self):
-        """Take in what the background has found. Never waits; call it often."""
-        for kind, *rest in self._background.poll():
+        """Take in what the worker has found. Never waits; call it often."""
+        for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"
         if not self.state.turning and time.perf_counter() - self._moved > REST_SECONDS:
             self._ask()
 
     def hurry(self):
-        """Ask the background for the present light at once, as if it had rested."""
+        """Ask the worker for the present light at once, as if it had rested."""
         self._moved = -np.inf
         self._ask()
 
@@ -140,14 +140,14 @@ class Session:
             time.sleep(0.002)
 
     def close(self):
-        """End the background process."""
-        self._background.close()
+        """End the worker."""
+        self._worker.close()
 
     @property
     def wish(self):
-        """What the present state needs from the background."""
+        """What the present state needs from the worker."""
         s = self.state
-        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, VIEWS[s.view].reference)
+        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, MODES[s.mode].reference)
 
     @property
     def effects(self):
@@ -157,12 +157,12 @@ class Session:
 
     @property
     def settled(self):
-        """Whether the background has answered the present state in full."""
+        """Whether the worker has answered the present state in full."""
         return self._answered == (self.wish, "")
 
     @property
     def failure(self):
-        """Why the background cannot answer the present state, or ""."""
+        """Why the worker cannot answer the present state, or ""."""
         answered = self._answered is not None and self._answered[0] == self._asked
         return self._answered[1] if answered else self._ended
 
@@ -241,11 +241,11 @@ class Session:
         return base * 2.0**self.state.exposure_ev
 
     def colors(self):
-        """What the present view colours the surface by: (V, 3) uint8 sRGB."""
-        view = VIEWS[self.state.view]
-        if view.live:
-            return view.colors(self)
-        return self.remembered("colors", (self.state.view, self.state.albedo), lambda: view.colors(self))
+        """What the present mode colours the surface by: (V, 3) uint8 sRGB."""
+        mode = MODES[self.state.mode]
+        if mode.lights:
+            return mode.colors(self)
+        return self.remembered("colors", (self.state.mode, self.state.albedo), lambda: mode.colors(self))
 
     def shown_bytes(self):
         """sRGB bytes (V, 3) of the relit scene: the captured colours before the first light."""
@@ -253,12 +253,12 @@ class Session:
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
     def step_choice(self, name, step):
-        """The name `step` places on in the list of "environment", "albedo" or "view", around its end."""
-        names = list({"environment": self.environments, "albedo": self.albedos, "view": VIEWS}[name])
+        """The name `step` places on in the list of "environment", "albedo" or "mode", around its end."""
+        names = list({"environment": self.environments, "albedo": self.albedos, "mode": MODES}[name])
         return names[(names.index(getattr(self.state, name)) + step) % len(names)]
 
     def _checked(self, name, value):
-        choices = {"environment": self.environments, "albedo": self.albedos, "view": VIEWS}
+        choices = {"environment": self.environments, "albedo": self.albedos, "mode": MODES}
         if name in choices and value not in choices[name]:
             raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
         if name in RANGES and name != "tolerance":
@@ -274,7 +274,7 @@ class Session:
         wish = self.wish
         if wish != self._asked:
             self._asked = wish
-            self._background.submit(wish)
+            self._worker.submit(wish)
 
     def _take_progress(self, label, fraction):
         self.progress = label, fraction

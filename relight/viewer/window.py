@@ -20,7 +20,7 @@ SIZE = 1280, 800
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
 PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
-IDLE_SECONDS = 0.005  # between two looks at mouse and background
+IDLE_SECONDS = 0.005  # between two looks at mouse and worker
 FRAMES_AVERAGED = 12
 
 _MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
@@ -48,7 +48,7 @@ class Window:
         self.plotter.camera_set = True  # or the first picture would look from somewhere else
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
-        self._home = self.orbit = orbit.in_frame(size[0] / size[1])
+        self._home = self.orbit = orbit.in_window(size[0] / size[1])
         self._open, self._recording, self._drag = True, None, None
         self._drawn, self._sky, self._resting = None, None, False
         self._software = self._seen_from = None
@@ -96,7 +96,7 @@ class Window:
         self.close()
 
     def tick(self):
-        """One round of the loop: what the background found, what moves, a picture if it would differ.
+        """One round of the loop: what the worker found, what moves, a picture if it would differ.
 
         Returns whether it drew one.
         """
@@ -201,7 +201,7 @@ class Window:
         self._open = False
 
     def close(self):
-        """Close the window and end the background. Once more does nothing."""
+        """Close the window and end the worker. Once more does nothing."""
         self._open = False
         self.session.close()
         self.plotter.close()
@@ -229,7 +229,7 @@ class Window:
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
         stage.color(session.colors())
-        behind = state.sky and state.view == "relit" and session.light is not None
+        behind = state.sky and state.mode == "relit" and session.light is not None
         if behind:
             painted = id(session.light), session.exposure()
             if painted != self._sky:

@@ -1,6 +1,6 @@
 """Heavy work beside the window: a process of its own, so that neither the interpreter's lock nor a full core stops it.
 
-The process is `python -m relight.viewer.background`: pickled messages in on its stdin, the newest wish counting, and
+The process is `python -m relight.viewer.worker`: pickled messages in on its stdin, the newest wish counting, and
 out on its stdout. Tracing holds the interpreter's lock for up to half a second at a time, which is why a thread would
 not do; the process also runs at a lower priority, so that drawing has the first turn on a full machine.
 """
@@ -79,7 +79,7 @@ class Inline:
 
 
 class Process:
-    """The background process of one session."""
+    """The worker process of one session."""
 
     def __init__(self, scene, environments, albedos, options):
         command = [sys.executable, "-m", "relight.viewer.worker"]
@@ -115,7 +115,7 @@ class Process:
             while True:
                 self._answers.put(pickle.load(self._process.stdout))
         except (EOFError, OSError, pickle.UnpicklingError, ValueError):
-            self._answers.put(("ended", f"the background process ended (code {self._process.poll()})"))
+            self._answers.put(("ended", f"the worker process ended (code {self._process.poll()})"))
 
     def _write(self):
         try:

@@ -61,8 +61,8 @@ def imports(package):
             if isinstance(node, ast.Import):
                 yield from ((module, alias.name.split(".")) for alias in node.names)
             elif isinstance(node, ast.ImportFrom):
-                base = [*module[: -node.level], *(node.module or "").split(".")] if node.level else node.module.split(".")
-                base = [part for part in base if part]
+                above = module[: -node.level] if node.level else ()
+                base = [*above, *(node.module.split(".") if node.module else ())]
                 yield from ((module, [*base, alias.name]) for alias in node.names)
 
 
