@@ -110,7 +110,7 @@ class GltfData:
         return self._buffers[index]
 
     def initial_transforms(self):
-        """Where every node stands before anything moves: translation, rotation, scale, or a matrix; dicts of float64."""
+        """Where every node stands before anything moves: translation, rotation and scale, or a matrix; float64."""
         transforms = []
         for node in self.document.nodes:
             if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:
