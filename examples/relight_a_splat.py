@@ -15,17 +15,15 @@ from pathlib import Path
 import numpy as np
 from IPython.display import Image, display
 
-from relight import Environment, Relighter
-from relight.albedo import estimate
+from relight import Environment, Relighter, estimate_albedo, relight_splat
 from relight.light.tonemap import auto_exposure
 from relight.output.mesh_files import write_png
 from relight.output.preview import Preview
-from relight.splats import Binding, write_relit_ply
 from scenes import bake, build, exposure, splats_from
 from splat2mesh import convert
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
-from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb
+from splat2mesh.scene.color import bytes_from_unit
 from splat2mesh.splats.formats import read_splats, write_splats
 
 FOLDER = Path("relight_a_splat")
@@ -49,15 +47,18 @@ radiance = bake(truth, Environment.load("overcast"))
 write_splats(FOLDER / "table.ply", splats_from(truth, radiance * exposure(radiance), 20_000))
 
 # %% [markdown]
+# ## In one line
+#
+# `relight_splat("table.ply", "sunset", angle_deg=45).save("table_sunset.ply")` is all it takes. Step by step it is:
+#
 # ## A mesh from the splat alone
 #
-# Virtual views are chosen, the surface is found in each, and all are fused. No photos are needed. The camera is the one
-# that `convert` suggests.
+# Virtual views are chosen, the surface is found in each, and all are fused. No photos are needed.
 
 # %%
 scene = convert(FOLDER / "table.ply", vertices=8_000, detail="draft")
-flip = np.array([1, -1, -1])  # from the scene frame, y up, to the frame of the splat: half a turn about x
 camera = scene.preview_camera
+flip = np.array([1, -1, -1])  # from the scene frame, y up, to the frame of the splat: half a turn about x
 eye, target, up = (np.array(camera[key]) * flip for key in ("eye", "target", "up"))
 view = View.look_at(eye, target, up, camera["fov_deg"], 480, 360)
 
@@ -69,37 +70,29 @@ def photo(splats):
 
 splats = read_splats(FOLDER / "table.ply")
 show("captured.png", photo(splats))
-print(f"{len(splats.means):,} Gaussians, a mesh of {len(scene.vertices):,} vertices")
+print(f"{len(splats):,} Gaussians, a mesh of {len(scene.vertices):,} vertices")
 
 # %% [markdown]
 # ## Take the light of the capture out
 #
-# What a vertex shows is its albedo times the light that reaches it. `estimate` tells the two apart by the shape of the
+# What a vertex shows is its albedo times the light that reaches it. The estimate tells the two apart by the shape of the
 # mesh, and says how much evidence the scene holds.
 
 # %%
 relighter = Relighter(scene, tolerance=0.03)
-captured = linear_from_srgb(scene.colors_srgb / np.float32(255))
-found = estimate(relighter.occluder, captured)
-print(f"evidence {found.evidence:.2f}, separable: {found.separable}")
+found = estimate_albedo(relighter)
+print(f"evidence {found.capture['evidence']:.2f}, separable: {found.capture['separable']}")
 
 # %% [markdown]
 # ## New light, as a mesh
 #
-# Every light is planned: what this scene does not need for an error of 3% is not computed. A second angle of the same
-# light needs no transfer again.
+# Every light is planned: what this scene does not need for an error of 3% is not computed.
 
 # %%
 sunset = Environment.load("sunset").rotated(45)
 print("\n".join(relighter.plan_for(sunset, found.albedo).table()[:8]))
-relit = relighter.shade(sunset, found.albedo)
-preview = Preview(scene, camera, 480, 360)
-show("mesh_sunset.png", preview.render(relit, sunset, auto_exposure(relit)))
-
-# %%
-noon = Environment.load("noon")
-relit_noon = relighter.shade(noon, found.albedo)
-show("mesh_noon.png", preview.render(relit_noon, noon, auto_exposure(relit_noon)))
+relit = relighter.shade(sunset, found.albedo)  # (V, 3) linear
+show("mesh_sunset.png", Preview(scene, camera, 480, 360).render(relit, sunset, auto_exposure(relit)))
 
 # %% [markdown]
 # ## New light, as a splat
@@ -107,8 +100,6 @@ show("mesh_noon.png", preview.render(relit_noon, noon, auto_exposure(relit_noon)
 # Each Gaussian takes the light ratio at its place on the mesh. The file opens in any splat viewer.
 
 # %%
-binding = Binding(splats, scene)
-received = relit / np.maximum(found.albedo, 0.02)
-relit_splats = binding.relit(found.irradiance, received, auto_exposure(relit))
-write_relit_ply(FOLDER / "table_sunset.ply", relit_splats, FOLDER / "table.ply")
-show("splat_sunset.png", photo(relit_splats))
+relit_splat = relight_splat(scene, sunset, albedo=found.albedo, tolerance=0.03)
+relit_splat.save(FOLDER / "table_sunset.ply", overwrite=True)
+show("splat_sunset.png", photo(relit_splat.splats))
