@@ -75,8 +75,8 @@ print(f"{len(splats):,} Gaussians, a mesh of {len(scene.vertices):,} vertices")
 # %% [markdown]
 # ## Take the light of the capture out
 #
-# What a vertex shows is its albedo times the light that reaches it. The estimate tells the two apart by the shape of the
-# mesh, and says how much evidence the scene holds.
+# What a vertex shows is its albedo times the light that reaches it. The estimate tells the two apart by the shape of
+# the mesh, and says how much evidence the scene holds.
 
 # %%
 relighter = Relighter(scene, tolerance=0.03)

@@ -15,13 +15,13 @@ from .skinning import Track, morphed, moved, skinned
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
-"""What an animation may change of a node, and its width; besides the weights of its morph targets."""
+"""Properties of a node that an animation may change, and their widths; weights of morph targets come on top."""
 
 
 class Animation:
-    """The first frame of an animated .glb or .gltf, and every other: one chunk for each mesh primitive of each node.
+    """An animated .glb or .gltf, one chunk for each mesh primitive of each node, posed at any time.
 
-    duration_s: time of the last keyframe. name, names: of the animation played, and of all in the file.
+    duration_s: time of the last keyframe. name: of the animation played. names: of all in the file.
     scene: Scene at the time 0, scene frame (glTF's own: right-handed, y up).
     chunks: list of Part. moving: numbers of the chunks that any keyframe can move.
     """
@@ -103,7 +103,7 @@ class Animation:
         for channel in animation.channels:
             node, path = channel.target.node, channel.target.path
             if node is None or path not in (*PATHS, "weights"):
-                continue  # what an extension animates, such as a camera or a material
+                continue  # an extension animates something else, such as a camera or a material
             what = f"the {path} of node {node}"
             sampler = animation.samplers[channel.sampler]
             interpolation = sampler.interpolation or "LINEAR"

@@ -44,7 +44,7 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
-        self._derived = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
+        self._derived = {}  # results computed from the unrotated image, by key, shared with all rotated copies
 
     @classmethod
     def load(cls, source):
@@ -90,7 +90,7 @@ class Environment:
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key, compute):
-        """What `compute()` returns, computed once for the image and all its rotated copies under this key."""
+        """The result of `compute()`, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
         return self._derived[key]

@@ -1,4 +1,4 @@
-"""The files of one light: meshes, splats, textures, arrays and a picture; what serves every light is made once."""
+"""Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Results:
         self._preview = self._binding = self._texture = None
 
     def write(self, folder, light, radiance, exposure):
-        """Fill a folder that exists: (names of the files, what else the report should tell).
+        """Fill an existing folder. Returns the names of the files and further entries for the report.
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
@@ -55,7 +55,7 @@ class Results:
             mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
 
     def _write_splats(self, folder, radiance, exposure):
-        """The splats in the new light, also in the format of their source: names of files beyond FILES."""
+        """Write the relit splats, also in the format of their source. Returns the names of files beyond FILES."""
         from ..splats import Binding, write_relit_ply
 
         if self._binding is None:
@@ -75,14 +75,14 @@ class Results:
         return [name]
 
     def _write_textures(self, folder, light, radiance, exposure, told):
-        """Textured meshes, relit and as albedo, and on request the transfer: names of the files."""
+        """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
         from ..texture import bake
         from .textured_files import write_textured_glb, write_transfer
 
         appearance = self._appearance
         if self._texture is None:
             known = {"irradiance": appearance.irradiance, "prior": appearance.prior}
-            if appearance.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
+            if appearance.prior is None:  # nothing was estimated: the texels take the albedo of the vertices
                 white = np.ones_like(appearance.captured)
                 known = {"albedo": white if appearance.albedo is None else appearance.albedo}
                 known = {} if appearance.albedo is appearance.captured else known

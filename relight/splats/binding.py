@@ -1,4 +1,4 @@
-"""Splats bound to the mesh made of them: what depends on geometry alone, once, and then any number of lights."""
+"""Splats bound to the mesh made of them: do what depends on geometry once, then relight under any number of lights."""
 
 import warnings
 
@@ -98,11 +98,11 @@ class Binding:
         return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
 
     def _fit(self, of_nodes, logs, mean, rounds):
-        """(N, 3) float32, to be added to the constant coefficients: what makes the change of light of what is seen of
-        the splats, in all views, out of what is seen of the relit ones.
+        """Corrections (N, 3) float32 to add to the constant coefficients, so that pictures of the relit splats agree
+        with pictures of the captured ones times the light ratio of the mesh.
 
-        Gaussians lie before and behind the surface, and their blend shows the light of neither place alone. So each
-        one's colour is moved by the mean of the errors that it has part in, round by round.
+        Gaussians lie before and behind the surface, so that their blend shows the light of neither place. Each round
+        renders all views and moves each Gaussian's colour by the mean error of the pixels it contributes to.
         Source: Gilbert, "Iterative methods for the three-dimensional reconstruction of an object from projections"
         (1972): simultaneous iterative reconstruction (SIRT).
         """
@@ -136,7 +136,7 @@ class Binding:
 
 
 class _Look:
-    """One view of splats and mesh. color, base: (H, W, 3) float32 as shown, and what the change of light multiplies."""
+    """One view of splats and mesh. color, base: (H, W, 3) float32 as shown, and what the gain multiplies."""
 
     def __init__(self, splats, surface, view, near):
         import open3d as o3d
@@ -155,23 +155,23 @@ class _Look:
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)
 
     def log_gain(self, of_nodes):
-        """b of what each pixel shows: (H, W, 3) float32, 0 where that is not known."""
+        """Log gain of what each pixel shows: (H, W, 3) float32, 0 where it is not known."""
         result = np.zeros_like(self.color)
         result[self._known] = np.einsum("nk,nkc->nc", self._shares, of_nodes[self._corners])
         return result
 
     def values(self, picture):
-        """A picture as `backproject` takes it: with 1 where it is known."""
+        """A picture as `backproject` takes it: a fourth channel holds 1 where the pixel is known."""
         return np.concatenate([picture, self._known[..., None]], axis=-1, dtype=np.float32)
 
 
 def relit(splats, scene, before, after, exposure=1.0, views=None, rounds=ROUNDS, seed=0):
-    """Splats in a new light, all at once: see Binding, which spares most of the work for a second light."""
+    """Bind splats and relight them in one call. Keep a `Binding` for several lights: it does most of the work once."""
     return Binding(splats, scene, views, seed).relit(before, after, exposure, rounds)
 
 
 def usable(splats):
-    """(N,) bool: splats with a place, an extent, a rotation and a colour."""
+    """(N,) bool: splats whose centre, scales, rotation and colour can be used."""
     arrays = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
     finite = np.logical_and.reduce([np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays])
     with np.errstate(invalid="ignore"):

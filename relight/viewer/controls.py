@@ -1,4 +1,4 @@
-"""What a person can do in a session: one table that the window, its help, the README and the tests read."""
+"""The keys, sliders and mouse of a session, as one table that the window, its help, the README and the tests read."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -10,20 +10,21 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from ..sh.normals import unit_normals
 
 PLAIN = 96
-"""Grey of a surface that has nothing to show yet."""
+"""Grey of a surface while its colours are computed."""
 
 SCALES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ends of the error scale: the first that holds the 98th percentile."""
 
 DARKEST = 0.01
-"""Of the root mean square of the reference, added to the light that an error is relative to: black stays out of it."""
+"""Part of the root mean square of the reference that is added to the denominator of an error, so that black vertices
+have none."""
 
 _MAP = np.array(
     [(20, 22, 34), (42, 39, 92), (92, 47, 121), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
      (250, 244, 180)],
     np.float32,
 )  # fmt: skip
-"""Of errors, dark to bright: its lightness grows all the way."""
+"""Colours of errors from small to large, of steadily growing lightness."""
 
 _CHUNKS = np.array(
     [(108, 142, 191), (214, 152, 92), (122, 168, 116), (196, 110, 112), (148, 126, 178), (158, 134, 112),

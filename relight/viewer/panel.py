@@ -1,7 +1,7 @@
-"""The writing on the window: buttons, sliders, figures and help, drawn anew whenever something of it changes.
+"""What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes.
 
-Everything is drawn with two kinds of VTK actors, one for all rectangles and one for each text, so that looks,
-layout and mouse are the same in a window, off screen and in a browser.
+Two kinds of VTK actors draw it, one for all rectangles and one for each text, so that it looks and works the same in a
+window, off screen and in a browser.
 """
 
 from collections.abc import Callable

@@ -85,7 +85,7 @@ class Raster:
 
 
 def prepare():
-    """Compile what is here, or load it compiled: seconds once, which would otherwise be a still window."""
+    """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
     raster = Raster(np.zeros((3, 3)), np.zeros((1, 3)), 1.0)
     raster.look(Orbit((0.0, 0.0, 0.0), 1.0, 0.0, 0.0, 40.0, 1.0), (8, 8))
     raster.paint(np.zeros((3, 3), np.uint8), sky=np.zeros((2, 4, 3), np.uint8))
@@ -93,7 +93,7 @@ def prepare():
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rasterise(begin, end, local, faces, near, face, weights):
-    """What the pixels of rows begin..end see: the nearest face, or -1."""
+    """Find the nearest face at every pixel of rows begin..end, or -1."""
     height, width = face.shape
     middle_x, middle_y = np.float32(0.5 * width - 0.5), np.float32(0.5 * height - 0.5)
     for y in range(begin, end):

@@ -1,7 +1,7 @@
-"""The state of an interactive session and the light that belongs to it. Knows nothing of windows.
+"""The state of an interactive session and its light, without windows.
 
-A change of the light shows at once: one product of the transfer that the window holds with the new coefficients, and
-another for bounced light in few bands. Suns and bounces in full, errors and references follow from the worker
+A new light shows at once: the transfer that the window holds is multiplied by the new coefficients, and bounced light
+is added in few bands. Suns and bounces in full, errors and references follow from the worker
 (`worker`) when the light has not moved for `REST_SECONDS`.
 """
 
@@ -23,17 +23,17 @@ from .quick import display_bytes, harmonic_light, prepare
 from .worker import Process
 
 REST_SECONDS = 0.15
-"""Of stillness before the worker takes up a new angle: for a hand that stops, not one that slows down."""
+"""Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
 
 TURN_DEG_PER_SECOND = 36.0
 
 RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
-"""Of what can be slid. Angles wrap around; the rest is clipped."""
+"""Ranges of the sliders. Angles wrap around, other values are clipped."""
 
 
 @dataclass(frozen=True)
 class State:
-    """All that a person can set, but the camera.
+    """Everything a person can set except the camera.
 
     environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
@@ -56,7 +56,7 @@ class State:
 
 
 class Session:
-    """One scene under the lights of a list, with what a person has set.
+    """One scene, a list of lights, and what a person has set.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
     progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
@@ -115,7 +115,7 @@ class Session:
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
 
     def poll(self):
-        """Take in what the worker has found. Never waits; call it often."""
+        """Take in the results of the worker, without waiting. Call it often."""
         for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"
@@ -128,7 +128,7 @@ class Session:
         self._ask()
 
     def finish(self, timeout=600.0):
-        """Wait for all that the present state needs. Raises InputError when it cannot be had."""
+        """Wait until the worker has answered the present state. Raises InputError if it cannot."""
         deadline = time.perf_counter() + timeout
         self.hurry()
         while not self.settled:
@@ -168,7 +168,7 @@ class Session:
 
     @property
     def light(self):
-        """The newest Light that has been loaded, or None. It may still be the one before."""
+        """The Light loaded last, or None. It may be that of the state before."""
         return self._found["light"][1] if "light" in self._found else None
 
     @property
@@ -217,9 +217,9 @@ class Session:
         return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
     def radiance(self):
-        """What the vertices send out under the present light, (V, 3) float32 linear; None before the first light.
+        """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light.
 
-        In full where it is there, else by spherical harmonics alone.
+        With all effects once they are there, before that by spherical harmonics alone.
         """
         lit = self._lit()
         if lit is not None:
@@ -230,8 +230,8 @@ class Session:
         return self.remembered("quick", (wish.angle_deg, wish.effects, wish.albedo, *newest), self.quick_radiance)
 
     def exposure(self):
-        """Display value per unit of radiance. The automatic one is that of the starting angle, so that turning the
-        light does not breathe."""
+        """Display value per unit of radiance. The automatic one is that of the starting angle, so that the
+        brightness of the picture is steady while the light turns."""
         if self._given_exposure is None:
             key = self.light_name, self.state.albedo
             if key not in self._exposures:
@@ -313,7 +313,7 @@ class Session:
         return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
 
     def quick_radiance(self, angle_deg=None):
-        """Radiance (V, 3) by spherical harmonics alone, with what is there, at an angle: the present one by default."""
+        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from what is there."""
         began = time.perf_counter()
         shadowed = SHADOWS in self.effects and "transfer" in self._found
         transfer = self._found["transfer" if shadowed else "unshadowed"][1]
@@ -324,7 +324,7 @@ class Session:
         return radiance
 
     def remembered(self, name, key, compute):
-        """What `compute()` returned for this key the last time it was asked for under this name."""
+        """What `compute()` returned, kept under this name until it is asked for with another key."""
         if self._memory.get(name, (None,))[0] != key:
             self._memory[name] = key, compute()
         return self._memory[name][1]

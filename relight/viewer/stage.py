@@ -1,4 +1,4 @@
-"""What the window shows behind its panel: the surface in colours of the session's, the captured one, the sky."""
+"""Draw what the window shows behind its panel: the surface in the colours of the session, the captured one, the sky."""
 
 import math
 
@@ -21,7 +21,7 @@ SKY_RADIUS = 1.1
 """Of the sky's sphere about the eye, over the distance of the farthest corner of the scene."""
 
 MOVING_SAMPLES, RESTING_SAMPLES = 0, 8
-"""Of each pixel: smooth edges take software rendering twice the time, so only a still picture has them."""
+"""Samples of each pixel. Smooth edges double the time of software rendering, so only pictures at rest have them."""
 
 
 class Stage:

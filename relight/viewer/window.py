@@ -96,7 +96,7 @@ class Window:
         self.close()
 
     def tick(self):
-        """One round of the loop: what the worker found, what moves, a picture if it would differ.
+        """Run one round of the loop: take in results, move what moves, and draw a picture if it would differ.
 
         Returns whether it drew one.
         """
@@ -134,7 +134,7 @@ class Window:
         self._draw_now()
 
     def picture(self, panel=True):
-        """What the window shows, (H, W, 3) uint8, edges smooth, with or without everything that is written on it."""
+        """What the window shows, (H, W, 3) uint8, with smooth edges, with or without the panel."""
         from .stage import pixels
 
         self._draw_now(panel)
@@ -213,10 +213,10 @@ class Window:
         self.plotter.render_window.Render()
 
     def _draw_scene(self, rests):
-        """Bring surface, sky and camera up to date, for a picture that rests or one that moves.
+        """Bring surface, sky and camera up to date, for a picture at rest or in motion.
 
-        Where OpenGL draws on the CPU, it draws a picture at rest once, under whatever the panel comes to show, and one
-        under a light that moves not at all; cameras that move are its own.
+        Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
+        camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.
         """
         from .stage import MOVING_SAMPLES, RESTING_SAMPLES, pixels
 
