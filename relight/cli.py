@@ -3,13 +3,16 @@
 import argparse
 import math
 import sys
-import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from . import __version__
 from .output.kinds import BAKED, FILES
-from .planning.effects import EFFECTS
 from .transfer import METHODS
+from .transfer.settings import EFFECTS
+
+if TYPE_CHECKING:
+    from .job import Job
 
 EXAMPLES = """examples:
   relight garden                                   under the built-in studio: garden/relit/studio_0/
@@ -25,7 +28,7 @@ MAX_ANGLES = 3600
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The command line of relight."""
     parser = argparse.ArgumentParser(
         prog="relight",
@@ -60,7 +63,8 @@ def parser():
         "relative error of the light that is accepted; what it does not call for is not computed (default: 0.01)"
     )
     add("--tolerance", type=float, metavar="ERROR", help=tolerance)
-    add("--budget", type=float, metavar="SECONDS", help="the most exact light in so much time, instead of a tolerance")
+    budget = "the most exact light in so much time, instead of a tolerance"
+    add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
     effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} (default: %(default)s)"
     add("--effects", default="auto", metavar="LIST", help=effects)
     add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
@@ -94,14 +98,14 @@ def parser():
     return parser
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     from splat2mesh.base.console import run
 
-    return run(_command, parser().parse_args(arguments))
+    return run(_command, parser().parse_args(arguments), {"budget_s": "--budget"})
 
 
-def angles_from(text):
+def angles_from(text: str) -> list[float]:
     """The angles of `--rotate`, in [0, 360), each once: "405" -> [45.0], "0:90:45" -> [0.0, 45.0, 90.0].
 
     Raises InputError for anything else than DEG or START:STOP:STEP.
@@ -113,58 +117,63 @@ def angles_from(text):
     except ValueError:
         values = []
     if len(values) not in (1, 3) or not all(map(math.isfinite, values)):
-        raise InputError(f"--rotate {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10")
+        raise InputError(f"`rotate` {text}: expected degrees, such as 45, or START:STOP:STEP, such as 0:350:10")
     start, stop, step = values if len(values) == 3 else (values[0], values[0], 1.0)
     if step == 0.0 or (stop - start) / step < 0.0:
-        raise InputError(f"--rotate {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
+        raise InputError(f"`rotate` {text}: a step of {step:g} does not lead from {start:g} to {stop:g}")
     count = math.floor((stop - start) / step + 1e-6) + 1
     if count > MAX_ANGLES:
-        raise InputError(f"--rotate {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step")
+        raise InputError(f"`rotate` {text}: {count} angles; expected at most {MAX_ANGLES}, take a larger step")
     return list(dict.fromkeys(round((start + i * step) % 360.0, 6) % 360.0 for i in range(count)))
 
 
-def _command(options):
-    from splat2mesh.base.console import wants_progress
-    from splat2mesh.base.errors import InputError
+def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
+    from splat2mesh.base.console import recorded_warnings, wants_progress
     from splat2mesh.base.progress import Stages
 
-    from .planning.plan import check_wishes
-    from .transfer import check_rays
+    from .options import LightingOptions
 
     source = Path(options.scene)
-    if not source.exists():
-        raise InputError(f"{source}: no such scene folder or mesh file")
-    if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
-        limit = f"{MAX_EXPOSURE_EV:g}"
-        raise InputError(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
-    if options.rays is not None:
-        check_rays(options.rays)
-    if options.tolerance is not None and options.budget is not None:
-        raise InputError("--tolerance and --budget: expected one of them")
-    check_wishes(options.tolerance, options.budget)
+    _check(options, source)
     angles = angles_from(options.rotate)
-    if options.screenshot and not options.view:
-        raise InputError("--screenshot: it is one of the session; give --view too")
     if (options.view or options.animate) and len(angles) > 1:
-        raise InputError(f"--rotate {options.rotate}: a session or an animation has one angle")
+        raise _error(f"`rotate` {options.rotate}: a session or an animation has one angle")
+    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
+    lighting = LightingOptions(**{name: getattr(options, name) for name in names})
     folders = [] if options.plan or options.view else _output_folders(options, source, angles)
-    messages = _recorded_warnings()
     stages = Stages(show=wants_progress(options))
-    try:
-        from .job import Job
+    with recorded_warnings() as messages:
+        try:
+            from .job import Job
 
-        job = Job(options, angles, stages, messages)
-        if options.plan:
-            return _planned(job)
-        if options.view:
-            return _viewed(job)
-        if options.animate:
-            note, report = job.film(folders[0])
-            lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
-            return lines, {"outputs": [str(folders[0])], "reports": [report]}
-        reports = list(job.results(folders))
-    finally:
-        stages.close()
+            job = Job(
+                source,
+                options.env,
+                lighting,
+                angles_deg=angles,
+                albedo=options.albedo,
+                capture_env=options.capture_env,
+                exposure_ev=options.exposure,
+                formats=options.format,
+                baked=options.bake or (),
+                texture_size=options.texture_size,
+                splat=options.splat,
+                animated=options.animate,
+                caching="none" if options.no_cache else "read" if options.plan else "keep",
+                stages=stages,
+                messages=messages,
+            )
+            if options.plan:
+                return _planned(job)
+            if options.view:
+                return _viewed(job, options.screenshot)
+            if options.animate:
+                note, report = job.film(folders[0], options.fps, options.overwrite)
+                lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
+                return lines, {"outputs": [str(folders[0])], "reports": [report]}
+            reports = [job.write(shaded, folder) for shaded, folder in zip(job.shaded(), folders, strict=True)]
+        finally:
+            stages.close()
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.verbose:
         lines += job.plan.table() if job.plan else []
@@ -172,24 +181,39 @@ def _command(options):
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
 
 
-def _viewed(job):
+def _check(options: argparse.Namespace, source: Path) -> None:
+    """Raise InputError, before any work, for options that make no sense."""
+    if not source.exists():
+        raise _error(f"{source}: no such scene folder or mesh file")
+    if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
+        limit = f"{MAX_EXPOSURE_EV:g}"
+        raise _error(f"`exposure` {options.exposure}: expected stops from -{limit} to {limit}")
+    if options.screenshot and not options.view:
+        raise _error("`screenshot`: it is one of the session; give `view` too")
+
+
+def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
     from .viewer import view
 
+    session = job.session()
     job.stages.close()
-    screenshot = job.options.screenshot
-    view(**job.session(), screenshot=screenshot)
+    view(**session, screenshot=screenshot)
     return [screenshot] if screenshot else [], {"screenshot": screenshot}
 
 
-def _planned(job):
-    from splat2mesh.base.errors import InputError
-
+def _planned(job: "Job") -> tuple[list[str], Any]:
     if job.plan is None:
-        raise InputError(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
+        raise _error(f"`plan`: the method {job.options.method} has nothing to plan; leave it at auto")
     return job.plan.table(), {"plan": job.plan.as_dict()}
 
 
-def _output_folders(options, source, angles):
+def _error(message: str) -> Exception:
+    from splat2mesh.base.errors import InputError
+
+    return InputError(message)
+
+
+def _output_folders(options: argparse.Namespace, source: Path, angles: list[float]) -> list[Path]:
     """The folder of every angle. Raises InputError, before any work, for one that may not be written."""
     from splat2mesh.base.outputs import check_output
 
@@ -204,21 +228,9 @@ def _output_folders(options, source, angles):
     return folders
 
 
-def _plain(number):
+def _plain(number: float) -> str:
     """A number without trailing zeros: 45.0 -> "45"."""
     return f"{number:.6f}".rstrip("0").rstrip(".")
-
-
-def _recorded_warnings():
-    """A list to which the text of every warning is added, besides being shown."""
-    messages, show = [], warnings.showwarning
-
-    def record(message, *details, **options):
-        messages.append(str(message))
-        show(message, *details, **options)
-
-    warnings.showwarning = record
-    return messages
 
 
 if __name__ == "__main__":

@@ -1,155 +1,188 @@
-"""One run of relight: a scene and lights from files, results and a report into folders."""
+"""One run of relight: a scene and lights, results and a report into folders. Every stage is done when it is asked for.
+
+job = Job("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,))
+job.plan                      load, albedo, plan
+shaded = job.shaded()         shade
+job.write(shaded, folders)    write
+"""
 
 import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.console import peak_mb
 from splat2mesh.base.outputs import staged_folder
+from splat2mesh.base.progress import Stages
+from splat2mesh.scene.foreign import AnyScene, as_scene
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
+from splat2mesh.splats.splats import Splats
 
 from . import __version__
-from .engine.appearance import CHOICES, appearance_of
-from .engine.relighter import Relighter
+from .engine.appearance import CHOICES, Appearance, appearance_of
+from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
+from .options import LightingOptions
 from .output.results import PICTURE_SIZE, Results
-from .planning.plan import DEFAULT_TOLERANCE
-from .sh import harmonics
 from .transfer.store import Cache
+
+if TYPE_CHECKING:
+    from .planning.plan import Plan
+
+AnyLight = Environment | str | os.PathLike[str]
+"""An Environment, a file, or the name of a built-in one."""
+
+
+class Shaded(NamedTuple):
+    """A scene in one light. radiance of `shading`: (V, 3) float32 linear. exposure: display value per unit of it."""
+
+    light: Environment
+    shading: Shading
+    exposure: float
 
 
 class Job:
-    """A scene and an environment as the options of the command name them, and the Relighter for them.
+    """A scene under an environment at some angles. Nothing is read or computed before it is asked for.
 
-    Raises InputError for whatever of it cannot be read or used.
+    Raises InputError, then, for whatever cannot be read or used.
     """
 
-    def __init__(self, options, angles, stages, messages):
-        self.options, self.stages, self._messages = options, stages, messages
-        self.source = Path(options.scene)
-        with stages.stage("environment"):
-            if options.bands is not None:
-                harmonics.check_bands(options.bands)
-            self.environment = Environment.load(options.env)
-        with stages.stage("load"):
-            if options.animate:
-                from .animation.animation import Animation
+    def __init__(
+        self,
+        scene: AnyScene,
+        env: AnyLight = "studio",
+        options: LightingOptions | None = None,
+        *,
+        angles_deg: Sequence[float] = (0.0,),
+        albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
+        capture_env: AnyLight | None = None,
+        exposure_ev: float | None = None,
+        formats: Sequence[str] = ("glb", "png"),
+        baked: Sequence[str] = (),
+        texture_size: int | None = None,
+        splat: str | os.PathLike[str] | None = None,
+        animated: bool = False,
+        caching: str = "keep",
+        stages: Stages | None = None,
+        messages: list[str] | None = None,
+    ) -> None:
+        """What to light, and how.
 
-                self._animation = Animation(self.source)
-            self.scene = self._animation.scene if options.animate else Scene.load(self.source)
-            self._splats = self._source(options) if "splat" in options.format or options.bake else None
-        tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-        with stages.stage("load"):
-            cache = None if options.no_cache else Cache.of_scene(self.scene)
-            capture_env = Environment.load(options.capture_env) if options.capture_env else None
-        self.relighter = Relighter(
-            self.scene,
-            options.method,
-            options.bands,
-            options.rays,
-            options.seed,
-            options.effects,
-            stages,
-            None if options.budget is not None else tolerance,
-            options.budget,
-            cache,
-        )
-        # A mesh file's colours are its maker's albedo; a splat's hold the light of its capture.
-        self._choice = options.albedo or ("estimated" if self.source.is_dir() else "captured")
-        self.appearance = appearance_of(self._choice, capture_env, self.relighter)
-        self.albedo = self.appearance.albedo
-        planned = not options.view
-        self.plan = self.relighter.plan_for(self.environment, self.albedo, len(angles)) if planned else None
-        self._lights = [self.environment.rotated(angle) for angle in angles]
+        options: LightingOptions; within the default tolerance where they name neither that nor a budget. angles_deg:
+        of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
+        other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
+        2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
+        the scene says. animated: whether the scene is an animated .glb. caching: "keep" what is computed in the scene's
+        folder, "read" what was kept there, or "none". messages: the warnings so far, for the report.
+        """
+        self.options = (options or LightingOptions()).planned()
+        self.stages = stages or Stages()
+        self.angles_deg = tuple(angles_deg)
+        self._given, self._env, self._capture_env = scene, env, capture_env
+        self._albedo, self._exposure_ev = albedo, exposure_ev
+        self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
+        self._splat, self._animated, self._caching = splat, animated, caching
+        self._messages = [] if messages is None else messages
 
-    def _source(self, options):
-        """(Splats, paths) that the scene was made from; None for a mesh file, whose textures need none."""
-        if self.source.is_dir() or "splat" in options.format:
-            return source_splats(self.scene, options.splat)
+    # load
+
+    @cached_property
+    def environment(self) -> Environment:
+        """The light, not turned."""
+        with self.stages.stage("environment"):
+            return _light(self._env)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What is lit; of an animation its first frame."""
+        self.environment  # noqa: B018  a light that cannot be read is told before a scene is
+        with self.stages.stage("load"):
+            return self._animation.scene if self._animated else as_scene(self._given)
+
+    @cached_property
+    def splats(self) -> tuple[Splats, list[Path]] | None:
+        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none."""
+        with self.stages.stage("load"):
+            if self._of_splats or "splat" in self._formats:
+                return source_splats(self.scene, self._splat)
         return None
 
-    def session(self):
-        """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
-        options = self.options
-        others = {"captured": self.appearance.captured, "white": None}
-        chosen = self._choice if self._choice in CHOICES else Path(self._choice).stem
-        lights = Path(options.env)
-        return {
-            "scene": self.scene,
-            "environment": self._lights[0],
-            "albedos": {chosen: self.albedo, **{name: each for name, each in others.items() if name != chosen}},
-            "environments_folder": lights.parent if lights.is_file() else None,
-            "exposure": None if options.exposure is None else 2.0**options.exposure,
-            "tolerance": DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance,
-            "method": options.method,
-            "effects": options.effects,
-            "seed": options.seed,
-            "bands": options.bands,
-            "rays": options.rays,
-            "cache": self.relighter.cache,
-        }
+    @cached_property
+    def relighter(self) -> Relighter:
+        """The Relighter of the scene."""
+        if "splat" in self._formats or self._baked:
+            self.splats  # noqa: B018  a splat that is missing is told before any work
+        cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
+        return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
 
-    def results(self, folders):
-        """Light the scene and fill a folder for each angle; yields the report of each, JSON-clean."""
-        options = self.options
-        baked = tuple(options.bake or ())
-        results = Results(
-            self.relighter, self.appearance, options.format, baked, self._splats, options.texture_size, options.seed
-        )
+    # albedo
+
+    @cached_property
+    def appearance(self) -> Appearance:
+        """Albedo and captured colours of the surfaces."""
+        relighter = self.relighter
+        with self.stages.stage("load"):
+            capture_env = None if self._capture_env is None else _light(self._capture_env)
+        return appearance_of(self._choice, capture_env, relighter)
+
+    # plan
+
+    @cached_property
+    def plan(self) -> "Plan | None":
+        """The Plan for all the angles; None for a method that has nothing to plan."""
+        albedo = self.appearance.albedo
+        return self.relighter.plan_for(self.environment, albedo, len(self.angles_deg))
+
+    # shade
+
+    def shaded(self) -> Iterator[Shaded]:
+        """Light the scene from angle after angle, all at the same exposure."""
+        self.plan  # noqa: B018  for all the angles
+        albedo, lights = self.appearance.albedo, self._lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
-        first = self.relighter.shading(self._lights[0], self.albedo)
+        first = self.relighter.shading(lights[0], albedo)
         exposure = self._exposure(first)
-        for light, folder in zip(self._lights, folders, strict=True):
-            shading = first if light is self._lights[0] else self.relighter.shading(light, self.albedo)
-            report = self._report(light, shading, exposure)
-            with staged_folder(folder) as staging:
-                report["files"], told = results.write(staging, light, shading.radiance, exposure)
-                report.update(told)
-                self._write_report(staging, report)
-            yield report
+        yield Shaded(lights[0], first, exposure)
+        for light in lights[1:]:
+            yield Shaded(light, self.relighter.shading(light, albedo), exposure)
 
-    def _write_report(self, folder, report):
-        report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
-        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+    def relit_splats(self, shaded: Shaded) -> Splats:
+        """The splats that the scene was made from, in its light."""
+        return self._results.relit_splats(shaded.shading.radiance, shaded.exposure)
 
-    def film(self, folder):
-        """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .animation.film import FILM, animate, frame_times
+    # write
 
-        options, animation, (light,) = self.options, self._animation, self._lights
-        count = len(frame_times(animation.duration_s, options.fps))
+    def write(self, shaded: Shaded, folder: str | os.PathLike[str]) -> dict[str, Any]:
+        """Fill a folder with the results of one light; returns their report, JSON-clean."""
+        light, shading, exposure = shaded
+        report = self.report(shaded)
+        with staged_folder(folder) as staging:
+            report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
+            report.update(told)
+            self._write_report(staging, report)
+        return report
 
-        def radiance_of(_, time_s):
-            poses = animation.at(time_s)
-            if time_s > 0.0:
-                self.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / options.fps)
-            self._shading = self.relighter.shading(light, self.albedo)
-            return self._shading.radiance
-
-        exposure = None if options.exposure is None else 2.0**options.exposure
-        picture = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": options.overwrite}
-        with self.stages.stage("frames", count) as advance:
-            written = animate(
-                animation, radiance_of, light, folder, options.fps, exposure=exposure, advance=advance, **picture
-            )
-        report = self._report(light, self._shading, written.exposure)
-        report |= {"animation": animation.name, "frames": written.frames, "fps": options.fps}
-        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-        self._write_report(folder, report)
-        return written.note, report
-
-    def _report(self, light, shading, exposure):
-        options, settings = self.options, shading.settings
+    def report(self, shaded: Shaded) -> dict[str, Any]:
+        """What was done and how, JSON-clean, without files and times."""
+        light, shading, exposure = shaded
+        settings = shading.settings
         return {
             "version": __version__,
-            "scene": str(self.source),
+            "scene": self._name,
             "vertices": len(shading.radiance),
             "faces": len(self.scene.faces),
             "chunks": len(self.scene.chunks),
-            "environment": {"name": light.name, "source": options.env, "repaired_pixels": light.repaired},
+            "environment": {"name": light.name, "source": self._light_name, "repaired_pixels": light.repaired},
             "angle_deg": light.rotation_deg,
-            "albedo": self._choice,
+            "albedo": self._choice_name,
             "capture": self.appearance.capture,
             "method": settings.method,
             "bands": settings.bands,
@@ -157,21 +190,116 @@ class Job:
             "effects": sorted(settings.effects),
             "suns": shading.suns,
             "bounces": [round(share, 6) for share in shading.bounces],
-            "seed": options.seed,
+            "seed": self.options.seed,
             "plan": None if self.plan is None else self.plan.as_dict(),
             "rays_traced": self.relighter.rays_traced,
             "exposure": exposure,
             "files": [],
         }
 
-    def _exposure(self, first):
+    def film(
+        self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
+    ) -> tuple[str, dict[str, Any]]:
+        """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
+        from .animation.film import FILM, animate, frame_times
+
+        self.plan  # noqa: B018
+        albedo, animation, (light,) = self.appearance.albedo, self._animation, self._lights
+        count, shading = len(frame_times(animation.duration_s, fps)), None
+
+        def radiance_of(_: Scene, time_s: float) -> NDArray[np.float32]:
+            nonlocal shading
+            poses = animation.at(time_s)
+            if time_s > 0.0:
+                self.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
+            shading = self.relighter.shading(light, albedo)
+            return shading.radiance
+
+        exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
+        picture = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
+        with self.stages.stage("frames", count) as advance:
+            written = animate(animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, **picture)
+        report = self.report(Shaded(light, shading, written.exposure))
+        report |= {"animation": animation.name, "frames": written.frames, "fps": fps}
+        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+        self._write_report(folder, report)
+        return written.note, report
+
+    def session(self) -> dict[str, Any]:
+        """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
+        look = self.appearance
+        others = {"captured": look.captured, "white": None}
+        chosen = self._choice_name if self._choice_name in CHOICES else Path(self._choice_name).stem
+        lights = Path(self._light_name)
+        return {
+            "scene": self.scene,
+            "environment": self._lights[0],
+            "options": replace(self.options, budget_s=None).planned(),  # a session has a tolerance
+            "albedos": {chosen: look.albedo, **{name: each for name, each in others.items() if name != chosen}},
+            "environments_folder": lights.parent if lights.is_file() else None,
+            "exposure": None if self._exposure_ev is None else 2.0**self._exposure_ev,
+            "cache": self.relighter.cache,
+        }
+
+    @cached_property
+    def _animation(self) -> Any:
+        from .animation.animation import Animation
+
+        return Animation(self._given)
+
+    @cached_property
+    def _of_splats(self) -> bool:
+        """Whether the scene was made from a splat: a mesh's colours are its maker's albedo, a splat's are not."""
+        return bool(self.scene.source) or (self.scene.path is not None and Path(self.scene.path).is_dir())
+
+    @property
+    def _choice(self) -> Any:
+        """What the albedo is taken from."""
+        return ("estimated" if self._of_splats else "captured") if self._albedo is None else self._albedo
+
+    @property
+    def _choice_name(self) -> str:
+        """The same as the report names it."""
+        return "array" if isinstance(self._choice, np.ndarray) else str(self._choice)
+
+    @cached_property
+    def _lights(self) -> list[Environment]:
+        return [self.environment.rotated(angle) for angle in self.angles_deg]
+
+    @cached_property
+    def _results(self) -> Results:
+        splats = self.splats if "splat" in self._formats or self._baked else None
+        look, seed = self.appearance, self.options.seed
+        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed)
+
+    @property
+    def _name(self) -> str:
+        """The scene as the report names it."""
+        if isinstance(self._given, (str, os.PathLike)):
+            return str(Path(self._given))
+        return str(self.scene.path or self.scene.source.get("file", "a mesh in memory"))
+
+    @property
+    def _light_name(self) -> str:
+        """The light as the report names it."""
+        return self._env.name if isinstance(self._env, Environment) else str(self._env)
+
+    def _write_report(self, folder: str | os.PathLike[str], report: dict[str, Any]) -> None:
+        report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
+        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+    def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
         a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
-        if self.options.exposure is not None:
-            return 2.0**self.options.exposure
-        others = (self.relighter.shade(light, self.albedo) for light in self._lights[1:])
+        if self._exposure_ev is not None:
+            return 2.0**self._exposure_ev
+        others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
         capture, mean = self.appearance.capture, self.environment.mean_luminance
         if capture is None or not mean > 0.0:
             return exposure
         return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))
+
+
+def _light(source: AnyLight) -> Environment:
+    return source if isinstance(source, Environment) else Environment.load(source)

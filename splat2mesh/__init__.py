@@ -1,29 +1,33 @@
 """Trained Gaussian splat in, clean chunked triangle mesh out."""
 
-import os
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .base.errors import DataWarning as DataWarning
+    from .base.errors import InputError as InputError
+    from .pipeline import convert as convert
+    from .scene.scene import Scene as Scene
+    from .splats.splats import Splats as Splats
 
 __version__ = "0.1.0"
 
-# Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
-os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
-
-# OpenMP threads spin while they wait; where other work shares the cores that costs milliseconds a parallel loop.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-
 _HOMES = {
-    "convert": "pipeline",
-    "Splats": "splats.splats",
-    "Scene": "scene.scene",
-    "InputError": "base.errors",
-    "DataWarning": "base.errors",
+    "DataWarning": ".base.errors",
+    "InputError": ".base.errors",
+    "Scene": ".scene.scene",
+    "Splats": ".splats.splats",
+    "convert": ".pipeline",
 }
-__all__ = [*_HOMES, "__version__"]
+__all__ = ["DataWarning", "InputError", "Scene", "Splats", "__version__", "convert"]
 
 
-def __getattr__(name):
+def __getattr__(name: str) -> Any:
     """Import public names on first use, so that `--help` and `--version` stay instant."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+    return getattr(import_module(_HOMES[name], __name__), name)
 
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

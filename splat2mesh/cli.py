@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from . import __version__
 from .base.console import peak_mb, run, wants_progress
@@ -18,7 +19,7 @@ EXAMPLES = """examples:
 then: relight garden --env stpeters.exr --rotate 45"""
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The command line of splat2mesh."""
     parser = argparse.ArgumentParser(
         prog="splat2mesh",
@@ -70,12 +71,12 @@ def parser():
     return parser
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     return run(_command, parser().parse_args(arguments))
 
 
-def _command(options):
+def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
     from .scene.scene import META
@@ -129,7 +130,7 @@ def _command(options):
     return lines, result
 
 
-def _plan(options):
+def _plan(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .layout import is_layout, plan_layout
     from .pipeline import plan
 
@@ -144,11 +145,11 @@ def _plan(options):
     return lines, result
 
 
-def _listed(result):
+def _listed(result: dict[str, Any]) -> list[str]:
     return [f"{label:<24}{value}" for label, value in result.items()]
 
 
-def _default_output(source):
+def _default_output(source: Path) -> str:
     if source.name == "meta.json":
         return source.resolve().parent.name
     return source.resolve().name.split(".")[0] or "scene"

@@ -151,7 +151,7 @@ def read_layout(path):
 
 def _placements(path, cameras):
     if cameras:
-        raise InputError(f'--cameras {cameras}: in a layout, give each object its own: "cameras": DIR')
+        raise InputError(f'`cameras` {cameras}: in a layout, give each object its own: "cameras": DIR')
     return read_layout(path)
 
 

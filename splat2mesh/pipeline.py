@@ -63,7 +63,7 @@ def convert(
     views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, seed, stages)]
     shares = [vertices]
     if far.any() and background == "cut":
-        message = f"{far.sum()} of {total} splats are far background and were cut; --background keep meshes them too"
+        message = f"{far.sum()} of {total} splats are far background and were cut; `background` keep meshes them too"
         warnings.warn(message, DataWarning, stacklevel=2)
     elif far.any():
         parts.append(as_trained(splats.take(np.flatnonzero(far))))
@@ -157,17 +157,17 @@ def _joined(meshes):
 def check_settings(vertices, max_chunk_vertices, up, detail, surface, background="cut"):
     """Raise InputError for a setting that makes no sense."""
     if vertices < 4:
-        raise InputError(f"--vertices {vertices}: a mesh needs at least 4")
+        raise InputError(f"`vertices` {vertices}: a mesh needs at least 4")
     if max_chunk_vertices < 3:
-        raise InputError(f"--max-chunk-vertices {max_chunk_vertices}: a chunk needs at least 3")
+        raise InputError(f"`max_chunk_vertices` {max_chunk_vertices}: a chunk needs at least 3")
     if up not in UP_CHOICES:
-        raise InputError(f"--up {up}: expected one of {' '.join(UP_CHOICES)}")
+        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
     if detail not in EFFORTS:
-        raise InputError(f"--detail {detail}: expected one of {' '.join(EFFORTS)}")
+        raise InputError(f"`detail` {detail}: expected one of {' '.join(EFFORTS)}")
     if surface not in WAYS:
-        raise InputError(f"--surface {surface}: expected one of {' '.join(WAYS)}")
+        raise InputError(f"`surface` {surface}: expected one of {' '.join(WAYS)}")
     if background not in BACKGROUNDS:
-        raise InputError(f"--background {background}: expected one of {' '.join(BACKGROUNDS)}")
+        raise InputError(f"`background` {background}: expected one of {' '.join(BACKGROUNDS)}")
 
 
 def choose_views(splats, trained, up, effort, seed, stages):

@@ -1,16 +1,22 @@
 """The colours of a scene: as captured, as a file has them, or with the light of the capture taken out."""
 
+import os
 import warnings
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
 
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
+
+if TYPE_CHECKING:
+    from ..albedo import Prior
+    from ..light.environment import Environment
+    from .relighter import Relighter
 
 CHOICES = ("estimated", "captured", "white")
 
@@ -28,27 +34,33 @@ class Appearance(NamedTuple):
     capture: dict for the report, None without an estimate.
     """
 
-    albedo: np.ndarray | None
-    captured: np.ndarray
-    irradiance: np.ndarray
-    prior: object = None
-    capture: dict | None = None
+    albedo: NDArray[np.float32] | None
+    captured: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
+    prior: "Prior | None" = None
+    capture: dict[str, Any] | None = None
 
-    def received(self, radiance):
+    def received(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo."""
         return radiance if self.albedo is None else radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO))
 
 
-def appearance_of(choice, capture_env, relighter):
-    """The Appearance that `--albedo` and `--capture-env` name.
+def appearance_of(
+    choice: "str | os.PathLike[str] | NDArray[np.floating]", capture_env: "Environment | None", relighter: "Relighter"
+) -> Appearance:
+    """The Appearance that an `albedo` names.
 
-    choice: one of CHOICES, or a .npy file of (V, 3) linear albedo. capture_env: the Environment of the capture day, or
-    None. The albedo of a light that cannot be told apart is the captured colour, with a DataWarning.
-    Raises InputError for a file that does not fit.
+    choice: one of CHOICES, or linear albedo (V, 3), as an array or a .npy file. capture_env: the Environment of the
+    capture day, or None. The albedo of a light that cannot be told apart is the captured colour, with a DataWarning.
+    Raises InputError for an albedo that does not fit.
     """
-    captured = linear_from_srgb(relighter.scene.colors_srgb / np.float32(255.0))
+    captured = relighter.scene.colors_linear
+    if isinstance(choice, np.ndarray):
+        own, choice = choice, "an array"
     if capture_env is not None and choice != "estimated":
-        raise InputError(f"--capture-env: it is there to estimate the albedo, and the albedo is {choice}")
+        raise InputError(f"`capture_env`: it is there to estimate the albedo, and the albedo is {choice}")
+    if choice == "an array":
+        return _given(_checked(own, choice, len(captured)), captured)
     if choice == "captured":
         return _given(captured, captured)
     if choice == "white":
@@ -58,12 +70,14 @@ def appearance_of(choice, capture_env, relighter):
     return _without_light(captured, capture_env, relighter)
 
 
-def _given(albedo, captured):
+def _given(albedo: NDArray[np.float32] | None, captured: NDArray[np.float32]) -> Appearance:
     found = Appearance(albedo, captured, captured)
     return found._replace(irradiance=found.received(captured))
 
 
-def _without_light(captured, capture_env, relighter):
+def _without_light(
+    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+) -> Appearance:
     from ..albedo import Prior
 
     cache = relighter.cache
@@ -81,7 +95,9 @@ def _without_light(captured, capture_env, relighter):
     return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described)
 
 
-def _of_objects(captured, capture_env, relighter):
+def _of_objects(
+    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+) -> dict[str, Any]:
     """Dict of arrays of the estimate; of a layout each object by itself, in the light that it alone was captured in.
 
     What a layout has only once, as the report tells it, is that of the object with the most vertices.
@@ -105,7 +121,9 @@ def _of_objects(captured, capture_env, relighter):
     return kept
 
 
-def _estimated(captured, capture_env, relighter):
+def _estimated(
+    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+) -> dict[str, Any]:
     from ..albedo import estimate, with_known_light
 
     known = relighter.computed(CAPTURE)
@@ -125,18 +143,23 @@ def _estimated(captured, capture_env, relighter):
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 
 
-def _read(choice, count):
-    """(V, 3) float32 of a .npy file."""
+def _read(choice: str | os.PathLike[str], count: int) -> NDArray[np.float32]:
+    """(V, 3) of a .npy file."""
     try:
         albedo = np.load(choice)
     except FileNotFoundError:
-        raise InputError(f"--albedo {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
+        raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
     except (OSError, ValueError) as error:
-        raise InputError(f"--albedo {choice}: not an array in .npy format ({error})") from None
+        raise InputError(f"`albedo` {choice}: not an array in .npy format ({error})") from None
+    return _checked(albedo, choice, count)
+
+
+def _checked(albedo: Any, choice: Any, count: int) -> NDArray[np.float32]:
+    """(V, 3) of an array of albedo; `choice` names it in errors."""
     if not isinstance(albedo, np.ndarray) or albedo.shape != (count, 3) or albedo.dtype.kind not in "fiu":
         found = f"{albedo.dtype} of shape {albedo.shape}" if isinstance(albedo, np.ndarray) else "several arrays"
-        raise InputError(f"--albedo {choice}: expected numbers of shape ({count}, 3), found {found}")
+        raise InputError(f"`albedo` {choice}: expected numbers of shape ({count}, 3), found {found}")
     if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
         low, high = albedo.min(), albedo.max()
-        raise InputError(f"--albedo {choice}: expected linear values from 0 to 1, found {low} to {high}")
+        raise InputError(f"`albedo` {choice}: expected linear values from 0 to 1, found {low} to {high}")
     return albedo.astype(np.float32)

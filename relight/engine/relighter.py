@@ -1,19 +1,25 @@
 """From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
+from splat2mesh.scene.foreign import AnyScene, as_scene
 
-from ..planning.effects import chosen_effects
+from ..options import LightingOptions
 from ..precomputed import Precomputed
-from ..sh import harmonics
-from ..transfer import METHODS, check_rays
 from ..transfer.settings import BOUNCE_RAYS, Settings, everything
 from .static import Still
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+    from ..planning.plan import Plan
+    from ..transfer.store import Cache
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
@@ -29,24 +35,19 @@ class Shading(NamedTuple):
     settings: the Settings by which it was made; more rays than were asked for, where they were there.
     """
 
-    radiance: np.ndarray
+    radiance: NDArray[np.float32]
     suns: int
-    bounces: list
+    bounces: list[float]
     settings: Settings
 
 
 class Relighter:
     """Light on one scene: what depends on the geometry alone is computed on first use, for the whole scene.
 
-    method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
-        normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
-        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
-    bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions. What is given is not planned.
-    effects: "auto", "none", or some of `planning.effects.EFFECTS`. With "auto" light bounces where an albedo says how:
-        in a scene all white it would never fade.
-    tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
-        is planned (`plan_for`), and what the scene does not call for is not computed. Without, everything is done,
-        with as many bands and rays as suit the method.
+    scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista.
+    options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. Options that
+        have a tolerance or a budget are planned for every light (`plan_for`).
+    stages: Stages that time the work.
     cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
     max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
     precomputed: that of another Relighter of the same scene, with its seed and cache, to share what was traced.
@@ -55,41 +56,35 @@ class Relighter:
 
     def __init__(
         self,
-        scene,
-        method="auto",
-        bands=None,
-        rays=None,
-        seed=0,
-        effects="auto",
-        stages=None,
-        tolerance=None,
-        budget_s=None,
-        cache=None,
-        max_speed=math.inf,
-        precomputed=None,
-    ):
-        if method not in METHODS:
-            raise InputError(f"method {method!r}: expected one of {', '.join(METHODS)}")
-        if seed != int(seed) or not 0 <= seed < 2**64:
-            raise InputError(f"the seed must be a whole number from 0 to 2^64 - 1, found {seed}")
-        self.scene, self._method = scene, method
-        self.effects, self._auto = chosen_effects(effects, method)
-        self._bands = None if bands is None else harmonics.check_bands(bands)
-        self._rays = None if rays is None else check_rays(rays)
+        scene: AnyScene,
+        options: LightingOptions | str | None = None,
+        *,
+        stages: Stages | None = None,
+        cache: "Cache | None" = None,
+        max_speed: float = math.inf,
+        precomputed: Precomputed | None = None,
+        **wishes: Any,
+    ) -> None:
+        self.options = LightingOptions.of(options, **wishes)
+        self.scene = as_scene(scene)
         self.stages = Stages() if stages is None else stages
-        self.precomputed = precomputed or Precomputed(scene, int(seed), cache, self.stages)
+        self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
         self._still = Still(self.precomputed, self.stages)
-        self._everything = everything(method, self.effects, self._bands, self._rays)
+        self._everything = everything(self.options)
         self._planner = self._latest = self._albedo = self._live = self._posed = None
         self._max_speed = max_speed
-        if tolerance is not None or budget_s is not None:
+        if self.options.is_planned:
             from ..planning.planner import Planner
 
-            fixed = None if method == "auto" else method, self._bands, self._rays, None if self._auto else self.effects
-            self._planner = Planner(self.precomputed, tolerance, budget_s, fixed, self.stages)
+            self._planner = Planner(self.precomputed, self.options, self.stages)
 
     @property
-    def method(self):
+    def effects(self) -> frozenset[str]:
+        """The effects that may take part."""
+        return self.options.chosen_effects
+
+    @property
+    def method(self) -> str:
         """The method in use; where it is planned, that of the latest light."""
         return self._settings_now().method
 
@@ -99,7 +94,7 @@ class Relighter:
         return self.precomputed.occluder
 
     @property
-    def transfer(self):
+    def transfer(self) -> NDArray[np.float32]:
         """Transfer of every vertex as if white, without bounces: (V, K) float32; see `relight.transfer`.
 
         Where it is planned, as the latest light called for it; it may have more bands than the plan says.
@@ -107,7 +102,7 @@ class Relighter:
         return self.precomputed.transfer(self._settings_now())[0]
 
     @property
-    def rays_traced(self):
+    def rays_traced(self) -> int:
         """How many rays were shot for transfers and bounces so far; none for what was kept."""
         return self.precomputed.rays_traced
 
@@ -124,34 +119,39 @@ class Relighter:
         return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
 
     @property
-    def cache(self):
+    def cache(self) -> "Cache":
         """The Cache in use; it may be one that keeps nothing."""
         return self.precomputed.cache
 
     @property
-    def seed(self):
+    def seed(self) -> int:
         """Of the ray directions."""
         return self.precomputed.seed
 
-    def plan_for(self, environment, albedo_linear=None, angles=1):
+    def plan_for(
+        self, environment: "Environment", albedo_linear: NDArray[np.floating] | None = None, angles: int = 1
+    ) -> "Plan | None":
         """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
 
-        angles: for how many lights it is to be worth. Until the light has been shaded its error is a prediction.
+        albedo_linear: (V, 3) in [0, 1], white without. angles: for how many lights it is to be worth. Until the light
+        has been shaded its error is a prediction.
         """
-        if self._planner is None or self._method not in PLANNED:
+        if self._planner is None or self.options.method not in PLANNED:
             return None
         return self._planner.plan(environment, self._tint(albedo_linear), angles)
 
-    def shade(self, environment, albedo_linear=None):
+    def shade(
+        self, environment: "Environment", albedo_linear: NDArray[np.floating] | None = None
+    ) -> NDArray[np.float32]:
         """Exit radiance of every vertex, (V, 3) float32 linear: the radiance of `shading`."""
         return self.shading(environment, albedo_linear).radiance
 
     def shading(
         self,
-        environment,  # Environment
-        albedo_linear=None,  # (V, 3) in [0, 1], white without
-        settings=None,  # Settings; by default as planned or fixed. While chunks move, those of before
-    ):
+        environment: "Environment",
+        albedo_linear: NDArray[np.floating] | None = None,  # (V, 3) in [0, 1], white without
+        settings: Settings | None = None,  # by default as planned or fixed. While chunks move, those of before
+    ) -> Shading:
         """Light a scene: a Shading. A new light or rotation costs one product of matrices, a ray for each vertex and
         sun, and a sparse product for each bounce. Where truncated light rings below 0, it is 0.
 
@@ -161,11 +161,11 @@ class Relighter:
         if self._live is not None:
             settings = self._live.settings  # a new light is not planned while things move
         elif settings is None:
-            planned = self._planner is not None and self._method in PLANNED
+            planned = self._planner is not None and self.options.method in PLANNED
             settings = self._planner.settled(environment, tint) if planned else self._everything
         self._latest = settings
         direct, suns, done = self._direct(environment, settings)
-        if not settings.bounce_rays or (self._auto and tint is None):
+        if not settings.bounce_rays or (self.options.fixed_effects is None and tint is None):
             return Shading(direct if tint is None else direct * tint, suns, [], done)
         from ..transfer.bounces import with_bounces
 
@@ -175,17 +175,20 @@ class Relighter:
             radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounces)
         return Shading(radiance, suns, bounces, done)
 
-    def update(self, chunk, vertices, normals, seconds=None):
+    def update(
+        self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None
+    ) -> NDArray[np.int64]:
         """Move one chunk of the scene; see `update_all`."""
         return self.update_all({chunk: (vertices, normals)}, seconds)
 
     def update_all(
         self,
-        changes,  # chunk -> (vertices, normals), as many of either as it had, scene frame
-        seconds=None,  # since these chunks were given before; without, none is taken to be fast
-    ):
+        changes: Mapping[int, tuple[NDArray[np.floating], NDArray[np.floating]]],
+        seconds: float | None = None,  # since these chunks were given before; without, none is taken to be fast
+    ) -> NDArray[np.int64]:
         """Move chunks: the sorted rows, (M,), of vertices whose light may change.
 
+        changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame.
         Only what the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer along,
         until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a plan's
         bands and rays stay what they were, with shadows everywhere. The Scene itself is not changed.
@@ -199,7 +202,7 @@ class Relighter:
             moving = changes.keys() | (before.moving if before else set())
             settings = before.settings if before else self._settings_now()
             if settings.method != "raytraced":
-                if self._method != "auto":
+                if self.options.method != "auto":
                     raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
                 settings = self._everything._replace(method="raytraced", bands=LIVE_BANDS, rays=LIVE_RAYS)
             settings = settings._replace(shadowed=None)
@@ -207,7 +210,7 @@ class Relighter:
         with self.stages.stage("motion"):
             return self._live.update(changes, seconds)
 
-    def catch_up(self):
+    def catch_up(self) -> NDArray[np.int64]:
         """After motion, compute what was left out of it, bounces included: the sorted rows whose light may change."""
         if self._live is None:
             return np.zeros(0, np.int64)
@@ -217,7 +220,7 @@ class Relighter:
         return rows
 
     @property
-    def stale(self):
+    def stale(self) -> bool:
         """Whether `catch_up` has something to do for direct light."""
         return self._live is not None and self._live.stale
 

@@ -1,11 +1,22 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
+from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
 from .kinds import FILES
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
 
@@ -17,15 +28,26 @@ class Results:
     result needs them. texture_size: side of textures in texels, chosen without.
     """
 
-    def __init__(self, relighter, appearance, kinds, baked=(), splats=None, texture_size=None, seed=0):
+    def __init__(
+        self,
+        relighter: "Relighter",
+        appearance: "Appearance",
+        kinds: Sequence[str],
+        baked: Sequence[str] = (),
+        splats: tuple[Splats, list[Path]] | None = None,
+        texture_size: int | None = None,
+        seed: int = 0,
+    ) -> None:
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats, self._paths = splats or (None, [])
         self._texture_size, self._seed = texture_size, seed
         self._scene, self._stages = relighter.scene, relighter.stages
         self._preview = self._binding = self._texture = None
 
-    def write(self, folder, light, radiance, exposure):
-        """Fill an existing folder. Returns the names of the files and further entries for the report.
+    def write(
+        self, folder: Path, light: "Environment", radiance: NDArray[np.float32], exposure: float
+    ) -> tuple[list[str], dict[str, Any]]:
+        """Fill a folder that exists: (names of the files, what else the report should tell).
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
@@ -54,16 +76,22 @@ class Results:
             self._preview = self._preview or Preview(self._scene, None, *PICTURE_SIZE)
             mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
 
-    def _write_splats(self, folder, radiance, exposure):
-        """Write the relit splats, also in the format of their source. Returns the names of files beyond FILES."""
-        from ..splats import Binding, write_relit_ply
+    def relit_splats(self, radiance: NDArray[np.float32], exposure: float) -> Splats:
+        """The splats in the new light, row by row those of the source, in its frame."""
+        from ..splats import Binding
 
         if self._binding is None:
             with self._stages.stage("bind splats"):
                 self._binding = Binding(self._splats, self._scene, seed=self._seed)
         with self._stages.stage("relight splats"):
             received = self._appearance.received(radiance)
-            relit = self._binding.relit(self._appearance.irradiance, received, exposure)
+            return self._binding.relit(self._appearance.irradiance, received, exposure)
+
+    def _write_splats(self, folder, radiance, exposure):
+        """The splats in the new light, also in the format of their source: names of files beyond FILES."""
+        from ..splats import write_relit_ply
+
+        relit = self.relit_splats(radiance, exposure)
         with self._stages.stage("write"):
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["splat"], relit, source)

@@ -6,11 +6,12 @@ import time
 import numpy as np
 
 from ..light import sun_split
+from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from . import costs
 from .effect_errors import EffectErrors
-from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
+from .plan import Plan
 from .sample import Sample
 
 SAFETY = 0.75
@@ -58,20 +59,14 @@ def planned(
     sizes,  # (C,) vertices of each chunk
     environment,  # Environment
     albedo=None,  # (V, 3) linear, white without
-    tolerance=DEFAULT_TOLERANCE,
-    budget_s=None,  # seconds to do one's best in, instead of the tolerance
-    method=None,  # "raytraced", "neural" or "analytic", where it is not to be chosen
-    bands=None,
-    rays=None,
-    effects=None,  # a set of names, where they are not to be chosen
+    options=None,  # LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic"
     angles=1,  # for how many lights
 ):
-    """Measure a sample of the scene under all rotations of the light, and choose: a Plan.
-
-    Raises InputError for a tolerance or a budget that is not above 0.
-    """
+    """Measure a sample of the scene under all rotations of the light, and choose: a Plan."""
     start = time.perf_counter()
-    check_wishes(tolerance, budget_s)
+    options = (options or LightingOptions()).planned()
+    budget_s, effects = options.budget_s, options.fixed_effects
+    tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
     directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
     sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions)
@@ -79,7 +74,7 @@ def planned(
         albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
     measured = EffectErrors(sample, environment, albedo, bouncing)
-    choice = _Choice(measured, environment, tolerance, budget_s, (method, bands, rays, effects), angles)
+    choice = _Choice(measured, environment, options, tolerance, angles)
     best = choice.best()
     return Plan(
         settings=best.settings,
@@ -105,11 +100,11 @@ def _quickest(candidate):
 class _Choice:
     """All settings worth considering for what was measured."""
 
-    def __init__(self, measured, environment, tolerance, budget_s, forced, angles):
+    def __init__(self, measured, environment, options, tolerance, angles):
         self.measured, self._environment, self._angles = measured, environment, angles
-        self._method, self._bands, self._rays, self._effects = forced
-        self._budget_s = budget_s
-        self._tolerances = ALL_TOLERANCES if budget_s else (tolerance,)
+        self._method, self._effects = options.fixed_method, options.fixed_effects
+        self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
+        self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
         self._target = SAFETY * tolerance
         self._splits, self._sun_factor = {}, 1.0
         self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))

@@ -1,16 +1,12 @@
 """A plan: what will be done, how far off it will be, what it will take, and why; in memory, as JSON, as a table."""
 
-import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-
-from splat2mesh.base.errors import InputError
+from numpy.typing import NDArray
 
 from ..transfer.settings import Settings
-
-DEFAULT_TOLERANCE = 0.01
-"""Relative error of exit radiance, root mean square over vertices and colours."""
 
 
 @dataclass
@@ -19,7 +15,7 @@ class Plan:
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
     seconds: predicted, for the scene and as many lights as asked for. suns: how many.
-    tolerance, budget_s: as asked; None for the other. vertices, rays: size of the sample.
+    tolerance, budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample.
     contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
     quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
     choice: what it was chosen from, which tells that error for Settings and a transfer (S, K) of the sample's `rows`,
@@ -34,14 +30,14 @@ class Plan:
     budget_s: float | None
     vertices: int
     rays: int
-    contributions: list
-    curve: list
+    contributions: list[tuple[str, float | None, str]]
+    curve: list[tuple[float, float, Settings]]
     planning_s: float
     checked: float | None = None
-    choice: object = field(default=None, repr=False)
-    rows: np.ndarray | None = field(default=None, repr=False)
+    choice: Any = field(default=None, repr=False)
+    rows: NDArray[np.integer] | None = field(default=None, repr=False)
 
-    def as_dict(self):
+    def as_dict(self) -> dict[str, Any]:
         """JSON-clean, for the report; `from_dict` reads it."""
         return {
             "settings": _settings_dict(self.settings),
@@ -63,7 +59,7 @@ class Plan:
         }
 
     @classmethod
-    def from_dict(cls, kept):
+    def from_dict(cls, kept: dict[str, Any]) -> "Plan":
         """A plan that was kept. Raises KeyError or TypeError for what is none."""
         return cls(
             settings=_settings_from(kept["settings"]),
@@ -80,7 +76,7 @@ class Plan:
             checked=kept["checked_error"],
         )
 
-    def table(self):
+    def table(self) -> list[str]:
         """The plan as lines of text: decisions, then the curve, thinned to a dozen steps."""
         wish = f"tolerance {self.tolerance:g}" if self.budget_s is None else f"budget {self.budget_s:g} s"
         lines = [f"plan for {wish}: {self.settings}", f"  {'effect':<15}{'error without':>14}  decision"]
@@ -97,27 +93,20 @@ class Plan:
         return lines
 
 
-def check_wishes(tolerance, budget_s):
-    """Raise InputError for a tolerance or a budget that is not above 0."""
-    for name, value in (("tolerance", tolerance), ("budget", budget_s)):
-        if value is not None and not 0.0 < value < math.inf:
-            raise InputError(f"the {name} must be a number above 0, found {value}")
-
-
-def _settings_dict(settings):
+def _settings_dict(settings: Settings) -> dict[str, Any]:
     return {name: list(value) if isinstance(value, tuple) else value for name, value in settings._asdict().items()}
 
 
-def _settings_from(kept):
+def _settings_from(kept: dict[str, Any]) -> Settings:
     shadowed = kept["shadowed"]
     return Settings(**{**kept, "shadowed": None if shadowed is None else tuple(shadowed)})
 
 
-def _rounded(value):
+def _rounded(value: float | None) -> float | None:
     return None if value is None else float(f"{value:.4g}")
 
 
-def _thinned(rows, count):
+def _thinned(rows: list[Any], count: int) -> list[Any]:
     """At most so many rows, evenly, the first and the last among them."""
     keep = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int)) if rows else []
     return [rows[at] for at in keep]

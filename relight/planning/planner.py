@@ -1,39 +1,44 @@
 """Plans for the lights of one scene: made once for each, kept between runs, checked after the work and mended."""
 
 import json
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.split_light import image_key
+from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.store import array_key
 from .decide import planned
-from .plan import DEFAULT_TOLERANCE, Plan, check_wishes
+from .plan import Plan
+
+if TYPE_CHECKING:
+    from splat2mesh.base.progress import Stages
+
+    from ..light.environment import Environment
+    from ..precomputed import Precomputed
+    from ..transfer.settings import Settings
 
 MOST_DOUBLINGS = 4
 """How often the rays may be doubled when the sample shows more noise than was planned for."""
 
 
 class Planner:
-    """Plans within a tolerance or a budget of seconds.
+    """Plans by LightingOptions that have a tolerance or a budget of seconds."""
 
-    fixed: (method, bands, rays, effects), each None where it is to be chosen.
-    Raises InputError for a tolerance or a budget that is not above 0.
-    """
-
-    def __init__(self, precomputed, tolerance, budget_s, fixed, stages):
-        check_wishes(tolerance, budget_s)
-        self._precomputed, self._stages, self._fixed = precomputed, stages, fixed
-        self._tolerance, self._budget_s = DEFAULT_TOLERANCE if tolerance is None else tolerance, budget_s
+    def __init__(self, precomputed: "Precomputed", options: LightingOptions, stages: "Stages") -> None:
+        self._precomputed, self._stages, self._options = precomputed, stages, options
+        self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         self._plans, self._albedo = {}, (None, None)
 
-    def plan(self, environment, albedo, angles=1):
+    def plan(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
         """The Plan for an environment in all its rotations and an albedo, (V, 3) or None."""
         key = self._key(environment, albedo)
         if key not in self._plans:
             self._plans[key] = self._kept(key) or self._made(environment, albedo, angles)
         return self._plans[key]
 
-    def settled(self, environment, albedo):
+    def settled(self, environment: "Environment", albedo: NDArray[np.floating] | None) -> "Settings":
         """The Settings of the plan, after their transfer was computed and checked on the sample.
 
         Where it shows more noise than was foreseen, too much for the tolerance, the rays are doubled.
@@ -46,7 +51,7 @@ class Planner:
         return plan.settings
 
     def _check(self, plan):
-        fixed_rays = self._fixed[2] is not None
+        fixed_rays = self._options.rays is not None
         for left in range(MOST_DOUBLINGS, -1, -1):
             settings = plan.settings
             if not settings.rays:
@@ -63,9 +68,8 @@ class Planner:
 
     def _made(self, environment, albedo, angles):
         occluder = self._precomputed.occluder
-        wishes = self._tolerance, self._budget_s, *self._fixed, angles
         with self._stages.stage("plan"):
-            return planned(occluder, self._precomputed.sizes, environment, albedo, *wishes)
+            return planned(occluder, self._precomputed.sizes, environment, albedo, self._options, angles)
 
     def _kept(self, key):
         kept = self._precomputed.cache.get("plan", key)
@@ -77,8 +81,9 @@ class Planner:
     def _key(self, environment, albedo):
         if self._albedo[0] is not albedo:
             self._albedo = albedo, array_key(albedo)
-        method, bands, rays, effects = self._fixed
-        effects = None if effects is None else sorted(effects)
-        wishes = self._tolerance, self._budget_s, method, bands, rays, effects, self._precomputed.seed
+        options = self._options
+        effects = None if options.fixed_effects is None else sorted(options.fixed_effects)
+        fixed = options.fixed_method, options.bands, options.rays, effects
+        wishes = self._tolerance, options.budget_s, *fixed, self._precomputed.seed
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

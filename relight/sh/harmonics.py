@@ -18,10 +18,10 @@ _ROW_NODES = 24  # Gauss-Legendre nodes a row: degree 10 over half a turn (an im
 _Y_POLAR = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # to (z, x, y): the polar axis is y
 
 
-def check_bands(bands):
+def check_bands(bands: int) -> int:
     """Return `bands` as an int. Raises InputError unless it is a whole number from 1 to `MAX_BANDS`."""
     if bands != int(bands) or not 1 <= bands <= MAX_BANDS:
-        raise InputError(f"SH bands must be a whole number from 1 to {MAX_BANDS}, found {bands}")
+        raise InputError(f"`bands` must be a whole number from 1 to {MAX_BANDS}, found {bands}")
     return int(bands)
 
 

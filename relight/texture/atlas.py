@@ -88,7 +88,7 @@ def unwrap(scene, size):
     _draw(uv, faces, np.float32(REACH), best, face, weights)
     texels = np.flatnonzero(face.ravel() >= 0)
     if len(texels) == 0:
-        raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger --texture-size")
+        raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
     face, weights, inside = face.ravel()[texels], weights.reshape(-1, 3)[texels], best.ravel()[texels] == 0.0
     # Back from the welded mesh to the faces and vertices of the scene, chunk by chunk.
     in_scene = np.empty_like(faces)
@@ -124,7 +124,7 @@ def unwrap(scene, size):
 def check_size(size):
     """The side of a texture as an int. Raises InputError outside SMALLEST..LARGEST."""
     if isinstance(size, bool) or int(size) != size or not SMALLEST <= size <= LARGEST:
-        raise InputError(f"--texture-size {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
+        raise InputError(f"`texture_size` {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
     return int(size)
 
 

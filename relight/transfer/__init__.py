@@ -27,8 +27,8 @@ MAX_RAYS = 2**16
 """Rays per vertex beyond which float32 sums, not the rays, limit the accuracy."""
 
 
-def check_rays(rays):
+def check_rays(rays: int) -> int:
     """Return `rays` as an int. Raises InputError unless it is a whole number from 1 to MAX_RAYS."""
     if rays != int(rays) or not 1 <= rays <= MAX_RAYS:
-        raise InputError(f"rays per vertex must be a whole number from 1 to {MAX_RAYS}, found {rays}")
+        raise InputError(f"`rays` per vertex must be a whole number from 1 to {MAX_RAYS}, found {rays}")
     return int(rays)

@@ -1,8 +1,11 @@
 """How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from . import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, NEURAL_RAYS, SHADOWING
+
+if TYPE_CHECKING:
+    from ..options import LightingOptions
 
 SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
@@ -25,18 +28,18 @@ class Settings(NamedTuple):
     method: str
     bands: int
     rays: int = 0
-    shadowed: tuple | None = None
+    shadowed: tuple[bool, ...] | None = None
     suns: float = 0.0
     bounce_rays: int = 0
     bounces: float = 0.0
 
     @property
-    def effects(self):
+    def effects(self) -> frozenset[str]:
         """The names of EFFECTS that it has."""
         has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
         return frozenset(name for name, there in has if there)
 
-    def __str__(self):
+    def __str__(self) -> str:
         parts = [self.method, f"{self.bands} bands"]
         if self.rays:
             chunks = "" if self.shadowed is None else f" in {sum(self.shadowed)} of {len(self.shadowed)} chunks"
@@ -48,13 +51,14 @@ class Settings(NamedTuple):
         return ", ".join(parts)
 
 
-def everything(method, effects, bands=None, rays=None):
-    """The Settings of a method where nothing is planned: all that `effects`, a set of names, does not rule out."""
+def everything(options: "LightingOptions") -> Settings:
+    """The Settings of options where nothing is planned: all that their effects do not rule out."""
+    method, effects = options.method, options.chosen_effects
     if method == "auto":
         method = "raytraced" if effects else "analytic"
-    bands = DEFAULT_BANDS if bands is None else bands
+    bands = DEFAULT_BANDS if options.bands is None else options.bands
     if method not in SHADOWING:
         return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
-    rays = rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+    rays = options.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
     bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
     return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)

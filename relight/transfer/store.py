@@ -27,18 +27,21 @@ _ERRORS = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 
 class Cache:
-    """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found."""
+    """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found.
 
-    def __init__(self, folder=None, geometry=""):
-        self.folder = None if folder is None else Path(folder)
+    read_only: what is there is found, and nothing is written, not even when it was last used.
+    """
+
+    def __init__(self, folder=None, geometry="", read_only=False):
+        self.folder, self._read_only = None if folder is None else Path(folder), read_only
         self._key = f"{VERSION} {geometry}"
 
     @classmethod
-    def of_scene(cls, scene):
+    def of_scene(cls, scene, read_only=False):
         """In the folder that a Scene was loaded from; a Scene of a mesh file, or of none, keeps nothing."""
         if scene.path is None or not Path(scene.path).is_dir():
             return cls()
-        return cls(Path(scene.path) / FOLDER, geometry_key(scene))
+        return cls(Path(scene.path) / FOLDER, geometry_key(scene), read_only)
 
     def get(self, kind, *settings):
         """Dict of the arrays kept under a kind and its settings, or None."""
@@ -52,7 +55,7 @@ class Cache:
 
     def put(self, kind, *settings, **arrays):
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
-        if not self.folder:
+        if not self.folder or self._read_only:
             return
         path, name = self._path(kind, settings), None
         try:
@@ -81,7 +84,8 @@ class Cache:
                 if str(file["key"]) != self._key:
                     return None
                 found = {name: file[name] for name in file.files if name != "key"}
-            os.utime(path)
+            if not self._read_only:
+                os.utime(path)
         except _ERRORS:
             return None
         return found

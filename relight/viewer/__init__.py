@@ -7,36 +7,53 @@ Modules: `session` state and light, `worker` and `lighting` the heavy work in a 
 colours the surface, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
 """
 
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.foreign import AnyScene, as_scene
+
+from ..options import LightingOptions
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+    from ..transfer.store import Cache
 
 __all__ = ["record_turntable", "view"]
 
 
 def view(
-    scene,  # splat2mesh.Scene
-    environment="studio",  # Environment, or what Environment.load takes
+    scene: AnyScene,  # as of Relighter
+    environment: "Environment | str | os.PathLike[str]" = "studio",  # or what Environment.load takes
+    options: LightingOptions | str | None = None,
     *,
-    albedos=None,  # dict of name -> (V, 3) linear or None for white; the first is shown first
-    environments_folder=None,  # its .exr and .hdr files can be chosen too
-    screenshot=None,  # PNG to write instead of opening a window, with the panel
-    off_screen=False,  # no window: returns the Window for a loop of its own
-    size=None,  # width, height
-    exposure=None,  # display value per unit of radiance
-    tolerance=0.02,
-    state=None,  # dict of fields of `session.State` to start with
-    **options,  # of Relighter: method, effects, seed, bands, rays
-):
+    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,  # name -> (V, 3) linear or None for white
+    environments_folder: str | os.PathLike[str] | None = None,  # its .exr and .hdr files can be chosen too
+    screenshot: str | os.PathLike[str] | None = None,  # PNG to write instead of opening a window, with the panel
+    off_screen: bool = False,  # no window: returns the Window for a loop of its own
+    size: tuple[int, int] | None = None,  # width, height
+    exposure: float | None = None,  # display value per unit of radiance
+    state: Mapping[str, Any] | None = None,  # fields of `session.State` to start with
+    cache: "Cache | None" = None,  # as of Relighter
+    **wishes: Any,
+) -> Any:
     """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
 
-    With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
-    input that cannot be used, a missing PyVista and a missing display.
+    options, wishes: LightingOptions and fields of them, as of Relighter; a session has a tolerance and no budget. The
+    first of the albedos is shown first. With `screenshot` no window opens: the picture is written when its light is
+    complete. Raises InputError for input that cannot be used, a missing PyVista and a missing display.
     """
     from .window import SIZE, Window, in_notebook, load_pyvista
 
     notebook = in_notebook() and not (screenshot or off_screen)
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
-    session = _session(scene, environment, albedos, environments_folder, exposure, tolerance, state, options)
+    options = LightingOptions.of(options, **wishes)
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache)
     try:
         window = Window(session, size or SIZE, off_screen)
         if notebook:
@@ -59,21 +76,22 @@ def view(
 
 
 def record_turntable(
-    path,  # .gif, or .mp4 where imageio-ffmpeg is installed
-    scene,
-    environment="studio",
+    path: str | os.PathLike[str],  # .gif, or .mp4 where imageio-ffmpeg is installed
+    scene: AnyScene,
+    environment: "Environment | str | os.PathLike[str]" = "studio",
+    options: LightingOptions | str | None = None,
     *,
-    frames=72,
-    what="light",  # or "camera": what turns
-    panel=False,  # whether the panel is in the film
-    overwrite=False,
-    albedos=None,
-    size=(960, 720),
-    exposure=None,
-    tolerance=0.02,
-    state=None,
-    **options,
-):
+    frames: int = 72,
+    what: str = "light",  # or "camera": what turns
+    panel: bool = False,  # whether the panel is in the film
+    overwrite: bool = False,
+    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,
+    size: tuple[int, int] = (960, 720),
+    exposure: float | None = None,
+    state: Mapping[str, Any] | None = None,
+    cache: "Cache | None" = None,
+    **wishes: Any,
+) -> None:
     """Film a full turn off screen, every picture with its suns and bounces. Arguments as of `view`.
 
     Raises InputError as `view` does, and for a film that cannot be written.
@@ -85,7 +103,8 @@ def record_turntable(
 
     check_film(path, frames, what, overwrite)
     load_pyvista(True)
-    session = _session(scene, environment, albedos, None, exposure, tolerance, state, options)
+    options = LightingOptions.of(options, **wishes)
+    session = _session(scene, environment, options, albedos, None, exposure, state, cache)
     try:
         window = Window(session, size, off_screen=True)
         window.record(path, frames=frames, what=what, panel=panel, overwrite=overwrite)
@@ -99,10 +118,10 @@ def record_turntable(
     window.close()
 
 
-def _session(scene, environment, albedos, folder, exposure, tolerance, state, options):
+def _session(scene, environment, options, albedos, folder, exposure, state, cache):
     from .session import Session, choices_of
 
-    session = Session(scene, choices_of(environment, folder), albedos, exposure, tolerance, **options)
+    session = Session(as_scene(scene), choices_of(environment, folder), options, albedos, exposure, cache=cache)
     if state:
         session.change(**state)
     return session

@@ -7,6 +7,7 @@ longer. It knows nothing of windows.
 
 import time
 import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,8 @@ from splat2mesh.base.errors import InputError
 
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
-from ..planning.effects import BOUNCES, SHADOWS, SUN, chosen_effects
+from ..options import LightingOptions
+from ..planning.effects import BOUNCES, SHADOWS, SUN
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.settings import Settings
@@ -107,16 +109,16 @@ class Lighting:
     """A scene and all the lights and albedos that the session may choose from.
 
     environments: dict of name -> Environment, or what `Environment.load` takes. albedos: dict of name -> (V, 3)
-    linear or None for white. options: of `Relighter`: method, effects, seed, bands, rays, cache.
+    linear or None for white. options: LightingOptions; every wish brings its own tolerance. cache: as of `Relighter`.
     stages: as of `splat2mesh.base.progress.Stages`; its `advance` may raise to end an answer early.
     step: (kind, key) of the result in progress, or None.
     """
 
-    def __init__(self, scene, environments, albedos, stages, **options):
+    def __init__(self, scene, environments, albedos, stages, options=None, cache=None):
         self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
         self.step = None
-        self._relighter = Relighter(scene, stages=stages, **options)
-        self._options, self._relighters, self._converged = options, {}, None
+        self._options, self._relighters, self._converged = LightingOptions.of(options), {}, None
+        self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
 
     def answers(self, wish):
@@ -190,9 +192,8 @@ class Lighting:
     def _reference(self, wish):
         if not wish.reference:
             return None
-        if self._converged is None:  # with other rays: nothing may be measured by itself
-            seed = self._options.get("seed", 0) + 1
-            self._converged = Relighter(self.scene, "raytraced", seed=seed, stages=self.stages)
+        if self._converged is None:  # rays of its own: what is shown must not be measured by itself
+            self._converged = Relighter(self.scene, "raytraced", seed=self._options.seed + 1, stages=self.stages)
         shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
         return Reference(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
 
@@ -223,9 +224,9 @@ class Lighting:
         if wish.tolerance not in self._relighters:
             while len(self._relighters) >= MOST_RELIGHTERS:
                 self._relighters.pop(next(iter(self._relighters)))
-            options = {name: value for name, value in self._options.items() if name != "cache"}
-            options |= {"stages": self.stages, "tolerance": wish.tolerance, "precomputed": self._relighter.precomputed}
-            self._relighters[wish.tolerance] = Relighter(self.scene, **options)
+            options = replace(self._options, tolerance=wish.tolerance)
+            shared = self._relighter.precomputed
+            self._relighters[wish.tolerance] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
         relighter = self._relighters[wish.tolerance]
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
@@ -261,11 +262,6 @@ def restricted(settings, effects):
     if SUN not in effects:
         settings = settings._replace(suns=0.0)
     return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounces=0.0)
-
-
-def available_effects(options):
-    """The effects that `Relighter` would have with these options, a frozenset. Raises InputError for bad options."""
-    return chosen_effects(options.get("effects", "auto"), options.get("method", "auto"))[0]
 
 
 def check_albedos(scene, albedos):

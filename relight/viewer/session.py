@@ -11,13 +11,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.color import linear_from_srgb
 
 from ..light import skies
 from ..light.environment import Environment, turned_about_y
 from ..light.tonemap import auto_exposure
+from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
-from .lighting import Wish, available_effects, check_albedos, keys
+from .lighting import Wish, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
 from .worker import Process
@@ -26,6 +26,9 @@ REST_SECONDS = 0.15
 """Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
 
 TURN_DEG_PER_SECOND = 36.0
+
+START_TOLERANCE = 0.02
+"""Where none is asked for."""
 
 RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
@@ -67,21 +70,24 @@ class Session:
         self,
         scene,
         environments,  # dict of name -> Environment or what Environment.load takes; the first is shown first
+        options=None,  # LightingOptions, whose tolerance the session starts with
         albedos=None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
         exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
-        tolerance=0.02,
         worker=Process,
-        **options,  # of Relighter: method, effects, seed, bands, rays
+        cache=None,  # as of Relighter
+        **wishes,  # fields of LightingOptions, such as tolerance
     ):
         """Start the worker. Raises InputError for albedos and options that do not fit."""
+        options = LightingOptions.of(options, **wishes)
+        tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
         self.scene = scene
-        captured = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
-        self.albedos = check_albedos(scene, {"captured": captured, "white": None} if albedos is None else albedos)
+        captured = {"captured": scene.colors_linear, "white": None}
+        self.albedos = check_albedos(scene, captured if albedos is None else albedos)
         self.environments = dict(environments)
-        self.available = available_effects(options)
+        self.available = options.chosen_effects
         if not RANGES["tolerance"][0] <= tolerance <= RANGES["tolerance"][1]:
             low, high = RANGES["tolerance"]
-            raise InputError(f"the tolerance of a session must be from {low:g} to {high:g}, found {tolerance:g}")
+            raise InputError(f"the `tolerance` of a session must be from {low:g} to {high:g}, found {tolerance:g}")
         first = next(iter(self.environments))
         angle = getattr(self.environments[first], "rotation_deg", 0.0)
         self.start = State(first, next(iter(self.albedos)), angle_deg=angle, tolerance=tolerance)
@@ -91,7 +97,8 @@ class Session:
         self._found, self._memory = {}, {}  # newest results by kind; what was derived from them, by name
         self._asked, self._answered, self._ended, self._moved = None, None, "", -np.inf
         self.light_seconds = None
-        self._worker = worker(scene, self.environments, self.albedos, options)
+        options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
+        self._worker = worker(scene, self.environments, self.albedos, options, cache)
         self._ask()
         prepare()
 

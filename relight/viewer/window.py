@@ -24,7 +24,7 @@ IDLE_SECONDS = 0.005  # between two looks at mouse and worker
 FRAMES_AVERAGED = 12
 
 _MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
-_NO_DISPLAY = "no display: save a picture with --screenshot FILE, or start it in a notebook"
+_NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
 
 
 class Window:

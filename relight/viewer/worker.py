@@ -14,6 +14,7 @@ import threading
 import time
 from contextlib import contextmanager
 
+from splat2mesh.base.console import THREADS
 from splat2mesh.base.errors import InputError
 
 from .lighting import Lighting, keys
@@ -59,9 +60,9 @@ class Steps:
 class Inline:
     """The same in this process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
 
-    def __init__(self, scene, environments, albedos, options):
+    def __init__(self, scene, environments, albedos, options=None, cache=None):
         steps = Steps(lambda *progress: None, lambda: None)
-        self._lighting, self._wish = Lighting(scene, environments, albedos, steps, **options), None
+        self._lighting, self._wish = Lighting(scene, environments, albedos, steps, options, cache), None
 
     def submit(self, wish):
         """Ask for the newest wish; what an older one still needs is dropped."""
@@ -81,14 +82,14 @@ class Inline:
 class Process:
     """The worker process of one session."""
 
-    def __init__(self, scene, environments, albedos, options):
+    def __init__(self, scene, environments, albedos, options=None, cache=None):
         command = [sys.executable, "-m", "relight.viewer.worker"]
-        environment = dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path)))
+        environment = THREADS | os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
         self._answers, self._wishes = queue.SimpleQueue(), queue.SimpleQueue()
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._write, daemon=True).start()
-        self._wishes.put((scene, environments, albedos, options))
+        self._wishes.put((scene, environments, albedos, options, cache))
 
     def submit(self, wish):
         """Ask for the newest wish; what an older one still needs is dropped."""
@@ -147,7 +148,7 @@ def main():
     os.dup2(2, 1)  # whatever a library prints must not land between the messages
     if hasattr(os, "nice"):
         os.nice(NICENESS)
-    scene, environments, albedos, options = pickle.load(messages_in)
+    scene, environments, albedos, options, cache = pickle.load(messages_in)
     newest, arrived = [None], threading.Event()
 
     def listen():
@@ -168,7 +169,8 @@ def main():
             if keys(newest[0])[kind] != key:
                 raise Superseded
 
-    lighting = Lighting(scene, environments, albedos, Steps(lambda *p: send("progress", *p), check), **options)
+    steps = Steps(lambda *progress: send("progress", *progress), check)
+    lighting = Lighting(scene, environments, albedos, steps, options, cache)
     threading.Thread(target=listen, daemon=True).start()
     while True:
         arrived.wait()

@@ -5,30 +5,53 @@ import os
 import sys
 import traceback
 import warnings
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
 
-from .errors import DataWarning, InputError
+from .errors import DataWarning, InputError, with_options
 
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT = 0, 1, 2
 
+THREADS = {
+    # Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
+    "NUMBA_THREADING_LAYER_PRIORITY": "omp tbb workqueue",
+    # OpenMP threads spin while they wait; where other work shares the cores that costs milliseconds a parallel loop.
+    "OMP_WAIT_POLICY": "passive",
+}
+"""Environment variables of a process that belongs to this toolkit alone; both are read as the libraries load."""
 
-def run(command, options):
+
+def run(
+    command: Callable[[Namespace], tuple[list[str], Any]],
+    options: Namespace,
+    renamed: Mapping[str, str] | None = None,
+) -> int:
     """Run `command(options)` and return the process's exit code.
 
-    command: callable that takes the parsed options and returns (summary lines, result dict).
-    options: needs `.json`, `.quiet`, `.verbose`. The result goes to stdout, everything else to stderr.
+    command: takes the parsed options and returns (summary lines, result that can be JSON). options: needs `.json`,
+    `.quiet`, `.verbose`. The result goes to stdout, everything else to stderr. Settings that messages name are shown
+    as options: `up` as --up; renamed: setting -> option, where that is not its name.
     """
-    warnings.showwarning = _show_warning
-    warnings.simplefilter("ignore")
-    warnings.simplefilter("always", DataWarning)
-    try:
-        lines, result = command(options)
-    except InputError as error:
-        return _fail(error, EXIT_BAD_INPUT, options)
-    except KeyboardInterrupt:
-        return _fail("interrupted", EXIT_FAILED, options)
-    except Exception as error:
-        text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
+    for name, value in THREADS.items():
+        os.environ.setdefault(name, value)
+    names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print(
+            f"warning: {with_options(str(message), names)}", file=sys.stderr
+        )
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", DataWarning)
+        try:
+            lines, result = command(options)
+        except InputError as error:
+            return _fail(with_options(str(error), names), EXIT_BAD_INPUT, options)
+        except KeyboardInterrupt:
+            return _fail("interrupted", EXIT_FAILED, options)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+            return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
     try:
         if options.json:
             print(json.dumps(result))
@@ -40,12 +63,29 @@ def run(command, options):
     return EXIT_DONE
 
 
-def wants_progress(options):
+@contextmanager
+def recorded_warnings() -> Iterator[list[str]]:
+    """Yield a list to which the text of every warning is added within the block, besides being shown."""
+    messages: list[str] = []
+    show = warnings.showwarning
+
+    def record(message: Any, *details: Any, **more: Any) -> None:
+        messages.append(str(message))
+        show(message, *details, **more)
+
+    warnings.showwarning = record
+    try:
+        yield messages
+    finally:
+        warnings.showwarning = show
+
+
+def wants_progress(options: Namespace) -> bool:
     """Whether progress bars belong on this run's stderr: only a terminal, and only when not told to be quiet."""
     return sys.stderr.isatty() and not options.quiet
 
 
-def peak_mb():
+def peak_mb() -> float:
     """Largest resident size of this process so far, in MiB."""
     import resource
 
@@ -53,12 +93,8 @@ def peak_mb():
     return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
 
 
-def _fail(error, code, options):
+def _fail(message: str, code: int, options: Namespace) -> int:
     if options.verbose:
         traceback.print_exc()
-    print("error: " + " ".join(str(error).split()), file=sys.stderr)
+    print("error: " + " ".join(message.split()), file=sys.stderr)
     return code
-
-
-def _show_warning(message, category, filename, lineno, file=None, line=None):
-    print(f"warning: {message}", file=sys.stderr)

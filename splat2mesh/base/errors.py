@@ -1,4 +1,14 @@
-"""What can go wrong with input, as types that every part of the toolkit shares."""
+"""What can go wrong with input, as types that every part of the toolkit shares.
+
+A message names a setting of the library in backquotes, as Python writes it: "`max_chunk_vertices` 2: a chunk needs at
+least 3". A command line that has an option of that name writes it in its place: "--max-chunk-vertices 2: ...". So the
+library knows no option, and whoever reads a message finds the name that belongs to what he typed.
+"""
+
+import re
+from collections.abc import Mapping
+
+_SETTING = re.compile(r"`(\w+)`")
 
 
 class InputError(ValueError):
@@ -10,3 +20,11 @@ class InputError(ValueError):
 
 class DataWarning(UserWarning):
     """Part of the input was dropped or repaired; the message carries the count."""
+
+
+def with_options(message: str, options: Mapping[str, str]) -> str:
+    """A message with every setting that a command line has an option for written as that option.
+
+    options: setting -> option, such as {"budget_s": "--budget"}. Other words in backquotes stay as they are.
+    """
+    return _SETTING.sub(lambda match: options.get(match[1], match[0]), message)

@@ -3,13 +3,14 @@
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
 
 
-def check_output(path, overwrite, marker=None):
+def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | None = None) -> None:
     """Refuse, before any work is done, an output that exists or cannot be made.
 
     marker: name of a file that every folder written by the caller holds. Where it is given, no other folder or file
@@ -20,19 +21,19 @@ def check_output(path, overwrite, marker=None):
     path = Path(path)
     if os.path.lexists(path):
         if not overwrite:
-            raise InputError(f"{path} exists already: give another name with -o, or replace it with --overwrite")
+            raise InputError(f"{path} exists already: give another `output`, or replace it by `overwrite`")
         ours = marker is None or (path / marker).is_file() or (path.is_dir() and not any(path.iterdir()))
         if not ours:
-            raise InputError(f"{path} holds no {marker}, so --overwrite spares it: give another name with -o")
+            raise InputError(f"{path} holds no {marker}, so `overwrite` spares it: give another `output`")
     parent = path.absolute().parent
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise InputError(f"cannot write to {parent}: choose a folder that can be written with -o")
+        raise InputError(f"cannot write to {parent}: choose an `output` that can be written")
 
 
 @contextmanager
-def staged_folder(path):
+def staged_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails.
 
     What stood at `path` is moved aside first and deleted last, so that a crash at any moment loses neither.
@@ -54,7 +55,7 @@ def staged_folder(path):
 
 
 @contextmanager
-def staged_file(path):
+def staged_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary name beside `path`; it becomes `path` on success and vanishes on failure."""
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)

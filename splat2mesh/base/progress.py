@@ -1,7 +1,9 @@
 """Named stages of a long computation: their seconds for the report, their progress for the terminal."""
 
 import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 
 class Stages:
@@ -10,13 +12,13 @@ class Stages:
     seconds: dict of stage label -> wall-clock seconds, in the order in which the stages ran.
     """
 
-    def __init__(self, show=False):
-        self.seconds = {}
+    def __init__(self, show: bool = False) -> None:
+        self.seconds: dict[str, float] = {}
         self._show = show
-        self._bars = None
+        self._bars: Any = None
 
     @contextmanager
-    def stage(self, label, total=None):
+    def stage(self, label: str, total: int | None = None) -> Iterator[Callable[..., Any]]:
         """Run one stage; yields `advance(count=1)`, to be called as its `total` steps are done."""
         start = time.perf_counter()
         task = self._begin(label, total)
@@ -27,13 +29,13 @@ class Stages:
             if task is not None:
                 self._bars.update(task, total=1, completed=1)
 
-    def close(self):
+    def close(self) -> None:
         """Leave the terminal as it was found."""
         if self._bars is not None:
             self._bars.stop()
             self._bars = None
 
-    def _begin(self, label, total):
+    def _begin(self, label: str, total: int | None) -> Any:
         if not self._show:
             return None
         if self._bars is None:

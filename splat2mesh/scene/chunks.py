@@ -12,7 +12,7 @@ SEAM_ALLOWANCE = 1.03
 """Vertices after a cut over vertices before it: what copying the seams adds, so that equal parts still fit."""
 
 
-def split(mesh, max_vertices=DEFAULT_MAX_VERTICES):
+def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:
     """Cut a Mesh into chunks of at most `max_vertices` vertices.
 
     Faces are bisected by their centroids along the longest axis until every part fits, so chunks are compact in

@@ -1,9 +1,12 @@
 """sRGB and linear light. Splat colours and PLY colours are sRGB; everything that adds light is linear."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
-def linear_from_srgb(color):
+def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
     """Linear-light values of sRGB values.
 
     color: any shape, sRGB in [0, 1] (values above 1 continue the curve). Returns the same shape, floating point.
@@ -15,7 +18,7 @@ def linear_from_srgb(color):
     return linear.astype(np.result_type(color, np.float32), copy=False)
 
 
-def srgb_from_linear(color):
+def srgb_from_linear(color: ArrayLike) -> NDArray[np.floating[Any]]:
     """sRGB values of linear-light values: the inverse of `linear_from_srgb`.
 
     color: any shape, linear in [0, 1]. Returns the same shape, floating point.
@@ -26,11 +29,11 @@ def srgb_from_linear(color):
     return srgb.astype(np.result_type(color, np.float32), copy=False)
 
 
-def luminance(color_linear):
+def luminance(color_linear: ArrayLike) -> NDArray[np.floating[Any]]:
     """Rec. 709 luminance of linear RGB: (..., 3) -> (...)."""
     return np.asarray(color_linear) @ np.array([0.2126, 0.7152, 0.0722])
 
 
-def bytes_from_unit(color):
+def bytes_from_unit(color: ArrayLike) -> NDArray[np.uint8]:
     """Round values in [0, 1] to uint8, clipping what lies outside. Any shape."""
     return (np.clip(color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

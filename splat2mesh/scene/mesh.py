@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True)
@@ -13,14 +14,14 @@ class Mesh:
     faces: (F, 3) int32, counter-clockwise seen from outside. colors_srgb: (V, 3) uint8.
     """
 
-    vertices: np.ndarray
-    normals: np.ndarray
-    faces: np.ndarray
-    colors_srgb: np.ndarray
+    vertices: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    colors_srgb: NDArray[np.uint8]
 
 
-def vertex_normals(points, faces):
-    """Unit normals (V, 3) float32, by the angle-free mean of the face normals that open3d takes."""
+def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
+    """Unit normals (V, 3) of points (V, 3) and faces (F, 3): the mean of the face normals, as open3d takes it."""
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(faces))

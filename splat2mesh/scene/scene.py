@@ -6,15 +6,21 @@ chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 
 import json
 import os
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import __version__
 from ..base.errors import InputError
 from ..base.outputs import check_output, staged_folder
 from .chunks import DEFAULT_MAX_VERTICES, split
+from .color import linear_from_srgb
+from .mesh import Mesh
 from .meshfile import read_mesh, write_mesh_ply
 
 SCHEMA_VERSION = 1
@@ -31,23 +37,26 @@ class Scene:
         `scene_from_splat` (4 x 4, rows first) and `chunks`, the range [first, last) of those made from it.
         Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
     settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
+
+    A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
+    `colors_linear` are put together on first use, kept, and read-only.
     """
 
-    chunks: list
-    scene_from_splat: np.ndarray = field(default_factory=lambda: np.eye(4))
-    preview_camera: dict | None = None
-    source: dict = field(default_factory=dict)
-    settings: dict = field(default_factory=dict)
-    statistics: dict = field(default_factory=dict)
+    chunks: list[Mesh]
+    scene_from_splat: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    preview_camera: dict[str, Any] | None = None
+    source: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    statistics: dict[str, Any] = field(default_factory=dict)
     path: Path | None = None
 
     @classmethod
-    def from_mesh(cls, mesh, max_chunk_vertices=DEFAULT_MAX_VERTICES, **fields):
+    def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
         """A scene from one Mesh in the scene frame, cut into chunks."""
         return cls(split(mesh, max_chunk_vertices), **fields)
 
     @classmethod
-    def load(cls, path):
+    def load(cls, path: str | os.PathLike[str]) -> "Scene":
         """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order.
 
         Raises InputError for anything else, for a broken folder and for a newer schema version.
@@ -70,7 +79,7 @@ class Scene:
             chunks.append(mesh)
         return cls(chunks, path=path, **fields)
 
-    def save(self, path, overwrite=False):
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the scene folder; it appears complete or not at all.
 
         Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
@@ -99,43 +108,62 @@ class Scene:
         self.path = Path(path)
 
     @property
-    def vertices(self):
-        """(V, 3) float32, chunk after chunk."""
-        return np.concatenate([chunk.vertices for chunk in self.chunks])
+    def vertex_count(self) -> int:
+        """V, over all chunks."""
+        return sum(len(chunk.vertices) for chunk in self.chunks)
 
-    @property
-    def normals(self):
-        """(V, 3) float32, chunk after chunk."""
-        return np.concatenate([chunk.normals for chunk in self.chunks])
+    @cached_property
+    def vertices(self) -> NDArray[np.float32]:
+        """(V, 3), chunk after chunk."""
+        return _read_only(np.concatenate([chunk.vertices for chunk in self.chunks]))
 
-    @property
-    def colors_srgb(self):
-        """(V, 3) uint8, chunk after chunk."""
-        return np.concatenate([chunk.colors_srgb for chunk in self.chunks])
+    @cached_property
+    def normals(self) -> NDArray[np.float32]:
+        """(V, 3), chunk after chunk."""
+        return _read_only(np.concatenate([chunk.normals for chunk in self.chunks]))
 
-    @property
-    def faces(self):
-        """(F, 3) int32 into `vertices`."""
+    @cached_property
+    def colors_srgb(self) -> NDArray[np.uint8]:
+        """(V, 3) in 0..255, chunk after chunk."""
+        return _read_only(np.concatenate([chunk.colors_srgb for chunk in self.chunks]))
+
+    @cached_property
+    def colors_linear(self) -> NDArray[np.float32]:
+        """(V, 3) in [0, 1], linear: `colors_srgb` as light."""
+        return _read_only(linear_from_srgb(self.colors_srgb.astype(np.float32) / np.float32(255.0)))
+
+    @cached_property
+    def faces(self) -> NDArray[np.int32]:
+        """(F, 3) into `vertices`."""
         offsets = np.cumsum([0] + [len(chunk.vertices) for chunk in self.chunks[:-1]])
         shifted = [chunk.faces + offset for chunk, offset in zip(self.chunks, offsets, strict=True)]
-        return np.concatenate(shifted, dtype=np.int32)
+        return _read_only(np.concatenate(shifted, dtype=np.int32))
 
     @property
-    def bounds(self):
-        """(2, 3) float64: lowest and highest corner."""
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3): lowest and highest corner."""
         return _bounds(self.vertices)
 
     @property
-    def diagonal(self):
+    def diagonal(self) -> float:
         """Length of the bounding box's diagonal."""
         return float(np.linalg.norm(np.diff(self.bounds, axis=0)))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: the fields alone, not what is put together of them."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
-def _bounds(vertices):
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    array.setflags(write=False)
+    return array
+
+
+def _bounds(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
 
-def _with_paths(source, change):
+def _with_paths(source: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """A copy of a source whose paths, its own and those of its objects, went through `change`."""
     source = dict(source)
     if "path" in source:
@@ -145,7 +173,7 @@ def _with_paths(source, change):
     return source
 
 
-def _relative(file, folder):
+def _relative(file: str, folder: str | os.PathLike[str]) -> str:
     """A file's path from a folder, with slashes; links among the folders are followed, so that `..` leads back."""
     file = absolute(file)
     try:
@@ -154,13 +182,13 @@ def _relative(file, folder):
         return Path(file).as_posix()
 
 
-def absolute(file, folder="."):
+def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
     """A path from a folder as text, absolute: links among its folders are followed, that of the file itself is not."""
-    file = Path(os.path.realpath(folder), file)
-    return os.path.normpath(Path(os.path.realpath(file.parent), file.name))
+    whole = Path(os.path.realpath(folder), file)
+    return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
 
 
-def _read_meta(path):
+def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
     """Of scene.json: [file, vertices, faces] of each chunk, and the Scene's other fields."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")

@@ -11,7 +11,7 @@ from ..base.errors import InputError
 from ..splats.formats import read_splats
 from ..splats.placing import joined, placed
 from ..splats.splats import Splats
-from .scene import absolute
+from .scene import Scene, absolute
 
 _SOG_META = "meta.json"
 
@@ -31,7 +31,7 @@ class SourcePart:
     chunks: range
 
 
-def source_splats(scene, path=None):
+def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> tuple[Splats, list[Path]]:
     """The splats a scene was made from: (Splats, list of the Paths they were read from).
 
     They stand in the frame that `scene.scene_from_splat` starts from: of a single splat that of its file, of a layout
@@ -45,11 +45,11 @@ def source_splats(scene, path=None):
     return splats, [part.path for part in parts]
 
 
-def source_parts(scene, path=None):
+def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> list[SourcePart]:
     """The same, file by file: a list of SourcePart, one for each object of a layout, in its order."""
     own, entries = _entries(scene)
     if path is not None and not Path(path).exists():
-        raise InputError(f"--splat {path}: no such file or folder")
+        raise InputError(f"`splat` {path}: no such file or folder")
     folder = Path(path or ".")
     folder = folder if folder.is_dir() else folder.parent
     parts, read = [], {}
@@ -68,13 +68,13 @@ def source_parts(scene, path=None):
     return parts
 
 
-def describe(path):
+def describe(path: str | os.PathLike[str]) -> dict[str, str]:
     """What a scene keeps of its source file, so that it can be found again: dict of file, sha256 and path."""
     found = absolute(path)
     return {"file": Path(found).name, "sha256": fingerprint(found), "path": found}
 
 
-def fingerprint(path):
+def fingerprint(path: str | os.PathLike[str]) -> str:
     """SHA-256, as a hex string, of a file, or of all files of a folder in the order of their names.
 
     The meta.json of an unbundled .sog stands for its folder.
@@ -151,4 +151,4 @@ def _find(entry, candidates, given):
 
 
 def _advice(given):
-    return "name the right one with --splat FILE" if given is None else "--splat must name the unchanged one"
+    return "name the right one by `splat`" if given is None else "`splat` must name the unchanged one"

@@ -25,7 +25,7 @@ def scene_from_splat(up="auto", views=()):
     Raises InputError for another `up`.
     """
     if up not in UP_CHOICES:
-        raise InputError(f"--up {up}: expected one of {' '.join(UP_CHOICES)}")
+        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
     matrix = np.eye(4)
     if up == "auto" and len(views):
         matrix[:3, :3] = _upright(up_from_cameras(views))

@@ -9,7 +9,7 @@ import open3d as o3d
 import pytest
 
 from relight import Environment, Relighter, cli
-from relight.planning.plan import DEFAULT_TOLERANCE
+from relight.options import DEFAULT_TOLERANCE
 from relight.transfer import DEFAULT_BANDS, METHODS
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb

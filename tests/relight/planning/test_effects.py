@@ -9,7 +9,8 @@ import pytest
 from relight import Environment, Relighter, cli, precomputed
 from relight.engine.blinnphong import blinn_phong
 from relight.light.sun_split import split
-from relight.planning.effects import EFFECTS, chosen_effects
+from relight.options import LightingOptions
+from relight.planning.effects import EFFECTS
 from relight.transfer import occluder, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
@@ -101,7 +102,7 @@ def constant(color):
 @pytest.mark.parametrize("name", ["noon", "sunset"])
 def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
     """Every part computed anew, and put together in float64, with the bounces as a dense matrix."""
-    light, chosen = Environment.load(name).rotated(35.0), chosen_effects(effects, "auto")[0]
+    light, chosen = Environment.load(name).rotated(35.0), LightingOptions(effects=effects).chosen_effects
     shading = Relighter(scene, bands=6, rays=64, seed=3, effects=effects).shading(light, albedo)
 
     everything = Occluder(scene.vertices, scene.normals, scene.faces)
@@ -304,8 +305,8 @@ WRONG = [
     ("auto", "none,sun", "expected auto or none alone"),
     ("auto", "", "expected auto or none alone"),
     ("auto", "Shadows", "expected auto or none alone"),
-    ("auto", "sun", "effects sun: sun and bounces need shadows too"),
-    ("raytraced", "bounces,sun", "effects bounces sun: sun and bounces need shadows too"),
+    ("auto", "sun", "sun: sun and bounces need shadows too"),
+    ("raytraced", "bounces,sun", "bounces sun: sun and bounces need shadows too"),
     ("raytraced", "none", "has shadows at least"),
     ("analytic", "shadows", "the method analytic has none"),
     ("blinn-phong", "shadows,sun", "the method blinn-phong has none"),

@@ -309,7 +309,7 @@ def test_from_within_a_scene_the_camera_turns_about_what_it_sees():
 
 
 def test_without_a_process_the_same_messages_come(scene):
-    worker = Inline(scene, {"noon": "noon"}, {"white": None}, {})
+    worker = Inline(scene, {"noon": "noon"}, {"white": None})
     assert worker.poll() == []
     worker.submit(session_of(scene, albedos={"white": None}).wish)
     kinds = [message[0] if message[0] != "result" else message[1] for message in worker.poll()]

@@ -1,0 +1,222 @@
+"""The library in a line: a scene or a splat in a new light, and the albedo of a scene.
+
+relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import check_output
+from splat2mesh.base.progress import Stages
+from splat2mesh.scene.foreign import AnyScene
+from splat2mesh.scene.scene import META, Scene
+from splat2mesh.splats.formats import WRITERS, write_splats
+from splat2mesh.splats.splats import Splats
+
+from .engine.appearance import Appearance, appearance_of
+from .engine.relighter import Relighter
+from .job import AnyLight, Job, Shaded
+from .light.environment import Environment
+from .light.tonemap import tone_map
+from .options import LightingOptions
+from .splats import write_relit_ply
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+@dataclass(frozen=True, eq=False)
+class RelitScene:
+    """A scene in a new light.
+
+    scene: the Scene. radiance: (V, 3) float32, linear radiance that leaves its vertices. exposure: display value per
+    unit of it. light: the Environment, turned. report: what was done and how, JSON-clean.
+    """
+
+    scene: Scene
+    radiance: NDArray[np.float32]
+    exposure: float
+    light: Environment
+    report: dict[str, Any]
+    _job: Job
+    _shaded: Shaded
+
+    @cached_property
+    def colors_srgb(self) -> NDArray[np.uint8]:
+        """(V, 3) as shown: exposed, highlights compressed, sRGB."""
+        return np.round(tone_map(self.radiance * np.float32(self.exposure)) * 255.0).astype(np.uint8)
+
+    def save(self, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
+        """Write the files that `formats` named, and report.json: the report with files and times.
+
+        Raises InputError for a folder that exists, unless it holds results and may be overwritten.
+        """
+        check_output(folder, overwrite, "report.json")
+        return self._job.write(self._shaded, folder)
+
+    def to_pyvista(self) -> "pyvista.PolyData":
+        """The mesh for PyVista, with "radiance" (V, 3) linear and "rgb" (V, 3) uint8 at its points, and its normals.
+
+        `relit.to_pyvista().plot(scalars="rgb", rgb=True, lighting=False)` shows it. Raises InputError without PyVista.
+        """
+        try:
+            import pyvista
+        except ImportError:
+            raise InputError('it needs PyVista: pip install "splat2mesh[view]"') from None
+        faces = np.empty((len(self.scene.faces), 4), np.int64)
+        faces[:, 0], faces[:, 1:] = 3, self.scene.faces
+        mesh = pyvista.PolyData(np.array(self.scene.vertices), faces.ravel())
+        mesh.point_data["Normals"] = np.array(self.scene.normals)
+        mesh.point_data["radiance"] = self.radiance
+        mesh.point_data["rgb"] = self.colors_srgb
+        return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class RelitSplat:
+    """A splat in a new light.
+
+    splats: Splats, row by row those of the source, in its frame; only their colours differ. mesh: the RelitScene that
+    their light is of. report: what was done and how, JSON-clean.
+    """
+
+    splats: Splats
+    mesh: RelitScene
+    report: dict[str, Any]
+    _sources: list[Path]
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the splats in the kind that the name ends in: a .ply, .spz or .compressed.ply, as there are writers.
+
+        A .ply of a source that was one keeps all but the colours to the bit. Raises InputError for another ending and
+        for a file that exists, unless it may be overwritten.
+        """
+        name = Path(path).name.lower()
+        kinds = sorted((kind for kind in WRITERS if name.endswith(f".{kind}")), key=len)
+        if not kinds:
+            endings = " ".join(f".{kind}" for kind in WRITERS)
+            raise InputError(f"{path}: no kind of splat that can be written; expected a name that ends in {endings}")
+        check_output(path, overwrite)
+        if kinds[-1] == "ply":
+            write_relit_ply(path, self.splats, self._sources[0] if len(self._sources) == 1 else None)
+        else:
+            write_splats(path, self.splats, kinds[-1])
+
+
+def relight_scene(
+    scene: AnyScene,
+    env: AnyLight = "studio",
+    options: LightingOptions | str | None = None,
+    *,
+    angle_deg: float = 0.0,
+    albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
+    capture_env: AnyLight | None = None,
+    exposure_ev: float | None = None,
+    formats: Sequence[str] = ("glb", "png"),
+    stages: Stages | None = None,
+    **wishes: Any,
+) -> RelitScene:
+    """Put a scene under a light, as the command does.
+
+    scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista. env: an
+    Environment, an .exr or .hdr file, or "studio", "overcast", "sunset", "noon". options: LightingOptions or the name
+    of a method; `wishes` are fields of them, such as tolerance=0.02. angle_deg: turns the light about the vertical,
+    counter-clockwise from above. albedo: "estimated" (the light of the capture taken out: the default for what was made
+    of a splat), "captured" (the default for other meshes), "white", or (V, 3) linear, as an array or a .npy file.
+    capture_env: the light of the capture, where it is known. exposure_ev: show radiance times 2^exposure_ev; by default
+    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat. stages: times the work.
+    What can be used again is kept in the cache of a scene folder. Raises InputError for what cannot be read or used.
+    """
+    job = Job(
+        scene,
+        env,
+        LightingOptions.of(options, **wishes),
+        angles_deg=(angle_deg,),
+        albedo=albedo,
+        capture_env=capture_env,
+        exposure_ev=exposure_ev,
+        formats=formats,
+        stages=stages,
+    )
+    return _relit(job)
+
+
+def relight_splat(
+    splat: "Scene | str | os.PathLike[str]",
+    env: AnyLight = "studio",
+    options: LightingOptions | str | None = None,
+    *,
+    angle_deg: float = 0.0,
+    albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
+    capture_env: AnyLight | None = None,
+    exposure_ev: float | None = None,
+    source: str | os.PathLike[str] | None = None,
+    meshing: Mapping[str, Any] | None = None,
+    stages: Stages | None = None,
+    **wishes: Any,
+) -> RelitSplat:
+    """Put a splat under a light: `relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")`.
+
+    splat: a splat file of any kind that can be read, or a layout of several, which is meshed first; or a Scene or scene
+    folder that was made of one. source: the splat of such a scene, where it is not where the scene says. meshing:
+    arguments of `splat2mesh.convert`, such as {"detail": "draft"}. The others: as for `relight_scene`.
+    Raises InputError for what cannot be read or used.
+    """
+    stages = stages or Stages()
+    scene = _meshed(splat, meshing or {}, stages)
+    job = Job(
+        scene,
+        env,
+        LightingOptions.of(options, **wishes),
+        angles_deg=(angle_deg,),
+        albedo=albedo,
+        capture_env=capture_env,
+        exposure_ev=exposure_ev,
+        formats=("glb", "png", "splat"),
+        splat=source,
+        stages=stages,
+    )
+    found = job.splats
+    relit = _relit(job)
+    return RelitSplat(job.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
+
+
+def estimate_albedo(scene: "AnyScene | Relighter", capture_env: AnyLight | None = None, *, seed: int = 0) -> Appearance:
+    """The light of the capture taken out of the colours of a scene: an Appearance, whose `albedo` is (V, 3) linear.
+
+    scene: as for `relight_scene`, or a Relighter, whose cache is used and whose rays are kept. capture_env: the light
+    of the capture, where it is known. Where light and colours cannot be told apart, the albedo is the captured colour,
+    with a DataWarning. Raises InputError for what cannot be read or used.
+    """
+    relighter = scene if isinstance(scene, Relighter) else Relighter(scene, seed=seed)
+    if capture_env is not None and not isinstance(capture_env, Environment):
+        capture_env = Environment.load(capture_env)
+    return appearance_of("estimated", capture_env, relighter)
+
+
+def _relit(job: Job) -> RelitScene:
+    shaded = next(job.shaded())
+    return RelitScene(
+        job.scene, shaded.shading.radiance, shaded.exposure, shaded.light, job.report(shaded), job, shaded
+    )
+
+
+def _meshed(splat: "Scene | str | os.PathLike[str]", settings: Mapping[str, Any], stages: Stages) -> "Scene | Path":
+    """The scene itself where it is one, else that of the splat."""
+    if isinstance(splat, Scene):
+        return splat
+    path = Path(splat)
+    if (path / META).is_file():
+        return path
+    from splat2mesh.layout import convert_layout, is_layout
+    from splat2mesh.pipeline import convert
+
+    return (convert_layout if is_layout(path) else convert)(path, stages=stages, **settings)

@@ -1,0 +1,114 @@
+"""What is asked of the light, once: from a command line or a caller unchanged to the planner. Imports nothing heavy."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from splat2mesh.base.errors import InputError
+
+from .transfer import METHODS, SHADOWING, check_rays
+from .transfer.settings import EFFECTS, SHADOWS
+
+DEFAULT_TOLERANCE = 0.01
+"""Relative error of exit radiance, root mean square over vertices and colours."""
+
+
+@dataclass(frozen=True)
+class LightingOptions:
+    """How a scene is to be lit. What is given is not planned.
+
+    method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
+        normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
+        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
+    bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
+    effects: "auto", "none", or some of shadows, sun, bounces, as names or as text with commas; kept as "auto" or a
+        frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
+    tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
+        is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
+        bands and rays as suit the method.
+    Raises InputError for anything else.
+    """
+
+    method: str = "auto"
+    bands: int | None = None
+    rays: int | None = None
+    effects: str | Iterable[str] = "auto"
+    tolerance: float | None = None
+    budget_s: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"`method` {self.method!r}: expected one of {', '.join(METHODS)}")
+        if self.seed != int(self.seed) or not 0 <= self.seed < 2**64:
+            raise InputError(f"`seed` must be a whole number from 0 to 2^64 - 1, found {self.seed}")
+        kept: dict[str, Any] = {"seed": int(self.seed), "effects": _checked_effects(self.effects, self.method)}
+        if self.bands is not None:
+            from .sh.harmonics import check_bands
+
+            kept["bands"] = check_bands(self.bands)
+        if self.rays is not None:
+            kept["rays"] = check_rays(self.rays)
+        for name in ("tolerance", "budget_s"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise InputError(f"`{name}` must be a number above 0, found {value}")
+        if self.tolerance is not None and self.budget_s is not None:
+            raise InputError("`tolerance` and `budget_s`: expected one of them")
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of(cls, options: "LightingOptions | str | None" = None, **changes: Any) -> "LightingOptions":
+        """Options with changes: of those given, of the method of that name, or of the defaults."""
+        if isinstance(options, LightingOptions):
+            return replace(options, **changes) if changes else options
+        return cls(**changes) if options is None else cls(method=options, **changes)
+
+    def planned(self, tolerance: float = DEFAULT_TOLERANCE) -> "LightingOptions":
+        """These options, within a tolerance where they have neither that nor a budget."""
+        return self if self.is_planned else replace(self, tolerance=tolerance)
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether there is a tolerance or a budget to plan for."""
+        return self.tolerance is not None or self.budget_s is not None
+
+    @property
+    def chosen_effects(self) -> frozenset[str]:
+        """The effects that may take part: those given, or with "auto" all that the method can do."""
+        return _able(self.method) if self.fixed_effects is None else self.fixed_effects
+
+    @property
+    def fixed_effects(self) -> frozenset[str] | None:
+        """The effects that are given; None where they are to be chosen."""
+        return None if isinstance(self.effects, str) else frozenset(self.effects)
+
+    @property
+    def fixed_method(self) -> str | None:
+        """The method that is given; None where it is to be chosen."""
+        return None if self.method == "auto" else self.method
+
+
+def _able(method: str) -> frozenset[str]:
+    """The effects that a method can do: sun and bounces are traced among shadows, and all three need rays."""
+    return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
+
+
+def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozenset[str]:
+    """ "auto", or the set of effects of a text or of names. Raises InputError for what makes no sense."""
+    names = choice.replace(",", " ").split() or [""] if isinstance(choice, str) else list(map(str, choice))
+    if names == ["auto"]:
+        return "auto"
+    effects = frozenset(() if names == ["none"] else names)
+    listed = " ".join(sorted(effects))
+    if effects - set(EFFECTS):
+        raise InputError(f"`effects` {listed!r}: expected auto or none alone, or some of {' '.join(EFFECTS)}")
+    if effects - {SHADOWS} and SHADOWS not in effects:
+        raise InputError(f"`effects` {listed}: sun and bounces need shadows too")
+    if effects - _able(method):
+        raise InputError(f"`effects` {listed}: the method {method} has none; leave it at auto")
+    if method in SHADOWING and not effects:
+        raise InputError(f"`effects` none: the method {method} has shadows at least; use analytic, or leave it at auto")
+    return effects

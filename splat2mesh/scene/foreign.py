@@ -1,0 +1,113 @@
+"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, told apart without importing any of them."""
+
+import os
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import InputError
+from .mesh import Mesh, vertex_normals
+from .scene import Scene
+
+if TYPE_CHECKING:
+    import open3d
+    import pyvista
+    import trimesh
+
+AnyScene: TypeAlias = (
+    "Scene | Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
+    " | open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh | pyvista.DataSet"
+)
+"""What `as_scene` takes."""
+
+COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
+"""Names under which PyVista's readers and users keep the colours of points."""
+
+
+def as_scene(source: AnyScene) -> Scene:
+    """A Scene of whatever holds one: a mesh becomes a scene of one chunk, its vertices in their own order.
+
+    source: a Scene, which is returned as it is; the path of a scene folder or mesh file; a Mesh; a mesh of trimesh,
+    open3d (legacy or tensor) or PyVista, whose polygons become triangles. Missing normals are computed, missing colours
+    are white; colours are taken as sRGB. Raises InputError for anything else and for meshes that cannot be lit.
+    """
+    if isinstance(source, Scene):
+        return source
+    if isinstance(source, (str, os.PathLike)):
+        return Scene.load(source)
+    if isinstance(source, Mesh):
+        return Scene([source])
+    library = type(source).__module__.partition(".")[0]
+    if library == "trimesh":
+        return _scene(*_of_trimesh(source))
+    if library == "open3d":
+        return _scene(*(_of_tensors(source) if hasattr(source, "vertex") else _of_open3d(source)))
+    if hasattr(source, "point_data") and hasattr(source, "extract_surface"):
+        return _scene(*_of_pyvista(source))
+    kind = f"{type(source).__module__}.{type(source).__qualname__}"
+    raise InputError(f"expected a Scene, a path, or a mesh of trimesh, open3d or PyVista, found {kind}")
+
+
+def _scene(vertices: Any, faces: Any, normals: Any, colors: Any) -> Scene:
+    """The Scene of (V, 3) vertices, (F, 3) faces, (V, 3) normals or None, (V, 3 or 4) colours, bytes or 0..1, or None.
+
+    Raises InputError for arrays of another shape, values that are not finite and faces beyond the vertices.
+    """
+    vertices, faces = np.asarray(vertices), np.asarray(faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+        raise InputError(f"expected a triangle mesh, found vertices {vertices.shape} and faces {faces.shape}")
+    bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+    if bad:
+        raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InputError(f"a face names a vertex beyond the {len(vertices)} there are")
+    vertices, faces = vertices.astype(np.float32), faces.astype(np.int32)
+    if normals is None or np.shape(normals) != vertices.shape:
+        normals = vertex_normals(vertices, faces)
+    return Scene([Mesh(vertices, np.asarray(normals, np.float32), faces, _color_bytes(colors, len(vertices)))])
+
+
+def _color_bytes(colors: Any, count: int) -> NDArray[np.uint8]:
+    """(V, 3) uint8 sRGB of colours as libraries keep them; white where there is not one for each vertex."""
+    colors = None if colors is None else np.asarray(colors)
+    if colors is None or colors.ndim != 2 or len(colors) != count or colors.shape[1] not in (3, 4):
+        return np.full((count, 3), 255, np.uint8)
+    if colors.dtype.kind == "f":
+        return np.round(np.clip(colors[:, :3], 0.0, 1.0) * 255.0).astype(np.uint8)
+    return colors[:, :3].astype(np.uint8)
+
+
+def _of_trimesh(mesh: Any) -> tuple[Any, Any, Any, Any]:
+    if hasattr(mesh, "geometry"):  # a trimesh.Scene
+        mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh.dump(concatenate=True)
+    if not hasattr(mesh, "faces"):
+        raise InputError(f"expected a triangle mesh, found a trimesh.{type(mesh).__name__} without faces")
+    visual = getattr(mesh, "visual", None)
+    painted = getattr(visual, "kind", None) == "vertex"
+    return mesh.vertices, mesh.faces, mesh.vertex_normals, visual.vertex_colors if painted else None
+
+
+def _of_open3d(mesh: Any) -> tuple[Any, Any, Any, Any]:
+    if not hasattr(mesh, "triangles"):
+        raise InputError(f"expected a triangle mesh, found an open3d {type(mesh).__name__}")
+    normals = mesh.vertex_normals if mesh.has_vertex_normals() else None
+    return mesh.vertices, mesh.triangles, normals, mesh.vertex_colors if mesh.has_vertex_colors() else None
+
+
+def _of_tensors(mesh: Any) -> tuple[Any, Any, Any, Any]:
+    known = {
+        name: mesh.vertex[name].cpu().numpy() for name in ("positions", "normals", "colors") if name in mesh.vertex
+    }
+    if "positions" not in known or "indices" not in mesh.triangle:
+        raise InputError("expected a triangle mesh, found an open3d tensor mesh without positions or indices")
+    return known["positions"], mesh.triangle["indices"].cpu().numpy(), known.get("normals"), known.get("colors")
+
+
+def _of_pyvista(data: Any) -> tuple[Any, Any, Any, Any]:
+    surface = data if hasattr(data, "faces") and hasattr(data, "triangulate") else data.extract_surface()
+    surface = surface.triangulate()
+    faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
+    normals = surface.point_data["Normals"] if "Normals" in surface.point_data else None
+    names = [name for name in COLOR_ARRAYS if name in surface.point_data]
+    return surface.points, faces, normals, surface.point_data[names[0]] if names else None
