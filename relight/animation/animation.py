@@ -15,13 +15,13 @@ from .skinning import Track, morphed, moved, skinned
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
-"""What an animation may change of a node, and its width; besides the weights of its morph targets."""
+"""Properties of a node that an animation may change, and their widths; weights of morph targets come on top."""
 
 
 class Animation:
-    """The first frame of an animated .glb or .gltf, and every other: one chunk for each mesh primitive of each node.
+    """An animated .glb or .gltf, one chunk for each mesh primitive of each node, posed at any time.
 
-    duration_s: time of the last keyframe. name, names: of the animation played, and of all in the file.
+    duration_s: time of the last keyframe. name: of the animation played. names: of all in the file.
     scene: Scene at the time 0, scene frame (glTF's own: right-handed, y up).
     chunks: list of Part. moving: numbers of the chunks that any keyframe can move.
     """
@@ -34,7 +34,7 @@ class Animation:
         self._data = GltfData(path)
         document = self._data.document
         self._order, self._parent, self._shown = self._data.hierarchy()
-        self._rest = self._data.rest_transforms()
+        self._initial = self._data.initial_transforms()
         self.names = [each.name or str(number) for number, each in enumerate(document.animations or [])]
         number = _chosen(self._data.path, self.names, animation)
         self.name = self.names[number]
@@ -54,7 +54,7 @@ class Animation:
 
         Both (V, 3) float32, scene frame; the normals unit, or 0 where a vertex has none.
         """
-        transforms = [dict(each) for each in self._rest]
+        transforms = [dict(each) for each in self._initial]
         weights = {}
         for (node, path), track in self._tracks.items():
             value = track.at(time_s)
@@ -103,7 +103,7 @@ class Animation:
         for channel in animation.channels:
             node, path = channel.target.node, channel.target.path
             if node is None or path not in (*PATHS, "weights"):
-                continue  # what an extension animates, such as a camera or a material
+                continue  # an extension animates something else, such as a camera or a material
             what = f"the {path} of node {node}"
             sampler = animation.samplers[channel.sampler]
             interpolation = sampler.interpolation or "LINEAR"
@@ -118,7 +118,7 @@ class Animation:
                 tracks[node, path] = Track(times, values.reshape(shape), interpolation, path == "rotation")
             except InputError as error:
                 raise InputError(f"{self._data.path}: {what}: {error}") from None
-            if "matrix" in self._rest[node] and path != "weights":
+            if "matrix" in self._initial[node] and path != "weights":
                 raise InputError(f"{self._data.path}: node {node} is animated and has a matrix, which glTF rules out")
         return tracks
 

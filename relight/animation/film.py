@@ -1,4 +1,4 @@
-"""Frames of an animation as pictures: NNNN.png, and a film of them where an encoder is there."""
+"""Draw the frames of an animation as NNNN.png, and encode them as a film where there is an encoder."""
 
 import shutil
 import subprocess
@@ -18,10 +18,10 @@ from ..output.preview import Preview, default_camera
 
 FILM = "animation.mp4"
 MARKER = "0000.png"
-"""What every folder of frames holds: no other is replaced."""
+"""Only folders that hold this file are replaced."""
 
 MAX_FRAMES = 10_000
-_CAMERA_POSES = 16  # over which a camera is fitted: between them little leaves the picture
+_CAMERA_POSES = 16  # to which a camera is fitted: between them little leaves the picture
 
 
 class Frames(NamedTuple):
@@ -46,7 +46,7 @@ def animate(
     width=640,
     height=480,
     samples=2,
-    exposure=None,  # that of the first frame without
+    exposure=None,  # by default that of the first frame
     overwrite=False,
     film=True,  # whether to make a film too
     advance=lambda count: None,
@@ -82,7 +82,7 @@ def frame_times(duration_s, fps):
 
 
 def fitted_camera(animation, aspect):
-    """The default camera of everything that the animation ever shows, looked at in 16 poses."""
+    """The default camera for all vertices of 16 poses of the animation."""
     times = np.linspace(0.0, animation.duration_s, _CAMERA_POSES)
     points = np.concatenate([vertices for time_s in times for vertices, _ in animation.at(time_s)])
     nothing = np.zeros((0, 3), np.int32)
@@ -101,7 +101,7 @@ def encoder():
 
 
 def encode(folder, fps):
-    """Make FILM of the frames in a folder: "" when it worked, else why it did not."""
+    """Encode the frames in a folder as FILM. Returns "" when it worked, else why it did not."""
     ffmpeg = encoder()
     if ffmpeg is None:
         return f"no {FILM}: install ffmpeg, or imageio-ffmpeg with pip, or join the pictures with another tool"

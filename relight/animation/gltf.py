@@ -109,8 +109,8 @@ class GltfData:
             self._buffers[index] = data
         return self._buffers[index]
 
-    def rest_transforms(self):
-        """Of every node, its translation, rotation and scale, or a fixed matrix: dicts of float64 arrays."""
+    def initial_transforms(self):
+        """Where every node stands before anything moves: translation, rotation and scale, or a matrix; float64."""
         transforms = []
         for node in self.document.nodes:
             if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:

@@ -1,4 +1,4 @@
-"""What moves a mesh in glTF 2.0: keyframes, node transforms, joints and morph targets, as arrays.
+"""Move a mesh as glTF 2.0 does: keyframes, node transforms, joints and morph targets, as arrays.
 
 Matrices act on column vectors from the left; rotations in glTF are quaternions x y z w. Source: glTF 2.0
 specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (interpolation).
@@ -15,7 +15,7 @@ _PARALLEL = 0.9995  # cosine of half an angle beyond which a spherical step is a
 
 
 class Track:
-    """One property over time: keyframes and what lies between them.
+    """One property over time: keyframes and the interpolation between them.
 
     times: (T,) float64, s, rising. interpolation: one of INTERPOLATIONS. spherical: whether values are quaternions.
     """
@@ -79,9 +79,9 @@ def matrix_from_trs(translation, quat_xyzw, scale):
 
 
 def for_normals(matrices):
-    """What turns normals where matrices (..., 4, 4) move points, (..., 3, 3), up to a positive factor.
+    """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
 
-    The inverse transposed, times the size of the determinant: also of a matrix that flattens to a plane.
+    The inverse transpose times the absolute determinant, which also exists for a matrix that flattens to a plane.
     """
     a, b, c = (matrices[..., :3, column] for column in range(3))
     cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-1)
@@ -94,7 +94,7 @@ def morphed(
     targets,  # (M, V, 3) float32, differences
     weights,  # (M,)
 ):
-    """The base and the weighted differences, (V, 3) float32."""
+    """The base plus the weighted differences, (V, 3) float32."""
     result = base.astype(np.float64)
     for target, weight in zip(targets, weights, strict=True):
         if weight != 0.0:
@@ -129,7 +129,7 @@ def skinned(
 
 
 def _slerp(first, second, share):
-    """Between two quaternions on the shorter way."""
+    """Interpolate between two quaternions on the shorter way."""
     first, second = first / max(np.linalg.norm(first), 1e-300), second / max(np.linalg.norm(second), 1e-300)
     cosine = float(first @ second)
     if cosine < 0.0:

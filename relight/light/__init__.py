@@ -1,1 +1,1 @@
-"""Environments: from files or by formula, as images, as coefficients, and with their suns taken out."""
+"""Environments: from files or by formula, as images, as coefficients, and with their suns split off."""

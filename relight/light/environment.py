@@ -44,7 +44,7 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
-        self._derived = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
+        self._derived = {}  # results computed from the unrotated image, by key, shared with all rotated copies
 
     @classmethod
     def load(cls, source):
@@ -58,12 +58,12 @@ class Environment:
         path = Path(source)
         image = _read(path)
         image, repaired = _repaired(image, path.name)
-        layout = projections.recognise(image)
-        if layout == "angular map":
+        projection = projections.recognise(image)
+        if projection == "angular map":
             image = projections.latlong_from_angular(image)
-        elif layout == "vertical cross":
+        elif projection == "vertical cross":
             image = projections.latlong_from_cross(image)
-        elif layout is None:
+        elif projection is None:
             height, width = image.shape[:2]
             warnings.warn(
                 f"{path.name}: {width} x {height} is neither 2:1, nor an angular map (square, black outside "
@@ -90,7 +90,7 @@ class Environment:
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key, compute):
-        """What `compute()` returns, computed once for the image and all its rotated copies under this key."""
+        """The result of `compute()`, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
         return self._derived[key]

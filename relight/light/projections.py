@@ -1,4 +1,4 @@
-"""Layouts of environment images: canonical lat-long, and light probes that are resampled to it.
+"""Projections of environment images: canonical lat-long, and light probes that are resampled to it.
 
 Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
 """
@@ -36,7 +36,7 @@ def row_solid_angles(height, width):
 
 
 def recognise(image):
-    """Layout of an (H, W, 3) image: "lat-long" (2:1), "angular map", "vertical cross", or None of these.
+    """Projection of an (H, W, 3) image: "lat-long" (2:1), "angular map", "vertical cross", or None of these.
 
     A square is an angular map when it is black outside its circle; a 3:4 image is a cross when the six cells
     without a face are black.

@@ -1,4 +1,4 @@
-"""Suns from spots of light: the fewest clusters of them that may shine as single points."""
+"""Cluster spots of light into suns: the fewest clusters that may shine as single points."""
 
 import math
 
@@ -17,7 +17,7 @@ _SPREAD_HELD = 1.36  # over B: a wider spot is as wrong as one of this spread, s
 
 
 def clusters(spots, bands, scale, allowed, most):
-    """Label (P,) of each spot, their number, and the relative error of the clusters' shining as points.
+    """Label (P,) of each spot, the number of clusters, and the relative error of letting each shine as a point.
 
     The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
     to `allowed` or there are `most`.

@@ -1,11 +1,11 @@
-"""Light too concentrated for spherical harmonics, taken out as suns: single directions that are ray traced.
+"""Split light that is too concentrated for spherical harmonics off an environment, as suns that are ray traced.
 
     rest, suns = split(environment)
     radiance = transfer @ rest.sh(bands) + sunlight(occluder, rows, suns)
 
-The coefficients of light split in this way are exact, SH(rest) + SH(suns as points) = SH(environment). Only what the
-bands do not hold can be wrong: contrast that stays in the rest, and the width of what now shines as points. Both are
-estimated for walls that may stand anywhere, and `split` looks for the fewest suns within a tolerance.
+The coefficients of light split in this way are exact, SH(rest) + SH(suns as points) = SH(environment). Errors come
+only from beyond the bands: from contrast that stays in the rest, and from patches that now shine as points. Estimate
+both for walls that may stand anywhere, and find the fewest suns within a tolerance.
 """
 
 import math
@@ -70,10 +70,10 @@ _PROBES = 256  # vertices beside walls, for the estimate
 
 
 class Rest(Environment):
-    """An environment without its suns. Its image has them cut off; its coefficients hold in addition what makes up
-    for their shining as points, so that with the suns' own they are those of the whole, in any number of bands.
+    """An environment without its suns. Its image has them cut off. Its coefficients are those of the whole less those
+    of the suns as points, so that both together are exact in any number of bands.
 
-    width: estimated relative error of their shining as points.
+    width: estimated relative error from patches that shine as points.
     """
 
     def __init__(self, whole, image, suns, width):
@@ -93,7 +93,7 @@ def split(environment, bands=harmonics.MAX_BANDS, tolerance=DEFAULT_TOLERANCE, l
 
     tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.
     limit: most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
-    What exceeds a level of luminance is cut off and gathered into suns. Level and number are found once for an image
+    Cut off what exceeds a level of luminance and gather it into suns. Level and number are found once for an image
     and all its rotations. Light that the bands hold well enough comes back itself, with no suns. Raises InputError
     for bands outside 1..10, and for a tolerance or a limit that is not positive.
     """
@@ -128,7 +128,7 @@ def _split(environment, bands, tolerance, limit):
 
 
 class _Cut(NamedTuple):
-    """What cutting off a level leaves: texels, the share of each that stays, and the spots taken out."""
+    """The result of cutting at a level: texels, the share of each that stays, and the spots taken out."""
 
     row: np.ndarray
     column: np.ndarray
@@ -181,7 +181,7 @@ def _square_texels(image):
 
 
 class _Coarse:
-    """An image in cells of 2.8 degrees, and what imagined vertices see of it in full and in a few bands.
+    """An image in cells of 2.8 degrees, and its light on imagined vertices, in full and in a few bands.
 
     Each vertex faces a direction of a Fibonacci sphere; a wall beside it hides a half of all directions at random.
     """
@@ -208,8 +208,8 @@ class _Coarse:
 
 @lru_cache(harmonics.MAX_BANDS)
 def _probes(bands):
-    """Exit radiance of the imagined vertices from the cells' radiance, (P, cells), and from what SH hold of it: (P, K)
-    from coefficients, which are (K, cells) of the radiance by least squares: exact in spite of the cells."""
+    """Three matrices: radiance of cells to exit radiance of the imagined vertices, (P, cells); SH coefficients to the
+    same, (P, K); radiance of cells to coefficients by least squares, (K, cells)."""
     full, cells, areas = _imagined()
     basis = harmonics.evaluate(cells, bands)
     weighted = (basis * areas[:, None]).T
@@ -255,7 +255,7 @@ def _overlap(cells, texels, measure):
 
 
 def _around(brightness):
-    """Luminance (H, W) of what surrounds bright patches narrower than `_OPENING_DEG`: a morphological opening."""
+    """Luminance (H, W) around bright patches narrower than `_OPENING_DEG`, by a morphological opening."""
     height, width = brightness.shape
     size = 2 * math.ceil(0.5 * _OPENING_DEG / 180.0 * height) + 1
     size = min(size, height, width), min(size, width)
@@ -264,7 +264,7 @@ def _around(brightness):
 
 
 def _spots(row, column, excess, shape, part_energy):
-    """What the suns are gathered from: directions (P, 3), weights (P, 3) and variances (P,) in rad^2 of their width.
+    """Spots to gather suns from: directions (P, 3), weights (P, 3) and variances (P,) of their width, rad^2.
 
     A texel is divided until a part holds at most `part_energy`; texels of fine images are pooled instead.
     """

@@ -11,7 +11,7 @@ DESATURATION = 0.15
 """How fast compressed colours turn white: K_d of Khronos PBR Neutral."""
 
 BRIGHT_PERCENTILE = 98.0
-"""Percentage of the vertices that stays below the shoulder: hot spots may burn, a lit side may not."""
+"""Percentage of vertices that stay below the shoulder: hot spots may burn out, a lit side may not."""
 
 
 def auto_exposure(

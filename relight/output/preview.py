@@ -1,4 +1,4 @@
-"""Off-screen pictures of a relit scene before the environment that lights it, by ray casting on the CPU."""
+"""Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
 from dataclasses import replace
 
@@ -27,12 +27,12 @@ def render_preview(
     exposure=1.0,
     samples=4,
 ):
-    """One picture, (H, W, 3) uint8 sRGB; see `Preview`, the faster way to pictures under several lights."""
+    """Render one picture, (H, W, 3) uint8 sRGB. `Preview` is faster for several lights."""
     return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
 
 
 class Preview:
-    """A camera before a scene, its rays cast once, for pictures under any number of lights.
+    """A camera in front of a scene. Its rays are cast once, for pictures under any number of lights.
 
     The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment
     shows, sharp and at the same exposure. `camera` is the one in use: the given one, the scene's or

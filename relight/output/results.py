@@ -1,4 +1,4 @@
-"""The files of one light: meshes, splats, textures, arrays and a picture; what serves every light is made once."""
+"""Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -103,23 +103,24 @@ class Results:
         return [name]
 
     def _write_textures(self, folder, light, radiance, exposure, told):
-        """Textured meshes, relit and as albedo, and on request the transfer: names of the files."""
+        """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
         from ..texture import bake
         from .textured_files import write_textured_glb, write_transfer
 
-        look = self._appearance
+        appearance = self._appearance
         if self._texture is None:
-            known = {"irradiance": look.irradiance, "prior": look.prior}
-            if look.prior is None:  # nothing was estimated: the texels are of the vertices' own albedo
-                known = {"albedo": np.ones_like(look.captured) if look.albedo is None else look.albedo}
-                known = {} if look.albedo is look.captured else known
+            known = {"irradiance": appearance.irradiance, "prior": appearance.prior}
+            if appearance.prior is None:  # nothing was estimated: the texels take the albedo of the vertices
+                white = np.ones_like(appearance.captured)
+                known = {"albedo": white if appearance.albedo is None else appearance.albedo}
+                known = {} if appearance.albedo is appearance.captured else known
             known |= {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
             self._texture = bake(self._scene, self._splats, **known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-            picture = self._texture.relit(look.received(radiance), exposure)
+            picture = self._texture.relit(appearance.received(radiance), exposure)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
             write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)

@@ -13,8 +13,8 @@ from splat2mesh.base.outputs import staged_file
 from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
 
 TRANSFER_BANDS = 3
-"""Of the transfer in images: nine numbers in three RGB pictures. Light of more bands than that gives a diffuse surface
-1% of its brightness (Ramamoorthi, Hanrahan 2001); what shadows add is lost."""
+"""Bands of the transfer in images: nine numbers in three RGB pictures. An unshadowed diffuse surface gets 1% of its
+brightness from higher bands (Ramamoorthi, Hanrahan 2001); what shadows add in them is lost."""
 
 CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
 
@@ -24,7 +24,7 @@ def write_textured_glb(
     scene,
     baked,
     image,  # (size, size, 3) uint8 sRGB
-    unlit=True,  # shown as it is; False: lit by whoever shows it, as a matt surface
+    unlit=True,  # True: shown as it is; False: a matt surface for the viewer to light
     extras=None,  # dict of JSON values, kept in the glTF scene's `extras`
 ):
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.

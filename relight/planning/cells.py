@@ -1,4 +1,4 @@
-"""An environment as a plan sees it: cells of 2.8 degrees, turned to all sides at once."""
+"""An environment in cells of 2.8 degrees, in eight rotations at once, as plans use it."""
 
 from functools import lru_cache
 
@@ -20,9 +20,9 @@ def cells_of(image):
 
 
 def turned(image_cells, directions):
-    """Light that arrives from D directions when the cells are turned: radiance (D, TURNS, 3) float64.
+    """Radiance from D directions in every rotation of the cells: (D, TURNS, 3) float64.
 
-    Every cell's light goes to the direction nearest to it, none is lost.
+    The light of each cell goes to the nearest direction; none is lost.
     """
     nearest = _nearest(directions)
     areas = np.broadcast_to(projections.row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
@@ -42,7 +42,7 @@ def basis(directions):
 
 @lru_cache(4)
 def _nearest(directions):
-    """Of every cell in every turn the nearest of D directions: (TURNS, cells)."""
+    """Index of the nearest of D directions for every cell in every rotation: (TURNS, cells)."""
     toward = projections.texel_directions(*GRID).reshape(-1, 3)
     tree = cKDTree(fibonacci_sphere(directions))
     found = []

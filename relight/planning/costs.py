@@ -1,7 +1,7 @@
-"""What a setting costs and how noisy its rays are, before any work: laws with constants that were measured.
+"""Predict what settings cost and how noisy their rays are, by laws with measured constants.
 
-Times are in multiples of the time of one shadow ray, which the sample measures: so they hold on other machines, as far
-as NumPy and Embree keep their ratio. `scripts/frontier` prints predicted against measured times.
+Times are multiples of the time of one shadow ray, which the sample measures, so they carry over to other machines as
+far as the ratio of NumPy to Embree does. `scripts/frontier` prints predicted against measured times.
 """
 
 import math

@@ -10,7 +10,7 @@ from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
 from . import costs
-from .effect_errors import Measured
+from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample
 
@@ -73,7 +73,7 @@ def planned(
     if albedo is None and effects is not None and BOUNCES in effects:
         albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
-    measured = Measured(sample, environment, albedo, bouncing)
+    measured = EffectErrors(sample, environment, albedo, bouncing)
     choice = _Choice(measured, environment, options, tolerance, angles)
     best = choice.best()
     return Plan(

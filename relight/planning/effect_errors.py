@@ -15,14 +15,14 @@ from . import cells
 from .paths import DEPTH, Bounced
 
 UNSEEN_AMBIENCE = 1.5
-"""Assumed where no vertex of the sample has anything before it: light from where the hidden part is, over the mean."""
+"""Light from hidden directions over the mean, assumed where no vertex of the sample has anything before it."""
 
 DARK = 1e-3
-"""Errors are over at least this part of what open surfaces would send on: no promise holds in the dark."""
+"""Errors are relative to at least this part of the light of unshadowed surfaces: darkness has no relative error."""
 
 
-class Measured:
-    """A sample of a scene under an environment: what its effects contribute.
+class EffectErrors:
+    """The contributions of effects to the light on a sample of a scene: the errors of leaving them out.
 
     sample: Sample. albedo: (V, 3) or None for white. total: (TURNS,) norms of all light, over which errors are.
     """
@@ -62,8 +62,8 @@ class Measured:
         return np.maximum(found, self.sample.hidden * share * self._ambience)
 
     def truncation(self, bands, level=None, image=None):
-        """Error of keeping so many bands of the light alone: of all of it, of what stays below LEVELS[level], or of an
-        `image` of what stays."""
+        """Error of keeping only so many bands: of all the light, of the rest below LEVELS[level], or of an `image` of
+        the rest."""
         return self._truncations(level, image)[bands - 1]
 
     def open_truncation(self, bands, level=None, image=None):
@@ -95,7 +95,7 @@ class Measured:
         return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
 
     def check(self, transfer, traced=None, level=None, image=None):
-        """Error of a transfer (S, K) of the sample's rows under the light in its own bands, where `traced` (S,)."""
+        """Error of a transfer (S, K) of the sample's rows, in its own bands, over the rows that are `traced`, (S,)."""
         off = transfer.astype(np.float64) - self.seen_transfer[:, : transfer.shape[1]]
         if traced is not None:
             off[~traced] = 0.0
@@ -103,7 +103,7 @@ class Measured:
         return float((self._norm(radiance) / self.total).max())
 
     def coefficients(self, level=None, image=None):
-        """Coefficients of the light, or of what stays of it, in all turns and bands: (K, TURNS, 3)."""
+        """Coefficients of the light, or of its rest, in all rotations and bands: (K, TURNS, 3)."""
         return self._rest(level, image)[1]
 
     @cached_property
@@ -112,7 +112,7 @@ class Measured:
 
     @cached_property
     def _ambience(self):
-        """What the sample's hidden light is over the hidden share of an even sky: at least 1."""
+        """Hidden light of the sample over the hidden share of an even sky, at least 1."""
         hidden = self.sample.open - self.sample.seen
         even = np.sqrt(self.sample.mean_square(hidden.sum(axis=1, keepdims=True)))
         if not even > 0.0:
@@ -124,7 +124,7 @@ class Measured:
         return self._rest(level, image)[2]
 
     def _rest(self, level, image):
-        """Of all light, of what a level cuts off, or of an image: radiance, coefficients, truncations, sensitivity."""
+        """Radiance, coefficients, truncations, sensitivity: of all light, of the rest below a level, or of an image."""
         key = level if image is None else id(image)
         if key not in self._known:
             light = self._light if level is None and image is None else self._cut(level, image)
@@ -170,13 +170,13 @@ class Measured:
         return self._tint if np.isscalar(self._tint) else self._tint[:, 0]
 
     def _halves_norm(self, halves):
-        """(TURNS,) norms of what two halves (2, S, TURNS, 3) estimate, without their noise."""
+        """(TURNS,) norms of the light that two halves (2, S, TURNS, 3) estimate, without bias from their noise."""
         tint = self._tint
         product = (halves[0] * tint * halves[1] * tint).sum(axis=2)
         return np.sqrt(np.maximum(np.tensordot(self.sample.weights, product, axes=(0, 0)), 0.0))
 
     def _all_light(self):
-        """(TURNS,) norms of direct light and all that bounces, of which the halves tell the square without noise."""
+        """(TURNS,) norms of direct and bounced light."""
         if self.bounced is None:
             return self._norm(self._full)
         halves = [self._full + half.sum(axis=0) for half in self.bounced.halves]

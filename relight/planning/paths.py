@@ -1,6 +1,6 @@
-"""How much light bounces: a few random paths from the vertices of a sample, with no matrix and no transfer.
+"""Measure how much light bounces, by a few random paths from the vertices of a sample, without matrix or transfer.
 
-Two halves of the paths give the squared size of each bounce without the noise of either: their product.
+The product of two halves of the paths is the squared size of each bounce without bias from noise.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ SMOOTH_BANDS = 3  # of the light that paths meet: a sun would make them noisy, a
 
 
 class Bounced:
-    """Light that reaches the vertices of a sample by way of others, for TURNS rotations.
+    """Light that reaches the vertices of a sample from other surfaces, for TURNS rotations.
 
     halves: (2, DEPTH, S, TURNS, 3), exit radiance of white vertices after 1.. bounces, by half of the paths.
-    grey: the same had all surfaces the luminance of their albedo, so that light keeps its colour.
+    grey: the same if each surface had the luminance of its albedo as a grey, so that light keeps its colour.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""A small sample of a scene's vertices and all that they see: what a plan measures instead of the whole scene."""
+"""A small sample of a scene's vertices and all that they see, which plans measure in place of the whole scene."""
 
 import time
 
@@ -56,7 +56,7 @@ class Sample:
         return np.tensordot(self.weights, np.square(values, dtype=np.float64).sum(axis=-1), axes=(0, 0))
 
     def _scan(self):
-        """Root mean square of the hidden fraction in every chunk; of two halves of rays, so that noise cancels."""
+        """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""
         rows, chunk, _ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES)
         origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
         shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)

@@ -1,4 +1,4 @@
-"""Vertex normals as light needs them: of length 1, whatever the file held."""
+"""Bring vertex normals to length 1, whatever the file held."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Relit splats: every Gaussian of a splat takes the change of light at its place on the mesh.
+"""Relit splats: each Gaussian takes the light ratio at its place on the mesh.
 
 binding = Binding(splats, scene)
 write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.ply")

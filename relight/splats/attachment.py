@@ -1,25 +1,25 @@
-"""Where on the mesh a Gaussian belongs: from its place, its orientation and its distance.
+"""Attach each Gaussian to points of the mesh, by position, orientation and distance.
 
-The mesh is taken in an order of its own, by the bits of its vertices, and seams of chunks are joined: how it was cut
-into chunks changes no bit of the result.
+The mesh is welded and sorted by the bits of its vertices, so that the division into chunks changes no bit of the
+result.
 """
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 NEAREST = 6
-"""Vertices that a Gaussian asks, beside the nearest point of the surface: one alone gained 0.3 dB on a tabletop and
-follows every noise of the mesh, 32 lost 0.5 to 0.9 there."""
+"""Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
+of the mesh, and 32 lose 0.5 to 0.9."""
 
 NEAR = 2e-3
-"""Of the diagonal: nearer places count alike. Centres of Gaussians scatter about the surface by 0.3 to 0.7% of it."""
+"""Of the diagonal: nearer points weigh the same. Centres of Gaussians scatter about the surface by 0.3 to 0.7%."""
 
 ROUND = 0.5
-"""Shortest axis over the middle one from which a Gaussian has no normal; a flatter one has more and more of it."""
+"""Ratio of shortest to middle axis from which a Gaussian has no normal. The flatter, the more its normal counts."""
 
 LEAST_AGREEMENT = 0.02
-"""Weight of a place at right angles to a flat Gaussian, over that of one that agrees: where the nearest surface is a
-neighbour's side, such as the foot of a thing on a table, what agrees is asked first."""
+"""Weight of a point whose normal is at right angles to that of a flat Gaussian, over one that agrees. Where the nearest
+surface is a neighbour's side, such as the foot of an object on a table, points that agree come first."""
 
 FAR = 0.05
 """Of the diagonal: the distance at which half of a Gaussian's light is a mean over the scene. Trained Gaussians of a
@@ -79,7 +79,7 @@ class Surface:
 
 
 class Places:
-    """Where on a Surface each of N Gaussians belongs: values of nodes in, values of Gaussians out."""
+    """The attachment of N Gaussians to a Surface: values of nodes in, values of Gaussians out."""
 
     def __init__(self, surface, splats):
         """Ask the mesh: `columns` (N, 9) int32 nodes, `weights` (N, 9) float32, rows that sum to 1, and `far` (N,)
@@ -129,7 +129,7 @@ class Places:
 
 
 class _Patches:
-    """Means over patches of a surface, for whatever is too far from it to tell one place from another."""
+    """Means over patches of a surface, for Gaussians too far from it to attach to one point."""
 
     def __init__(self, surface, values):
         used = np.unique(surface.faces)
@@ -149,7 +149,7 @@ class _Patches:
         self._centers, self._areas, self._values, self._side = mean(points), area, mean(values), side
 
     def seen_from(self, points):
-        """(N, C) float32: means by area over the fourth power of distance; with it they tend to one mean of all."""
+        """Means (N, C) float32 by area over the fourth power of distance: far away, the mean of all patches."""
         from scipy.spatial.distance import cdist
 
         result = np.zeros((len(points), self._values.shape[1]), np.float32)

@@ -1,8 +1,8 @@
-"""From pixels back to Gaussians: how much of a picture's values each Gaussian would have to answer for.
+"""Backprojection: spread the values of a picture onto the Gaussians that contribute to its pixels.
 
-A rendered pixel is the sum of its Gaussians' colours by the weights of blending; this is the transposed product. It
-walks the same footprints in the same order as `splat2mesh.render.rasterize`. One thread has each tile, and sums are
-taken in a fixed order: the same bits on any number of threads.
+Rendering sums the colours of Gaussians by blending weights; this is its transpose. It walks the same footprints in the
+same order as `splat2mesh.render.rasterize`. Each tile has one thread and sums are taken in a fixed order, so bits do
+not depend on the number of threads.
 """
 
 import numba
@@ -27,7 +27,7 @@ def backproject(
     sums,  # (N, 4) float32, added to: the values by what the Gaussian gives each pixel, and those weights
     near=NEAR,
 ):
-    """Add, for each Gaussian, what it sees of a picture: sums over pixels of weight * count * (values, 1)."""
+    """Add to each Gaussian the sums over pixels of weight * count * (values, 1)."""
     camera = camera_of(view, near)
     tiles_x, tiles_y = -(-camera.width // TILE), -(-camera.height // TILE)
     values = np.ascontiguousarray(values, np.float32)

@@ -1,4 +1,4 @@
-"""Splats bound to the mesh made of them: what depends on geometry alone, once, and then any number of lights."""
+"""Splats bound to the mesh made of them: do what depends on geometry once, then relight under any number of lights."""
 
 import warnings
 
@@ -11,7 +11,7 @@ from splat2mesh.splats.splats import ABSURD_LENGTH, INVISIBLE_OPACITY, MIN_SPLAT
 
 from .attachment import Places, Surface
 from .backproject import backproject
-from .light_ratio import CURVE_OFFSET, change_of_light, relit_sh
+from .light_ratio import CURVE_OFFSET, log_gain, relit_sh
 
 VIEWS, PIXELS = 32, 256
 """Virtual views of the fit and their longer side. 24 or 48 views or 320 pixels differ by less than 0.1 dB; 192
@@ -85,7 +85,7 @@ class Binding:
                 f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
             )
         shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
-        of_vertices, mean = change_of_light(self._captured, before, after, shares)
+        of_vertices, mean = log_gain(self._captured, before, after, shares)
         of_nodes = self.surface.of_vertices(of_vertices)
         logs = self.places.interpolate(of_nodes)
         correction = self._fit(of_nodes, logs, mean, rounds) if len(self._looks) else 0.0
@@ -98,11 +98,11 @@ class Binding:
         return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
 
     def _fit(self, of_nodes, logs, mean, rounds):
-        """(N, 3) float32, to be added to the constant coefficients: what makes the change of light of what is seen of
-        the splats, in all views, out of what is seen of the relit ones.
+        """Corrections (N, 3) float32 to add to the constant coefficients, so that pictures of the relit splats agree
+        with pictures of the captured ones times the light ratio of the mesh.
 
-        Gaussians lie before and behind the surface, and their blend shows the light of neither place alone. So each
-        one's colour is moved by the mean of the errors that it has part in, round by round.
+        Gaussians lie before and behind the surface, so that their blend shows the light of neither place. Each round
+        renders all views and moves each Gaussian's colour by the mean error of the pixels it contributes to.
         Source: Gilbert, "Iterative methods for the three-dimensional reconstruction of an object from projections"
         (1972): simultaneous iterative reconstruction (SIRT).
         """
@@ -117,7 +117,7 @@ class Binding:
             sums[:] = 0.0
             for look in self._looks:
                 color = rasterize(current, look.view, self._near).color
-                error = np.expm1(look.change(of_nodes)) * look.base - (color - look.color)
+                error = np.expm1(look.log_gain(of_nodes)) * look.base - (color - look.color)
                 backproject(s, look.view, look.values(error), sums, self._near)
             moved += sums[:, :3] / (sums[:, 3:] + CAUTION) / SH_C0
         correction = np.zeros_like(logs)
@@ -136,7 +136,7 @@ class Binding:
 
 
 class _Look:
-    """One view of splats and mesh. color, base: (H, W, 3) float32 as shown, and what the change of light multiplies."""
+    """One view of splats and mesh. color, base: (H, W, 3) float32 as shown, and what the gain multiplies."""
 
     def __init__(self, splats, surface, view, near):
         import open3d as o3d
@@ -154,24 +154,24 @@ class _Look:
         second, third = hits["primitive_uvs"].numpy()[self._known].T
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)
 
-    def change(self, of_nodes):
-        """b of what each pixel shows: (H, W, 3) float32, 0 where that is not known."""
+    def log_gain(self, of_nodes):
+        """Log gain of what each pixel shows: (H, W, 3) float32, 0 where it is not known."""
         result = np.zeros_like(self.color)
         result[self._known] = np.einsum("nk,nkc->nc", self._shares, of_nodes[self._corners])
         return result
 
     def values(self, picture):
-        """A picture as `backproject` takes it: with 1 where it is known."""
+        """A picture as `backproject` takes it: a fourth channel holds 1 where the pixel is known."""
         return np.concatenate([picture, self._known[..., None]], axis=-1, dtype=np.float32)
 
 
 def relit(splats, scene, before, after, exposure=1.0, views=None, rounds=ROUNDS, seed=0):
-    """Splats in a new light, all at once: see Binding, which spares most of the work for a second light."""
+    """Bind splats and relight them in one call. Keep a `Binding` for several lights: it does most of the work once."""
     return Binding(splats, scene, views, seed).relit(before, after, exposure, rounds)
 
 
 def usable(splats):
-    """(N,) bool: splats with a place, an extent, a rotation and a colour."""
+    """(N,) bool: splats whose centre, scales, rotation and colour can be used."""
     arrays = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
     finite = np.logical_and.reduce([np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays])
     with np.errstate(invalid="ignore"):

@@ -1,9 +1,9 @@
-"""The change of light of every vertex, as a factor on display colours, and its application to splat colours.
+"""The light ratio of every vertex, as a gain on display colours, and its application to splat colours.
 
 Splats are blended in sRGB, light is linear. Above its toe the sRGB curve is 1.055 x^(1/2.4) - 0.055, so that light k
 times as strong turns a display value c into g (c + 0.055) - 0.055, g = k^(1/2.4): an affine map. It goes through alpha
-blending unchanged, also where single Gaussians are darker than black or brighter than white and only their blend is a
-colour. So it is applied to each Gaussian as it is, without a clip; b = log g is what is interpolated.
+blending unchanged, even where single Gaussians are darker than black or brighter than white. So apply it to each
+Gaussian without a clip, and interpolate its logarithm, the log gain b = log g.
 """
 
 import numpy as np
@@ -23,21 +23,21 @@ SOFTNESS = 0.1
 0.1 dB on a tabletop and costs an object 0.2; 0.4 costs that one 2 dB."""
 
 LEAST, MOST = 1e-4, 1e4
-"""Range of a change of light: a ratio of what a display can show has no more."""
+"""Range of a light ratio: a display can show no more."""
 
 _DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte tells nothing of what exceeds diffuse light
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
-def change_of_light(
+def log_gain(
     captured,  # (V, 3) linear colours as captured
     before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
     after,  # (V, 3) irradiance in the new light, exposure applied
     shares=None,  # (V,) weights of the vertices in means, such as areas; equal by default
 ):
-    """b of every vertex and its mean over the scene: (V, 3) and (3,) float32. Equal light gives zeros, to the bit.
+    """Log gain of every vertex, (V, 3) float32, and its mean over the scene, (3,). Equal light gives zeros, to the bit.
 
-    The ratio of lights is (S S' + e^2 r) / (S^2 + e^2), e = 0.1 median(S), r = mean(S') / mean(S). No surface sends out
+    The light ratio is (S S' + e^2 r) / (S^2 + e^2), e = 0.1 median(S), r = mean(S') / mean(S). No surface sends out
     more than it receives: what a captured colour has beyond S is gloss or an error of the light, and changes by r.
     What would be shown brighter than 0.8 runs into 1, unless it was that bright before.
     Raises InputError for arrays that do not fit, or hold what is not finite or negative.
@@ -71,14 +71,14 @@ def change_of_light(
 
 def relit_sh(
     sh,  # (N, K, 3) float32 colour coefficients of splats
-    logs,  # (N, 3) b of each splat
-    mean,  # (3,) b of the whole scene
+    logs,  # (N, 3) log gain of each splat
+    mean,  # (3,) log gain of the whole scene
 ):
-    """The coefficients in the new light, (N, K, 3) float32: those of splats whose b is 0 keep every bit.
+    """The coefficients in the new light, (N, K, 3) float32: splats whose log gain is 0 keep every bit.
 
-    The diffuse part follows the affine map. What depends on the view is light's reflection: it has the light's colour
-    and fades with it, so that no highlight stays lit in a shadow; but it grows by no more than all the scene does,
-    for out of a shadow it would be noise that grows.
+    The diffuse part follows the affine map. The view-dependent part is reflected light: scale it with the light, so
+    that no highlight stays lit in a shadow, but by no more than the scene's mean gain, since brightening it in a place
+    that was dark amplifies noise.
     """
     result = sh.copy()
     offset = np.float32((0.5 + CURVE_OFFSET) / SH_C0)

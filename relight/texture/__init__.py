@@ -1,4 +1,4 @@
-"""Textures for meshes with few faces: the splat's own detail, without the light of its capture, under any light.
+"""Textures for meshes with few faces: the detail of the splat, without the light of its capture, under any light.
 
 baked = bake(scene, splats, irradiance, prior)
 colors = baked.relit(new_irradiance, exposure)

@@ -1,7 +1,7 @@
-"""A place in one square texture for every point of a scene's surface, and the point for every texel.
+"""Unwrap the surface of a scene into one square texture, and find the point of the surface for every texel.
 
-Charts are xatlas's. The mesh is taken welded, in an order of its own, by the bits of its vertices: how it was cut into
-chunks changes no texel.
+xatlas makes the charts. The mesh is welded and sorted by the bits of its vertices, so that the division into chunks
+changes no texel.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from numba import njit
 from splat2mesh.base.errors import InputError
 
 SMALLEST, LARGEST = 16, 8192
-"""Sides of a texture, in texels. Graphics cards take 8192; there is room for a tenth of that and a gutter in 16."""
+"""Sides of a texture, in texels. Graphics cards take 8192; below 16 the gutters leave no room for charts."""
 
 PADDING = 4
 """Texels between charts: each has two of its own beside it, so two levels of mipmaps keep neighbours out."""
@@ -23,11 +23,11 @@ FILLING = 0.68
 small textures padding and what is left of the square beside them take a third of that."""
 
 REACH = 2.0
-"""Texels beside a chart that are baked like those in it, at the nearest point of it: what bilinear filtering mixes."""
+"""Texels beside a chart that are baked at its nearest point: bilinear filtering mixes them in."""
 
 PART_FACES = 4096
 """Faces that are unwrapped together: xatlas's time grows faster than their number, 33 s for 100,000 at once and 4 s in
-parts. Their borders are seams more."""
+parts. The borders of parts become seams."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def unwrap(scene, size):
     total = float(face_areas(nodes[:, :3], corners).sum())
     if not 0.0 < total < np.inf:
         raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
-    uv, faces, pixels = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
-    uv = (uv * (size / pixels)).astype(np.float32)
+    uv, faces, side = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
+    uv = (uv * (size / side)).astype(np.float32)
     best = np.full((size, size), np.inf, np.float32)
     face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
     _draw(uv, faces, np.float32(REACH), best, face, weights)
@@ -90,7 +90,7 @@ def unwrap(scene, size):
     if len(texels) == 0:
         raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
     face, weights, inside = face.ravel()[texels], weights.reshape(-1, 3)[texels], best.ravel()[texels] == 0.0
-    # From the welded mesh back to the scene: its order of faces, its copies of vertices, chunk by chunk.
+    # Back from the welded mesh to the faces and vertices of the scene, chunk by chunk.
     in_scene = np.empty_like(faces)
     in_scene[order[0]] = np.take_along_axis(faces, order[2], axis=1)
     weights = np.take_along_axis(weights, order[2][face], axis=1)
@@ -164,7 +164,7 @@ def _charts(nodes, corners, texels_per_unit):
     atlas = xatlas.Atlas()
     parts = _parts(nodes[:, :3], corners)
     used = []
-    # xatlas takes distances below a fixed tolerance for none: the mesh comes to it in one size.
+    # xatlas merges points below a fixed distance: scale every mesh to the same size.
     points = nodes[:, :3].astype(np.float64)
     low, extent = points[corners].min(axis=(0, 1)), float(np.ptp(points[corners], axis=(0, 1)).max())
     points = ((points - low) / extent).astype(np.float32)
@@ -187,7 +187,7 @@ def _charts(nodes, corners, texels_per_unit):
 
 
 def _without_holes(uv, node, faces):
-    """Slivers that xatlas left out, at (0, 0), shown in the colour of one of their corners in another face."""
+    """Give slivers that xatlas left out, at (0, 0), the coordinates of one of their corners in another face."""
     lost = np.flatnonzero((uv[faces] == 0.0).all(axis=(1, 2)))
     if len(lost) == 0:
         return uv, faces
@@ -204,7 +204,7 @@ def _without_holes(uv, node, faces):
 
 
 def _parts(points, faces):
-    """Faces in compact parts of at most PART_FACES: list of ascending indices."""
+    """Divide faces into compact parts of at most PART_FACES: list of ascending indices."""
     centers = points[faces].mean(axis=1)
     pending, parts = [np.arange(len(faces))], []
     while pending:
@@ -230,7 +230,7 @@ def _nearest_texel(texels, size):
 
 @njit(cache=True, nogil=True)
 def _draw(uv, faces, reach, best, face, weights):
-    """For each texel the face that its centre lies in, or the nearest within `reach`, and its weights there."""
+    """Find for each texel the face that holds its centre, or the nearest within `reach`, and its weights there."""
     size = best.shape[0]
     for f in range(len(faces)):
         ax, ay = np.float64(uv[faces[f, 0], 0]), np.float64(uv[faces[f, 0], 1])
@@ -270,7 +270,7 @@ def _draw(uv, faces, reach, best, face, weights):
                             first = 1.0 - along if side == 0 else (along if side == 2 else 0.0)
                             second = along if side == 0 else (1.0 - along if side == 1 else 0.0)
                             third = along if side == 1 else (1.0 - along if side == 2 else 0.0)
-                    # A texel that is as near to a face as to the middle of its own is not taken from it by rounding.
+                    # Rounding must not move a texel from the face it lies in to one beside it.
                     distance = max(distance, 1e-12)
                 if distance < best[row, column] and distance <= reach * reach:
                     best[row, column], face[row, column] = distance, f

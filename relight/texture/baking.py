@@ -1,4 +1,4 @@
-"""What every texel of a scene's texture shows: the colour of the splat there as captured, and the albedo below it."""
+"""Bake the captured colour of the splat and its albedo into every texel of a scene's texture."""
 
 import warnings
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from .atlas import Atlas, check_size, size_for, unwrap
 from .pictures import seen_colors, views_of
 
 FILL_FROM, FILL_SAMPLES = 4, 200_000
-"""Texels that fill an unseen one, and from how many they are chosen."""
+"""Nearest texels that fill an unseen one, and the most texels to choose them from."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def bake(
     stages = stages or Stages()
     if splats is not None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DataWarning)  # making the scene of them has told it
+            warnings.simplefilter("ignore", DataWarning)  # making the scene has warned already
             splats, _ = clean(splats)
         pixel = training_pixel(splats)
     matrix = np.asarray(scene.scene_from_splat, np.float64)
@@ -103,10 +103,10 @@ def bake(
 
 
 def surface_points(scene, atlas):
-    """Where texels lie and their smooth normals, scene frame: (T, 3) float32 each."""
+    """Positions of texels and their smooth normals, scene frame: (T, 3) float32 each."""
     normals = atlas.interpolate(scene.normals)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    flat = lengths[:, 0] < 1e-6  # opposing normals cancel: such a texel looks along its face's own
+    flat = lengths[:, 0] < 1e-6  # where opposing normals cancel, use the face's normal
     if flat.any():
         a, b, c = (scene.vertices[scene.faces[atlas.face[flat], corner]] for corner in range(3))
         normals[flat] = np.cross(b - a, c - a)
@@ -115,7 +115,7 @@ def surface_points(scene, atlas):
 
 
 def _captured(scene, matrix, splats, views, atlas, advance):
-    """Linear colours of the splats at all texels, (T, 3) float32, and which of them a view shows: (T,) bool."""
+    """Linear colours of the splats at all texels, (T, 3) float32, and whether any view shows each, (T,) bool."""
     points, normals = surface_points(scene, atlas)
     back = np.linalg.inv(matrix)
     points = (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
@@ -132,7 +132,7 @@ def _captured(scene, matrix, splats, views, atlas, advance):
 
 
 def _filled(points, colors, seen):
-    """Colours of the texels that were not seen: of the nearest that were, by one over the squared distance."""
+    """Colours for unseen texels: means of the nearest seen ones, weighted by the inverse squared distance."""
     from scipy.spatial import cKDTree
 
     rows = np.flatnonzero(seen)

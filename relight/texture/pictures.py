@@ -1,8 +1,8 @@
 """The colour of a splat at the texels of a mesh: pictures of the splat projected onto it and averaged.
 
-A mesh with few faces passes above and below what the splat shows. Each picture says what the eye sees where it sees the
-texel, so their mean is what looks right from everywhere; the needles that training leaves average out. The splats are
-drawn as wide as training saw them: from nearer, as they are in the file, light falls through between them.
+A mesh with few faces passes above and below what the splat shows. A picture tells what the eye sees at a texel, so the
+mean of many looks right from everywhere, and the needles that training leaves average out. Draw the splats as wide as
+training saw them: as they are in the file, close views show gaps between them.
 """
 
 import numpy as np
@@ -13,22 +13,22 @@ from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
 from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
 
 PIXELS = 256, 1024
-"""Range of the longer side of a picture. In it, a pixel is about as wide as a texel."""
+"""Range of the longer side of a picture, in which a pixel is about as wide as a texel."""
 
 MIN_COSINE = 0.05
-"""A picture that sees a texel at a flatter angle is not asked. Weights are the squared cosine; the distance must not
-count: the few views from within would outweigh all others, 1.0 dB on an object and 1.7 dB on a guitar."""
+"""Ignore pictures that see a texel at a flatter angle. Weights are the squared cosine and leave distance out: else the
+few views from within outweigh all others, which costs 1.0 dB on an object and 1.7 dB on a guitar."""
 
 DEPTH_TOLERANCE = 0.02
-"""Of the diagonal: where what a picture shows is further before or behind the texel, it is something else."""
+"""Of the diagonal: where a picture shows something further before or behind the texel, it shows another surface."""
 
 _STEP = 1e-3  # of the diagonal: rays to the eye begin off their own face
 _BATCH = 1 << 20
 
 
 def views_of(scene, splats, texel, seed=0):
-    """The splats to draw, as training saw them, and the views to draw them from: the scene's foreground as `splat2mesh`
-    looks at it, and its far background too where that was kept. texel: width of one, in the splats' unit."""
+    """The splats to draw, as wide as training saw them, and the views to draw them from: the views that `splat2mesh`
+    takes of the foreground, and more for a far background that was kept. texel: width of one, in the splats' unit."""
     far = far_background(splats)
     foreground, pixel = as_trained(splats.take(np.flatnonzero(~far)))
     up = np.asarray(scene.scene_from_splat, np.float64)[1, :3]
@@ -41,7 +41,7 @@ def views_of(scene, splats, texel, seed=0):
 
 
 def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda count: None):
-    """What views of splats show at points of a mesh: sRGB (T, 3) float32, and whether any shows it, (T,) bool.
+    """Mean colour that views of splats show at points of a mesh, sRGB (T, 3) float32, and whether any does, (T,) bool.
 
     vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows
     are black. advance is called after each view.
@@ -71,7 +71,7 @@ def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda 
 
 
 def _shown(view, rendering, caster, points, normals, diagonal):
-    """Points that a rendering shows, (N,) indices, where in pixels from the first one's centre, (N, 2), and weights."""
+    """Points that a rendering shows: indices (N,), pixels (N, 2) from the centre of the first one, and weights."""
     import open3d as o3d
 
     towards = view.center.astype(np.float32) - points
@@ -84,7 +84,7 @@ def _shown(view, rendering, caster, points, normals, diagonal):
     rows, pixels, depth = rows[inside], pixels[inside], depth[inside]
     column, row = np.floor(pixels).astype(np.intp).T
     there = np.ones(len(rows), bool)
-    for across, down in ((0, 0), (1, 0), (0, 1), (1, 1)):  # where one of them shows something else, colours are mixed
+    for across, down in ((0, 0), (1, 0), (0, 1), (1, 1)):  # all four must show this surface, or colours mix
         apart = rendering.depth_median[row + down, column + across] - depth
         there &= np.abs(apart) < DEPTH_TOLERANCE * diagonal
     rows, pixels = rows[there], pixels[there]
@@ -95,7 +95,7 @@ def _shown(view, rendering, caster, points, normals, diagonal):
 
 
 def _bilinear(image, places):
-    """An image (H, W, C) between its pixels: places (N, 2) from the centre of the first -> (N, C) float32."""
+    """Interpolate an image (H, W, C) at places (N, 2), measured from the centre of its first pixel: (N, C) float32."""
     low = np.floor(places).astype(np.intp)
     x, y = (places - low).astype(np.float32).T[..., None]
     column, row = low.T

@@ -1,10 +1,10 @@
-"""Light on a scene as a session that a person enjoys: a window to turn, compare and switch the light in.
+"""An interactive session: a window in which to turn, compare and switch the light.
 
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `session` state and light, `background` and `lighting` the heavy work in a process of its own, `views` what the
-surface is coloured by, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
+Modules: `session` state and light, `worker` and `lighting` the heavy work in a process of its own, `modes` what
+colours the surface, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The camera of the session: about a point, upright, and never lost."""
+"""The camera of the session: it orbits a point, stays upright, and cannot lose the scene."""
 
 import math
 from dataclasses import dataclass, replace
@@ -42,7 +42,7 @@ class Orbit:
     def of(cls, camera, vertices, diagonal):
         """From a dict of eye, target and fov_deg, as `Scene.preview_camera`; its up is taken to be +y.
 
-        A target right before the eye only tells where to look, from within a scene: it moves to what is seen there.
+        A target close before the eye gives only a direction, as from within a room: move it to the surface seen there.
         """
         eye = np.array(camera["eye"], float)
         away = eye - camera["target"]
@@ -59,8 +59,8 @@ class Orbit:
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
 
-    def in_frame(self, aspect):
-        """The same, from as much farther as a window lower than a picture, (width over height), shows less."""
+    def in_window(self, aspect):
+        """The same view from so far that a window of this aspect, width over height, shows all of a picture."""
         return replace(self, distance=self.distance * max(1.0, aspect / PICTURE_ASPECT))
 
     @property
@@ -78,12 +78,12 @@ class Orbit:
         return np.array(self.target) + self.distance * self.axes[2]
 
     def dragged(self, right, up):
-        """Looking around: a drag by these parts of the window's height takes the scene along."""
+        """Look around: drag the scene by these parts of the height of the window."""
         elevation = min(max(self.elevation_deg - ORBIT_DEG * up, -HIGHEST_DEG), HIGHEST_DEG)
         return replace(self, azimuth_deg=(self.azimuth_deg - ORBIT_DEG * right) % 360.0, elevation_deg=elevation)
 
     def moved(self, right, up, aspect):
-        """Sideways, by parts of the window's height, so that what is at the target stays under the mouse."""
+        """Move sideways by parts of the height of the window: the target follows the mouse."""
         height = 2.0 * self.distance * math.tan(math.radians(self.fov_deg) / 2.0) / aspect
         shift = -height * (right * self.axes[0] + up * self.axes[1])
         return replace(self, target=tuple(np.array(self.target) + shift))

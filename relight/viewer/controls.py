@@ -1,10 +1,10 @@
-"""What a person can do in a session: one table that the window, its help, the README and the tests read."""
+"""The keys, sliders and mouse of a session, as one table that the window, its help, the README and the tests read."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 from ..planning.effects import BOUNCES, SHADOWS, SUN
-from .modes import VIEWS
+from .modes import MODES
 
 ANGLE_STEP_DEG = 5.0
 EXPOSURE_STEP_EV = 0.25
@@ -16,7 +16,7 @@ class Control(NamedTuple):
     """One key. key: a VTK key symbol. text: for the help. act: called with the window.
 
     chip: of a Session, the text of a button that does the same, or None without one. row: where the button stands,
-    "views" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
+    "modes" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
     """
 
     key: str
@@ -72,14 +72,14 @@ def _effect(key, name, text):
     return Control(key, text, _toggle_effect(name), lambda session: name, "choices", lit)
 
 
-def _view(key, name):
-    view = VIEWS[name]
-    text = f"{view.title}: {view.text}"
-    return Control(key, text, _change(view=name), lambda s: view.title, "views", lambda s: s.state.view == name)
+def _mode(key, name):
+    mode = MODES[name]
+    text = f"{mode.title}: {mode.text}"
+    return Control(key, text, _change(mode=name), lambda s: mode.title, "modes", lambda s: s.state.mode == name)
 
 
 CONTROLS = (
-    *(_view(str(number), name) for number, name in enumerate(VIEWS, 1)),
+    *(_mode(str(number), name) for number, name in enumerate(MODES, 1)),
     _effect("s", SHADOWS, "shadows on, off: sun and bounces need them"),
     _effect("u", SUN, "sun on, off: concentrated light with sharp shadows"),
     _effect("o", BOUNCES, "bounces on, off: light from surface to surface"),
@@ -103,7 +103,7 @@ CONTROLS = (
     Control("v", "record a turn of the light", lambda window: window.record()),
     Control("x", "panel on, off", _toggle("panel")),
     Control("r", "reset everything", lambda window: window.reset()),
-    Control("h", "this list on, off", _toggle("help"), lambda s: "keys", "views", lambda s: s.state.help),
+    Control("h", "this list on, off", _toggle("help"), lambda s: "keys", "modes", lambda s: s.state.help),
     Control("q", "quit", lambda window: window.quit()),
 )  # fmt: skip
 

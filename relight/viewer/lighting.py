@@ -1,8 +1,8 @@
-"""What the session asks of the engine, in the order in which a person wants to see it.
+"""Answer the wishes of a session from the engine, in the order in which a person wants to see the results.
 
-The only module of the viewer that knows the engine. It runs in the background process (`background`) and answers
-each wish with a few results: the light, then the transfers with which the window shades by itself at once, then
-what takes longer. Nothing here knows of windows.
+The only module of the viewer that knows the engine. It runs in the worker process (`worker`) and answers
+each wish with a few results: first the light, then the transfers with which the window shades at once, then what takes
+longer. It knows nothing of windows.
 """
 
 import time
@@ -23,22 +23,22 @@ from ..transfer.analytic import analytic
 from ..transfer.settings import Settings
 
 CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
-"""Of the reference for every vertex in the error view."""
+"""Settings of the reference at every vertex, for the error mode."""
 
 SAMPLE = 256
-"""Vertices of the stated error: its standard deviation over samples is about a sixteenth of that over vertices."""
+"""Vertices at which the error is measured: its standard deviation is a sixteenth of that over vertices."""
 
 SAMPLE_RAYS = 1024
-"""Rays of each of them that gather bounced light: their noise is a quarter of that of the 64 rays of the engine."""
+"""Rays from each of them that gather bounced light: a quarter of the noise of the engine's 64."""
 
-MOST_PLANNERS = 8
-"""Tolerances whose plans are remembered."""
+MOST_RELIGHTERS = 8
+"""Tolerances whose relighters, with their plans, are kept."""
 
 DRAG_BANDS = 4
-"""Of the bounced light shown while the light is dragged, which is smoother than direct light."""
+"""Bands of bounced light while the light is dragged: it is smoother than direct light."""
 
 UNSHADOWED_BANDS = 5
-"""Of light without shadows: Lambert's lobe keeps 0.4% of its energy beyond."""
+"""Bands of light without shadows: Lambert's lobe has 0.4% of its energy beyond them."""
 
 SKY_WIDTH = 1024
 """Most columns of the sky that is shown behind the scene."""
@@ -53,7 +53,7 @@ STAGES = {
     "sunlight": "tracing suns",
     "bounce rays": "tracing bounces",
 }
-"""The engine's stages in words; others keep their names."""
+"""What the panel calls the stages of the engine; others keep their names."""
 
 
 class Wish(NamedTuple):
@@ -117,16 +117,16 @@ class Lighting:
     def __init__(self, scene, environments, albedos, stages, options=None, cache=None):
         self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
         self.step = None
-        self._options, self._planners, self._converged = LightingOptions.of(options), {}, None
+        self._options, self._relighters, self._converged = LightingOptions.of(options), {}, None
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
 
     def answers(self, wish):
-        """Yield (kind, key, payload) of all that the wish needs and that was not yielded before.
+        """Yield (kind, key, payload) for everything that the wish needs and that was not yielded before.
 
         Kinds in order: "unshadowed" ((V, K) float32), "light" (Light), "transfer" ((V, K)), "shading" (Lit), "bounced"
         ((V, K', 3) float32: what bounces add to a transfer), "error" (float), "reference" (Reference). Of each kind the
-        receiver needs to keep the last alone. Raises InputError for a light that cannot be read.
+        receiver needs only the last. Raises InputError for a light that cannot be read.
         """
         for kind, key in keys(wish).items():
             if self._sent.get(kind) != key:
@@ -148,12 +148,12 @@ class Lighting:
         return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
 
     def _transfer(self, wish):
-        planner, plan = self._planned(wish)
+        relighter, plan = self._planned(wish)
         if plan is None:
-            if planner.method == "blinn-phong":
+            if relighter.method == "blinn-phong":
                 return None
-            return planner.transfer
-        transfer, done = planner.precomputed.transfer(plan.settings)
+            return relighter.transfer
+        transfer, done = relighter.precomputed.transfer(plan.settings)
         if done[:4] == self._transfer_sent:
             return None
         self._transfer_sent = done[:4]
@@ -161,32 +161,32 @@ class Lighting:
 
     def _shading(self, wish):
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
-        planner, plan = self._planned(wish)
-        whole = planner.shading(environment, albedo)  # with all effects: what is computed once, and the plan checked
+        relighter, plan = self._planned(wish)
+        whole = relighter.shading(environment, albedo)  # with all effects, once, which also checks the plan
         settings = restricted(whole.settings, wish.effects)
         start = time.perf_counter()
-        shading = planner.shading(environment, albedo, settings)
+        shading = relighter.shading(environment, albedo, settings)
         seconds = time.perf_counter() - start
         predicted = None if plan is None else plan.error
         words = str(shading.settings)
         return Lit(*shading[:3], words, whole.settings.effects, predicted, seconds)
 
     def _bounced(self, wish):
-        albedo, (planner, plan) = self.albedos[wish.albedo], self._planned(wish)
+        albedo, (relighter, plan) = self.albedos[wish.albedo], self._planned(wish)
         rays = 0 if plan is None else restricted(plan.settings, wish.effects).bounce_rays
         if not rays or albedo is None:
             return None
         from ..transfer.bounces import transfer_with_bounces
 
-        plain = planner.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
-        bounced, _ = transfer_with_bounces(plain, albedo, planner.precomputed.interreflection(rays, plain))
+        plain = relighter.precomputed.transfer(plan.settings)[0][:, : DRAG_BANDS**2]
+        bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
         return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
 
     def _error(self, wish):
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
-        planner, _ = self._planned(wish)
-        whole = planner.shading(environment, albedo)
-        shown = planner.shading(environment, albedo, restricted(whole.settings, wish.effects))
+        relighter, _ = self._planned(wish)
+        whole = relighter.shading(environment, albedo)
+        shown = relighter.shading(environment, albedo, restricted(whole.settings, wish.effects))
         return self._error_of(shown.radiance, whole.radiance, wish)
 
     def _reference(self, wish):
@@ -198,10 +198,10 @@ class Lighting:
         return Reference(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
 
     def _error_of(self, shown, whole, wish):
-        """Relative L2 of radiance (V, 3) on the sample, against rays to every part of the light.
+        """Relative L2 error of radiance (V, 3) on the sample, against rays to every part of the light.
 
-        Direct light is that of `transfer.reference`; what bounces is gathered over `SAMPLE_RAYS` of `whole`, (V, 3),
-        what the scene sends out with all effects.
+        Direct light comes from `transfer.reference`; bounced light is gathered by `SAMPLE_RAYS` rays from `whole`,
+        the radiance (V, 3) of the scene with all effects.
         """
         from ..transfer.reference import reference
 
@@ -221,14 +221,14 @@ class Lighting:
 
         All share what was traced.
         """
-        if wish.tolerance not in self._planners:
-            while len(self._planners) >= MOST_PLANNERS:
-                self._planners.pop(next(iter(self._planners)))
+        if wish.tolerance not in self._relighters:
+            while len(self._relighters) >= MOST_RELIGHTERS:
+                self._relighters.pop(next(iter(self._relighters)))
             options = replace(self._options, tolerance=wish.tolerance)
             shared = self._relighter.precomputed
-            self._planners[wish.tolerance] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
-        planner = self._planners[wish.tolerance]
-        return planner, planner.plan_for(self._environment(wish), self.albedos[wish.albedo])
+            self._relighters[wish.tolerance] = Relighter(self.scene, options, stages=self.stages, precomputed=shared)
+        relighter = self._relighters[wish.tolerance]
+        return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
     def _environment(self, wish):
         """The Environment of a wish, turned. The last one stays loaded."""
@@ -280,9 +280,9 @@ def check_albedos(scene, albedos):
 
 
 def _gathered(occluder, rows, radiance):
-    """What white vertices `rows` receive from a scene that sends out `radiance` (V, 3): (R, 3) float32.
+    """Light (R, 3) float32 that white vertices `rows` receive from a scene whose exit radiance is `radiance` (V, 3).
 
-    As a row of `relight.transfer.bounces`, but of many more rays: the backs of faces are black.
+    Like rows of `relight.transfer.bounces` but with many more rays. Backs of faces are black.
     """
     from ..transfer import sampling
 
@@ -299,7 +299,7 @@ def _gathered(occluder, rows, radiance):
 
 
 def _pooled(image, step):
-    """The image with `step` by `step` texels averaged; what is left over at its right and lower edge is dropped."""
+    """The image with `step` by `step` texels averaged; a remainder at the right and lower edge is dropped."""
     if step <= 1:
         return np.asarray(image, np.float32)
     height, width = image.shape[0] // step, image.shape[1] // step

@@ -1,4 +1,4 @@
-"""What each view of the session colours the surface by."""
+"""What the session colours the surface by, in each of its modes."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -10,20 +10,21 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from ..sh.normals import unit_normals
 
 PLAIN = 96
-"""Grey of a surface that has nothing to show yet."""
+"""Grey of a surface while its colours are computed."""
 
 SCALES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ends of the error scale: the first that holds the 98th percentile."""
 
 DARKEST = 0.01
-"""Of the root mean square of the reference, added to the light that an error is relative to: black stays out of it."""
+"""Part of the root mean square of the reference that is added to the denominator of an error, so that black vertices
+have none."""
 
 _MAP = np.array(
     [(20, 22, 34), (42, 39, 92), (92, 47, 121), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
      (250, 244, 180)],
     np.float32,
 )  # fmt: skip
-"""Of errors, dark to bright: its lightness grows all the way."""
+"""Colours of errors from small to large, of steadily growing lightness."""
 
 _CHUNKS = np.array(
     [(108, 142, 191), (214, 152, 92), (122, 168, 116), (196, 110, 112), (148, 126, 178), (158, 134, 112),
@@ -34,17 +35,17 @@ _CHUNKS = np.array(
 _LAMP = np.array([0.35, 0.8, 0.48], np.float32)  # gives the flat colours of chunks their shape
 
 
-class View(NamedTuple):
+class Mode(NamedTuple):
     """One way to colour. title: on screen. text: for the help. colors: of a Session, (V, 3) uint8.
 
-    live: whether it depends on the light. reference: whether it needs converged light at every vertex.
+    lights: whether it depends on the light. reference: whether it needs converged light at every vertex.
     scale: of a Session, the end of its scalar bar.
     """
 
     title: str
     text: str
     colors: Callable
-    live: bool = False
+    lights: bool = False
     reference: bool = False
     scale: Callable | None = None
 
@@ -77,12 +78,12 @@ def _error(session):
     return map_colors(errors / error_scale(session))
 
 
-VIEWS = {
-    "relit": View("Relit", "under the light", _relit, True),
-    "albedo": View("Albedo", "the colour of the surface itself", _albedo),
-    "normals": View("Normals", "red to the right, green up, blue to the front", _normals),
-    "chunks": View("Chunks", "the parts that the mesh is cut into", _chunks),
-    "error": View("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
+MODES = {
+    "relit": Mode("Relit", "under the light", _relit, True),
+    "albedo": Mode("Albedo", "the colour of the surface itself", _albedo),
+    "normals": Mode("Normals", "red to the right, green up, blue to the front", _normals),
+    "chunks": Mode("Chunks", "the parts that the mesh is cut into", _chunks),
+    "error": Mode("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
 }
 
 

@@ -1,7 +1,7 @@
-"""The writing on the window: buttons, sliders, figures and help, drawn anew whenever something of it changes.
+"""What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes.
 
-Everything is drawn with two kinds of VTK actors, one for all rectangles and one for each text, so that looks,
-layout and mouse are the same in a window, off screen and in a browser.
+Two kinds of VTK actors draw it, one for all rectangles and one for each text, so that it looks and works the same in a
+window, off screen and in a browser.
 """
 
 from collections.abc import Callable
@@ -22,7 +22,7 @@ from vtkmodules.vtkRenderingCore import (
 from ..planning.effects import BOUNCES, SUN
 from .controls import CONTROLS, MOUSE, SLIDERS, key_name
 from .lighting import CONVERGED, SAMPLE, STAGES
-from .modes import VIEWS, map_colors
+from .modes import MODES, map_colors
 from .session import RANGES
 
 DESIGN_SIZE = 960, 720
@@ -109,7 +109,7 @@ class Panel:
             self._bottom(session, units, frames_per_second, note)
             if session.state.help:
                 self._help(units)
-            elif VIEWS[session.state.view].scale:
+            elif MODES[session.state.mode].scale:
                 self._scalar_bar(session, units)
         drawing = self._rectangles, self._written
         if drawing == self._drawn:
@@ -123,7 +123,7 @@ class Panel:
         base = height - TOP
         self._rectangle(0, base, width, TOP, _BAR)
         right = width - _MARGIN
-        for control in reversed([control for control in CONTROLS if control.row == "views"]):
+        for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
         name = session.scene.path.name if session.scene.path else "scene"
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
@@ -217,7 +217,7 @@ class Panel:
         width, _ = units
         steps, tall = 48, 220
         left, base = width - _MARGIN - 16, BOTTOM + 76
-        end = VIEWS[session.state.view].scale(session)
+        end = MODES[session.state.mode].scale(session)
         known = session.reference is not None
         title = "relative error" if known else "reference follows"
         title_width = max(self._width(title, _SMALL), 76)
@@ -319,7 +319,7 @@ def status(session, frames_per_second=None):
     if session.light is None:
         return "", "starting: the captured colours until the first light"
     figures, lit = [], session.lit
-    if session.error is not None and session.state.view in ("relit", "error"):
+    if session.error is not None and session.state.mode in ("relit", "error"):
         planned = f", planned {100 * lit.predicted:.2g} %" if lit is not None and lit.predicted is not None else ""
         figures.append(f"error {100 * session.error:.2g} %{planned} (traced at {SAMPLE} vertices)")
     if session.light_seconds is not None:
@@ -331,9 +331,9 @@ def status(session, frames_per_second=None):
     follows = ""
     if session.state.environment != session.light_name:
         follows = f"loading {session.state.environment}"
-    elif session.state.view == "error" and session.reference is None:
+    elif session.state.mode == "error" and session.reference is None:
         follows = f"computing the reference: {CONVERGED}"
-    elif session.state.view == "error":
+    elif session.state.mode == "error":
         follows = f"against {CONVERGED}, itself within {100 * session.reference.error:.2g} %"
     elif session.waiting_for:
         follows = f"{session.waiting_for} " + ("when the light rests" if session.state.turning else "on the way")

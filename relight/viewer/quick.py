@@ -1,6 +1,6 @@
-"""What runs for every frame: coefficients to radiance, radiance to the bytes of a screen, each in one compiled pass.
+"""Two compiled passes that run for every picture: coefficients to radiance, and radiance to the bytes of a screen.
 
-NumPy takes several times as long for either, most of it in products with three columns and in temporary arrays.
+NumPy takes several times as long for either, mostly for products with three columns and temporary arrays.
 """
 
 import numpy as np
@@ -49,7 +49,7 @@ def display_bytes(
 
 
 def prepare():
-    """Compile what is here, or load it compiled: seconds once, which would otherwise be a still window."""
+    """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
     light = harmonic_light(np.zeros((2, 1), np.float32), np.zeros((1, 3)))
     display_bytes(light, 1.0)
 
@@ -65,10 +65,10 @@ def _light(begin, end, transfer, columns, albedo, bounced, radiance):
             red += value * columns[0, k]
             green += value * columns[1, k]
             blue += value * columns[2, k]
-        tint = v if len(albedo) > 1 else 0
-        red = max(red, np.float32(0.0)) * albedo[tint, 0]
-        green = max(green, np.float32(0.0)) * albedo[tint, 1]
-        blue = max(blue, np.float32(0.0)) * albedo[tint, 2]
+        row = v if len(albedo) > 1 else 0
+        red = max(red, np.float32(0.0)) * albedo[row, 0]
+        green = max(green, np.float32(0.0)) * albedo[row, 1]
+        blue = max(blue, np.float32(0.0)) * albedo[row, 2]
         for k in range(more):
             red += bounced[0, v, k] * columns[0, k]
             green += bounced[1, v, k] * columns[1, k]

@@ -53,17 +53,17 @@ class Raster:
         in_slices(_rasterise, height, local, self._faces, np.float32(self._near), self._face, self._weights)
         self._seen, self._sky_places = (orbit, size), None
 
-    def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, background=((0, 0, 0), (0, 0, 0))):
+    def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, backdrop=((0, 0, 0), (0, 0, 0))):
         """The picture, (H, W, 3) uint8, BOTTOM row first.
 
         colors: (V, 3) uint8. captured: the same, shown left of `split`, 0..1 over the width. sky: (H', W', 3) uint8
-        canonical lat-long, turned by `angle_deg`; without one `background`, sRGB bytes at the bottom and the top.
+        canonical lat-long, turned by `angle_deg`; without one `backdrop`, sRGB bytes at the bottom and the top.
         """
         width, height = self.size
         out = np.zeros((height, width, 3), np.uint8)
         left = width * split if captured is not None else 0.0
         captured = colors if captured is None else captured
-        ramp = np.linspace(*np.asarray(background, np.float32), height).astype(np.float32)
+        ramp = np.linspace(*np.asarray(backdrop, np.float32), height).astype(np.float32)
         if sky is None:
             places, sky = np.zeros((0, 0, 2), np.float32), np.zeros((1, 1, 3), np.uint8)
         else:
@@ -85,7 +85,7 @@ class Raster:
 
 
 def prepare():
-    """Compile what is here, or load it compiled: seconds once, which would otherwise be a still window."""
+    """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
     raster = Raster(np.zeros((3, 3)), np.zeros((1, 3)), 1.0)
     raster.look(Orbit((0.0, 0.0, 0.0), 1.0, 0.0, 0.0, 40.0, 1.0), (8, 8))
     raster.paint(np.zeros((3, 3), np.uint8), sky=np.zeros((2, 4, 3), np.uint8))
@@ -93,7 +93,7 @@ def prepare():
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rasterise(begin, end, local, faces, near, face, weights):
-    """What the pixels of rows begin..end see: the nearest face, or -1."""
+    """Find the nearest face at every pixel of rows begin..end, or -1."""
     height, width = face.shape
     middle_x, middle_y = np.float32(0.5 * width - 0.5), np.float32(0.5 * height - 0.5)
     for y in range(begin, end):

@@ -1,4 +1,4 @@
-"""A turn of the light as a film, every picture with its suns and bounces."""
+"""Record a turn of the light as a film, every picture with all effects."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +11,7 @@ KINDS = ".gif", ".mp4"
 
 
 class Recording:
-    """Takes one picture whenever the light of an angle is complete, and goes on to the next: the window stays free.
+    """Take a picture whenever the light of an angle is complete, then go on to the next; the window stays usable.
 
     path: .gif, or .mp4 where imageio-ffmpeg is installed; by default a free name in this folder. what: "light" turns
     the light, "camera" the camera. panel: whether what is written on the window is recorded too.

@@ -1,8 +1,8 @@
-"""The state of an interactive session and the light that belongs to it. Knows nothing of windows.
+"""The state of an interactive session and its light, without windows.
 
-A change of the light shows at once: one product of the transfer that the window holds with the new coefficients, and
-another for bounced light in few bands. Suns and bounces in full, errors and references follow from the background
-(`background`) when the light has not moved for `REST_SECONDS`.
+A new light shows at once: the transfer that the window holds is multiplied by the new coefficients, and bounced light
+is added in few bands. Suns and bounces in full, errors and references follow from the worker
+(`worker`) when the light has not moved for `REST_SECONDS`.
 """
 
 import time
@@ -18,12 +18,12 @@ from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
 from .lighting import Wish, check_albedos, keys
-from .modes import VIEWS
+from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
 from .worker import Process
 
 REST_SECONDS = 0.15
-"""Of stillness before the background takes up a new angle: for a hand that stops, not one that slows down."""
+"""Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
 
 TURN_DEG_PER_SECOND = 36.0
 
@@ -31,21 +31,21 @@ START_TOLERANCE = 0.02
 """Where none is asked for."""
 
 RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
-"""Of what can be slid. Angles wrap around; the rest is clipped."""
+"""Ranges of the sliders. Angles wrap around, other values are clipped."""
 
 
 @dataclass(frozen=True)
 class State:
-    """All that a person can set, but the camera.
+    """Everything a person can set except the camera.
 
-    environment, albedo, view: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
+    environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself.
     """
 
     environment: str
     albedo: str
-    view: str = "relit"
+    mode: str = "relit"
     angle_deg: float = 0.0
     exposure_ev: float = 0.0
     tolerance: float = 0.02
@@ -59,10 +59,10 @@ class State:
 
 
 class Session:
-    """One scene under the lights of a list, with what a person has set.
+    """One scene, a list of lights, and what a person has set.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
-    progress: (label, fraction or None) of the work in the background, or None. message: what there is to tell, or "".
+    progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
     revision: grows with everything that may change the picture.
     """
 
@@ -73,11 +73,11 @@ class Session:
         options=None,  # LightingOptions, whose tolerance the session starts with
         albedos=None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
         exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
-        background=Process,
+        worker=Process,
         cache=None,  # as of Relighter
         **wishes,  # fields of LightingOptions, such as tolerance
     ):
-        """Start the background. Raises InputError for albedos and options that do not fit."""
+        """Start the worker. Raises InputError for albedos and options that do not fit."""
         options = LightingOptions.of(options, **wishes)
         tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
         self.scene = scene
@@ -98,7 +98,7 @@ class Session:
         self._asked, self._answered, self._ended, self._moved = None, None, "", -np.inf
         self.light_seconds = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
-        self._background = background(scene, self.environments, self.albedos, options, cache)
+        self._worker = worker(scene, self.environments, self.albedos, options, cache)
         self._ask()
         prepare()
 
@@ -122,20 +122,20 @@ class Session:
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
 
     def poll(self):
-        """Take in what the background has found. Never waits; call it often."""
-        for kind, *rest in self._background.poll():
+        """Take in the results of the worker, without waiting. Call it often."""
+        for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"
         if not self.state.turning and time.perf_counter() - self._moved > REST_SECONDS:
             self._ask()
 
     def hurry(self):
-        """Ask the background for the present light at once, as if it had rested."""
+        """Ask the worker for the present light at once, as if it had rested."""
         self._moved = -np.inf
         self._ask()
 
     def finish(self, timeout=600.0):
-        """Wait for all that the present state needs. Raises InputError when it cannot be had."""
+        """Wait until the worker has answered the present state. Raises InputError if it cannot."""
         deadline = time.perf_counter() + timeout
         self.hurry()
         while not self.settled:
@@ -147,14 +147,14 @@ class Session:
             time.sleep(0.002)
 
     def close(self):
-        """End the background process."""
-        self._background.close()
+        """End the worker."""
+        self._worker.close()
 
     @property
     def wish(self):
-        """What the present state needs from the background."""
+        """What the present state needs from the worker."""
         s = self.state
-        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, VIEWS[s.view].reference)
+        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, MODES[s.mode].reference)
 
     @property
     def effects(self):
@@ -164,18 +164,18 @@ class Session:
 
     @property
     def settled(self):
-        """Whether the background has answered the present state in full."""
+        """Whether the worker has answered the present state in full."""
         return self._answered == (self.wish, "")
 
     @property
     def failure(self):
-        """Why the background cannot answer the present state, or ""."""
+        """Why the worker cannot answer the present state, or ""."""
         answered = self._answered is not None and self._answered[0] == self._asked
         return self._answered[1] if answered else self._ended
 
     @property
     def light(self):
-        """The newest Light that has been loaded, or None. It may still be the one before."""
+        """The Light loaded last, or None. It may be that of the state before."""
         return self._found["light"][1] if "light" in self._found else None
 
     @property
@@ -224,9 +224,9 @@ class Session:
         return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
     def radiance(self):
-        """What the vertices send out under the present light, (V, 3) float32 linear; None before the first light.
+        """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light.
 
-        In full where it is there, else by spherical harmonics alone.
+        With all effects once they are there, before that by spherical harmonics alone.
         """
         lit = self._lit()
         if lit is not None:
@@ -237,8 +237,8 @@ class Session:
         return self.remembered("quick", (wish.angle_deg, wish.effects, wish.albedo, *newest), self.quick_radiance)
 
     def exposure(self):
-        """Display value per unit of radiance. The automatic one is that of the starting angle, so that turning the
-        light does not breathe."""
+        """Display value per unit of radiance. The automatic one is that of the starting angle, so that the
+        brightness of the picture is steady while the light turns."""
         if self._given_exposure is None:
             key = self.light_name, self.state.albedo
             if key not in self._exposures:
@@ -248,11 +248,11 @@ class Session:
         return base * 2.0**self.state.exposure_ev
 
     def colors(self):
-        """What the present view colours the surface by: (V, 3) uint8 sRGB."""
-        view = VIEWS[self.state.view]
-        if view.live:
-            return view.colors(self)
-        return self.remembered("colors", (self.state.view, self.state.albedo), lambda: view.colors(self))
+        """What the present mode colours the surface by: (V, 3) uint8 sRGB."""
+        mode = MODES[self.state.mode]
+        if mode.lights:
+            return mode.colors(self)
+        return self.remembered("colors", (self.state.mode, self.state.albedo), lambda: mode.colors(self))
 
     def shown_bytes(self):
         """sRGB bytes (V, 3) of the relit scene: the captured colours before the first light."""
@@ -260,12 +260,12 @@ class Session:
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
     def step_choice(self, name, step):
-        """The name `step` places on in the list of "environment", "albedo" or "view", around its end."""
-        names = list({"environment": self.environments, "albedo": self.albedos, "view": VIEWS}[name])
+        """The name `step` places on in the list of "environment", "albedo" or "mode", around its end."""
+        names = list({"environment": self.environments, "albedo": self.albedos, "mode": MODES}[name])
         return names[(names.index(getattr(self.state, name)) + step) % len(names)]
 
     def _checked(self, name, value):
-        choices = {"environment": self.environments, "albedo": self.albedos, "view": VIEWS}
+        choices = {"environment": self.environments, "albedo": self.albedos, "mode": MODES}
         if name in choices and value not in choices[name]:
             raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
         if name in RANGES and name != "tolerance":
@@ -281,7 +281,7 @@ class Session:
         wish = self.wish
         if wish != self._asked:
             self._asked = wish
-            self._background.submit(wish)
+            self._worker.submit(wish)
 
     def _take_progress(self, label, fraction):
         self.progress = label, fraction
@@ -320,7 +320,7 @@ class Session:
         return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
 
     def quick_radiance(self, angle_deg=None):
-        """Radiance (V, 3) by spherical harmonics alone, with what is there, at an angle: the present one by default."""
+        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from what is there."""
         began = time.perf_counter()
         shadowed = SHADOWS in self.effects and "transfer" in self._found
         transfer = self._found["transfer" if shadowed else "unshadowed"][1]
@@ -331,7 +331,7 @@ class Session:
         return radiance
 
     def remembered(self, name, key, compute):
-        """What `compute()` returned for this key the last time it was asked for under this name."""
+        """What `compute()` returned, kept under this name until it is asked for with another key."""
         if self._memory.get(name, (None,))[0] != key:
             self._memory[name] = key, compute()
         return self._memory[name][1]

@@ -1,4 +1,4 @@
-"""What the window shows behind its panel: the surface in colours of the session's, the captured one, the sky."""
+"""Draw what the window shows behind its panel: the surface in the colours of the session, the captured one, the sky."""
 
 import math
 
@@ -11,7 +11,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkTexture,
 from .quick import display_bytes
 from .raster import SOFTWARE, Raster
 
-BACKGROUND = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
+BACKDROP = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
 """Behind the scene without its sky, below and above: sRGB."""
 
 DOME = 64, 128
@@ -21,7 +21,7 @@ SKY_RADIUS = 1.1
 """Of the sky's sphere about the eye, over the distance of the farthest corner of the scene."""
 
 MOVING_SAMPLES, RESTING_SAMPLES = 0, 8
-"""Of each pixel: smooth edges take software rendering twice the time, so only a still picture has them."""
+"""Samples of each pixel. Smooth edges double the time of software rendering, so only pictures at rest have them."""
 
 
 class Stage:
@@ -46,8 +46,8 @@ class Stage:
         self._raster = None
         for actor in (self._surface, self._captured, self._sky):
             renderer.AddActor(actor)
-        renderer.SetBackground(*BACKGROUND[0])
-        renderer.SetBackground2(*BACKGROUND[1])
+        renderer.SetBackground(*BACKDROP[0])
+        renderer.SetBackground2(*BACKDROP[1])
         renderer.GradientBackgroundOn()
 
     def color(self, colors):
@@ -101,14 +101,14 @@ class Stage:
     def rasterised(self, orbit, size, split=None, angle_deg=None):
         """The picture as `look` and the rest would draw it, without smooth edges: (H, W, 3) uint8, bottom row first.
 
-        split: place of the split line, or None. angle_deg: of the sky; None for the plain background.
+        split: place of the split line, or None. angle_deg: of the sky; None for the plain backdrop.
         """
         if self._raster is None:
             self._raster = Raster(self._scene.vertices, self._scene.faces, self._scene.diagonal)
         self._raster.look(orbit, size)
         captured, sky = (None if split is None else self._before), (None if angle_deg is None else self._sky_bytes)
-        background = np.round(255.0 * np.array(BACKGROUND))
-        return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, background)
+        backdrop = np.round(255.0 * np.array(BACKDROP))
+        return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
 
     def show_picture(self, picture):
         """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that."""

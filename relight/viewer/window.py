@@ -20,7 +20,7 @@ SIZE = 1280, 800
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
 PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
-IDLE_SECONDS = 0.005  # between two looks at mouse and background
+IDLE_SECONDS = 0.005  # between two looks at mouse and worker
 FRAMES_AVERAGED = 12
 
 _MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
@@ -48,7 +48,7 @@ class Window:
         self.plotter.camera_set = True  # or the first picture would look from somewhere else
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
-        self._home = self.orbit = orbit.in_frame(size[0] / size[1])
+        self._home = self.orbit = orbit.in_window(size[0] / size[1])
         self._open, self._recording, self._drag = True, None, None
         self._drawn, self._sky, self._resting = None, None, False
         self._software = self._seen_from = None
@@ -96,7 +96,7 @@ class Window:
         self.close()
 
     def tick(self):
-        """One round of the loop: what the background found, what moves, a picture if it would differ.
+        """Run one round of the loop: take in results, move what moves, and draw a picture if it would differ.
 
         Returns whether it drew one.
         """
@@ -134,7 +134,7 @@ class Window:
         self._draw_now()
 
     def picture(self, panel=True):
-        """What the window shows, (H, W, 3) uint8, edges smooth, with or without everything that is written on it."""
+        """What the window shows, (H, W, 3) uint8, with smooth edges, with or without the panel."""
         from .stage import pixels
 
         self._draw_now(panel)
@@ -201,7 +201,7 @@ class Window:
         self._open = False
 
     def close(self):
-        """Close the window and end the background. Once more does nothing."""
+        """Close the window and end the worker. Once more does nothing."""
         self._open = False
         self.session.close()
         self.plotter.close()
@@ -213,10 +213,10 @@ class Window:
         self.plotter.render_window.Render()
 
     def _draw_scene(self, rests):
-        """Bring surface, sky and camera up to date, for a picture that rests or one that moves.
+        """Bring surface, sky and camera up to date, for a picture at rest or in motion.
 
-        Where OpenGL draws on the CPU, it draws a picture at rest once, under whatever the panel comes to show, and one
-        under a light that moves not at all; cameras that move are its own.
+        Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
+        camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.
         """
         from .stage import MOVING_SAMPLES, RESTING_SAMPLES, pixels
 
@@ -229,7 +229,7 @@ class Window:
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
         stage.color(session.colors())
-        behind = state.sky and state.view == "relit" and session.light is not None
+        behind = state.sky and state.mode == "relit" and session.light is not None
         if behind:
             painted = id(session.light), session.exposure()
             if painted != self._sky:

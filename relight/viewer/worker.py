@@ -1,8 +1,8 @@
-"""Heavy work beside the window: a process of its own, so that neither the interpreter's lock nor a full core stops it.
+"""Heavy work in a process of its own, so that neither the interpreter's lock nor a busy core stops the window.
 
-The process is `python -m relight.viewer.background`: pickled messages in on its stdin, the newest wish counting, and
-out on its stdout. Tracing holds the interpreter's lock for up to half a second at a time, which is why a thread would
-not do; the process also runs at a lower priority, so that drawing has the first turn on a full machine.
+The process is `python -m relight.viewer.worker`: it reads pickled messages from stdin, of which the newest wish
+counts, and writes to stdout. A thread would not do: tracing holds the interpreter's lock for up to half a second. The
+process has a lower priority, so that drawing comes first on a busy machine.
 """
 
 import os
@@ -58,7 +58,7 @@ class Steps:
 
 
 class Inline:
-    """The same without a process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
+    """The same in this process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
 
     def __init__(self, scene, environments, albedos, options=None, cache=None):
         steps = Steps(lambda *progress: None, lambda: None)
@@ -80,7 +80,7 @@ class Inline:
 
 
 class Process:
-    """The background process of one session."""
+    """The worker process of one session."""
 
     def __init__(self, scene, environments, albedos, options=None, cache=None):
         command = [sys.executable, "-m", "relight.viewer.worker"]
@@ -116,7 +116,7 @@ class Process:
             while True:
                 self._answers.put(pickle.load(self._process.stdout))
         except (EOFError, OSError, pickle.UnpicklingError, ValueError):
-            self._answers.put(("ended", f"the background process ended (code {self._process.poll()})"))
+            self._answers.put(("ended", f"the worker process ended (code {self._process.poll()})"))
 
     def _write(self):
         try:

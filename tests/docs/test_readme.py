@@ -10,7 +10,7 @@ import splat2mesh.cli
 from relight.viewer.controls import CONTROLS, MOUSE, key_name
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("**/*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").glob("**/*.md"))]
 
 
 def long_options(parser):

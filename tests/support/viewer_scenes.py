@@ -32,8 +32,8 @@ def as_scene(mesh, color=None, max_chunk_vertices=300):
 
 
 def session_of(scene, environment="noon", **options):
-    """A Session whose background works within `poll`."""
-    options = {"background": Inline, "tolerance": 0.05} | options
+    """A Session whose worker works within `poll`."""
+    options = {"worker": Inline, "tolerance": 0.05} | options
     return Session(scene, choices_of(environment), **options)
 
 

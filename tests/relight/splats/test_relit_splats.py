@@ -4,7 +4,7 @@ from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit, write_relit_ply
 from relight.splats.backproject import backproject
-from relight.splats.light_ratio import CURVE_POWER, change_of_light
+from relight.splats.light_ratio import CURVE_POWER, log_gain
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -294,7 +294,7 @@ def test_the_change_is_bounded_in_any_light():
     captured = np.array([[0.5, 0.5, 0.5], [0.0, 0.9, 1.0], [0.02, 0.3, 0.0]])
     before = np.array([[1.0, 0.0, 1e-9], [0.0, 0.0, 0.0], [2.0, 0.1, 1.0]])
     for after in (np.zeros((3, 3)), np.full((3, 3), 1e30), before[::-1]):
-        logs, mean = change_of_light(captured, before, after)
+        logs, mean = log_gain(captured, before, after)
         assert np.isfinite(logs).all()
         assert np.isfinite(mean).all()
         shown = captured * np.exp(CURVE_POWER * logs.astype(np.float64))
@@ -305,7 +305,7 @@ def test_captured_light_that_is_brighter_than_what_arrived_changes_as_the_scene_
     captured, before = np.full((100, 3), 0.3), np.full((100, 3), 1.0)
     captured[0], before[0] = 0.8, 0.001  # a lamp, or an error: eight hundred times what it received
     after = np.full((100, 3), 0.5)
-    logs, _ = change_of_light(captured, before, after)
+    logs, _ = log_gain(captured, before, after)
     # Ratio of the lights there: 500, even when softened 12. Not one of a surface that was that bright before.
     assert np.exp(CURVE_POWER * logs[0]).max() < 0.6
 

@@ -1,4 +1,4 @@
-"""The interactive session without its window: state, light, background, controls."""
+"""The interactive session without its window: state, light, worker, controls."""
 
 import time
 
@@ -14,7 +14,7 @@ from relight.viewer import quick
 from relight.viewer.camera import Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, Lighting, _gathered, keys
-from relight.viewer.modes import VIEWS, error_scale, map_colors, vertex_errors
+from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
 from relight.viewer.session import RANGES, Session, choices_of
 from relight.viewer.worker import Inline, Process
 from splat2mesh.base.errors import InputError
@@ -162,7 +162,7 @@ def test_exposure_is_in_stops_and_does_not_breathe(scene):
 
 def test_reset_returns_to_the_start_and_values_stay_in_range(scene):
     session = session_of(scene)
-    session.change(angle_deg=-30.0, exposure_ev=99.0, tolerance=9.0, view="error", split_at=-1.0, effects=())
+    session.change(angle_deg=-30.0, exposure_ev=99.0, tolerance=9.0, mode="error", split_at=-1.0, effects=())
     state = session.state
     assert (state.angle_deg, state.exposure_ev, state.tolerance) == (330.0, RANGES["exposure_ev"][1], 0.1)
     assert state.split_at == RANGES["split_at"][0]
@@ -171,7 +171,7 @@ def test_reset_returns_to_the_start_and_values_stay_in_range(scene):
 
 
 def test_unusable_input_is_refused(scene, tmp_path):
-    for changes in ({"angle_deg": np.nan}, {"view": "x-ray"}, {"environment": "moon"}, {"albedo": "guessed"}):
+    for changes in ({"angle_deg": np.nan}, {"mode": "x-ray"}, {"environment": "moon"}, {"albedo": "guessed"}):
         with pytest.raises(InputError, match=next(iter(changes))):
             session_of(scene).change(**changes)
     for options in (
@@ -197,7 +197,7 @@ def test_unusable_input_is_refused(scene, tmp_path):
 
 def test_the_error_view_measures_against_converged_light(scene):
     session = session_of(scene)
-    session.change(view="error")
+    session.change(mode="error")
     assert vertex_errors(session) is None  # nothing is there yet, and nothing is made up
     session.finish()
     assert session.reference.error < session.error < 0.05
@@ -213,9 +213,9 @@ def test_views_show_albedo_normals_and_chunks_whatever_the_light(scene):
     session = session_of(scene)
     expected = {"albedo": scene.colors_srgb, "normals": bytes_from_unit(0.5 + 0.5 * scene.normals)}
     for name, colors in expected.items():
-        session.change(view=name, angle_deg=50.0)
+        session.change(mode=name, angle_deg=50.0)
         assert np.abs(session.colors().astype(int) - colors).max() <= 1
-    session.change(view="chunks")
+    session.change(mode="chunks")
     sizes = np.cumsum([len(chunk.vertices) for chunk in scene.chunks])
     hues = [part / part.sum(axis=1, keepdims=True) for part in np.split(session.colors().astype(float), sizes[:-1])]
     assert len(hues) > 1 and all(np.ptp(hue, axis=0).max() < 0.02 for hue in hues)
@@ -228,13 +228,13 @@ def test_the_error_scale_grows_brighter_all_the_way():
     assert np.array_equal(map_colors(np.array([-1.0, 2.0])), map_colors(np.array([0.0, 1.0])))
 
 
-# The background process
+# The worker
 
 
-def test_the_background_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
+def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
     (tmp_path / "broken.hdr").write_bytes(b"#?RADIANCE\nnothing")
     lights = choices_of("noon", tmp_path)
-    session = Session(scene, lights, tolerance=0.05, background=Process)
+    session = Session(scene, lights, tolerance=0.05, worker=Process)
     try:
         session.finish()
         here = session_of(scene)
@@ -244,19 +244,19 @@ def test_the_background_answers_as_if_it_were_here_and_survives_bad_lights(scene
         with pytest.raises(InputError, match=r"broken\.hdr"):
             session.finish()
         assert "broken.hdr" in session.message and session.light_name == "noon"
-        session.change(tolerance=0.003, view="error")  # seconds of work, of no use once the next wish is there
+        session.change(tolerance=0.003, mode="error")  # seconds of work, of no use once the next wish is there
         time.sleep(0.3)
-        session.change(tolerance=0.05, view="relit", environment="noon", angle_deg=10.0)
+        session.change(tolerance=0.05, mode="relit", environment="noon", angle_deg=10.0)
         session.finish()
         assert session.message == "" and session.complete
-        session._background._process.kill()
+        session._worker._process.kill()
         deadline = time.perf_counter() + 20.0
         while not session.failure and time.perf_counter() < deadline:
             session.poll()
             time.sleep(0.01)
         assert "ended" in session.message
         session.change(angle_deg=200.0)
-        assert session.radiance() is not None and not session.complete  # by harmonics, without the background
+        assert session.radiance() is not None and not session.complete  # by harmonics, without the worker
         with pytest.raises(InputError, match="ended"):
             session.finish(5.0)
     finally:
@@ -281,10 +281,10 @@ def test_every_control_is_told_apart_and_explained():
     assert len({key_name(control) for control in CONTROLS}) == len(CONTROLS)
     assert {slider.field for slider in SLIDERS} <= set(RANGES)
     assert {control.chip(None) if control.row == "" else control.row for control in CONTROLS if control.chip} <= {
-        "views",
+        "modes",
         "choices",
     }
-    assert [control.key for control in CONTROLS if control.text.startswith(VIEWS["error"].title)] == ["5"]
+    assert [control.key for control in CONTROLS if control.text.startswith(MODES["error"].title)] == ["5"]
     assert SAMPLE == 256  # the panel says so
 
 
@@ -309,8 +309,8 @@ def test_from_within_a_scene_the_camera_turns_about_what_it_sees():
 
 
 def test_without_a_process_the_same_messages_come(scene):
-    background = Inline(scene, {"noon": "noon"}, {"white": None})
-    assert background.poll() == []
-    background.submit(session_of(scene, albedos={"white": None}).wish)
-    kinds = [message[0] if message[0] != "result" else message[1] for message in background.poll()]
+    worker = Inline(scene, {"noon": "noon"}, {"white": None})
+    assert worker.poll() == []
+    worker.submit(session_of(scene, albedos={"white": None}).wish)
+    kinds = [message[0] if message[0] != "result" else message[1] for message in worker.poll()]
     assert kinds[:2] == ["unshadowed", "light"] and kinds[-1] == "done" and "shading" in kinds

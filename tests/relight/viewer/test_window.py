@@ -17,7 +17,7 @@ from relight.output.preview import Preview
 from relight.viewer.controls import CONTROLS, MOUSE, SLIDERS, key_name
 from relight.viewer.panel import Panel
 from relight.viewer.session import Session, choices_of
-from relight.viewer.stage import BACKGROUND
+from relight.viewer.stage import BACKDROP
 from relight.viewer.window import Window
 from relight.viewer.worker import Inline
 
@@ -31,7 +31,7 @@ def scene():
 
 def parts_of(window):
     """Masks of the picture: where surely surface is, and where surely none is, two pixels from every edge."""
-    window.session.change(view="albedo", albedo="white", split=False)
+    window.session.change(mode="albedo", albedo="white", split=False)
     white = (bare(window) == 255).all(axis=2)
     window.reset()
 
@@ -109,9 +109,9 @@ def test_every_control_changes_the_pixels_it_should_and_no_others(window):
 def test_left_of_the_split_are_the_captured_colours_right_the_relit_ones(window):
     surface, _ = parts_of(window)
     relit = bare(window)
-    window.session.change(view="albedo")  # of the albedo "captured": the same colours
+    window.session.change(mode="albedo")  # of the albedo "captured": the same colours
     captured = bare(window)
-    window.session.change(view="relit", split=True, split_at=0.4)
+    window.session.change(mode="relit", split=True, split_at=0.4)
     both, columns = bare(window), np.arange(SIZE[0])[None, :]
     left, right = surface & (columns < 0.4 * SIZE[0] - 6), surface & (columns > 0.4 * SIZE[0] + 6)
     # Captured bytes become linear albedo and bytes again: one in the last place.
@@ -148,7 +148,7 @@ def test_what_moves_on_the_cpu_is_the_picture_of_opengl(window, split):
 
 def test_from_within_nothing_near_the_eye_is_lost(window):
     """The eye inside the ball: every pixel is surface, though faces reach behind the eye."""
-    window.session.change(view="albedo", albedo="white", sky=False)
+    window.session.change(mode="albedo", albedo="white", sky=False)
     inside = window.orbit.nearer(-100)
     window.look(type(inside)((0.0, 0.1, 0.0), 0.5, 20.0, 10.0, 100.0, inside.diagonal))
     window._draw_now()
@@ -192,13 +192,13 @@ def test_before_the_first_light_the_captured_colours_show(scene):
         def poll(self):
             return []
 
-    window = Window(session_of(scene, background=Silent), SIZE, off_screen=True)
+    window = Window(session_of(scene, worker=Silent), SIZE, off_screen=True)
     window.tick()
     picture = window.picture(panel=False)
-    window.session.change(view="albedo")
+    window.session.change(mode="albedo")
     assert np.abs(picture.astype(int) - window.picture(panel=False)).max() <= 1
     assert window.session.radiance() is None
-    corner = np.round(255 * np.array(BACKGROUND[1]))
+    corner = np.round(255 * np.array(BACKDROP[1]))
     assert np.abs(picture[2, 2] - corner).max() <= 3
     window.close()
 
@@ -284,15 +284,15 @@ def test_every_button_does_what_its_key_does(window):
 @pytest.mark.parametrize("size", [(960, 720), (1600, 1000), (1280, 800)])
 def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
     names = ["a very long name of a light from a folder.0001", "noon"]
-    session = Session(scene, {name: "noon" for name in names}, tolerance=0.05, background=Inline)
+    session = Session(scene, {name: "noon" for name in names}, tolerance=0.05, worker=Inline)
     window = Window(session, (64, 48), off_screen=True)
     panel = Panel(window.plotter.renderer)
     states = [
         {},
         {"help": True},
-        {"view": "error"},
+        {"mode": "error"},
         {"split": True},
-        {"split_at": 0.98, "split": True, "view": "error"},
+        {"split_at": 0.98, "split": True, "mode": "error"},
     ]
     for changes in states:
         window.reset()
@@ -330,7 +330,7 @@ def test_the_panel_tells_error_times_and_what_is_missing(window):
     window.session.change(angle_deg=40.0)
     window.picture()
     assert any("on the way" in text for text, *_ in window.panel.boxes)
-    window.session.change(view="error")
+    window.session.change(mode="error")
     window.session.finish()
     window.picture()
     written = [text for text, *_ in window.panel.boxes]
@@ -376,7 +376,7 @@ def test_a_thousand_random_actions_leave_no_error_and_no_memory(scene, tmp_path,
     window.reset()
     window.finish()
     assert session.complete and session.error < 0.05
-    assert watched is False or resident(session._background._process.pid) < 1000.0
+    assert watched is False or resident(session._worker._process.pid) < 1000.0
     window.close()
 
 

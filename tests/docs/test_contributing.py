@@ -1,0 +1,99 @@
+"""CONTRIBUTING.md, CHANGELOG.md and the glossary against the tree."""
+
+import ast
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TREE = re.search(r"## The tree\n.*?```text\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.DOTALL)[1]
+KNOWN = {("relight.planning.planner", "relight.engine.split_light.image_key")}
+"""Arrows that run back: none may be added."""
+
+PACKAGES = "splat2mesh", "relight", "scenes", "training", "scripts", "examples", "docs"
+
+
+def listed():
+    """The folders that the tree names, as paths from the root."""
+    found, above = set(), []
+    for line in TREE.splitlines():
+        indent = (len(line) - len(line.lstrip())) // 2
+        names = re.findall(r"(?:^|  )([\w.]+)/(?=\s|$)", line)
+        above = above[:indent]
+        found |= {"/".join([*above, name]) for name in names}
+        above.append(names[0])
+    return found
+
+
+def holds_files(folder):
+    """Whether a folder holds a file that is no by-product."""
+    return any(
+        path.is_file() and path.suffix != ".pyc" and not any(part.startswith(".") for part in path.parts)
+        for path in folder.iterdir()
+    )
+
+
+def folders(top):
+    """Folders at and below `top` that hold files, as paths from the root."""
+    every = [ROOT / top, *(path for path in (ROOT / top).rglob("*") if path.is_dir())]
+    kept = [path for path in every if path.name != "__pycache__" and holds_files(path)]
+    return {path.relative_to(ROOT).as_posix() for path in kept}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_the_tree_names_every_folder_that_exists_and_no_other(package):
+    named = {name for name in listed() if name.split("/")[0] == package}
+    assert folders(package) == named
+
+
+def test_tests_stand_in_the_rooms_of_what_they_test():
+    rooms = {f"tests/{name}" for name in listed() if not name.startswith("tests")}
+    assert folders("tests") - {name for name in listed() if name.startswith("tests")} - rooms == set()
+
+
+def imports(package):
+    """(path of a module as parts, full name of what it imports as parts) of every import in a package."""
+    for path in sorted((ROOT / package).rglob("*.py")):
+        module = path.relative_to(ROOT).with_suffix("").parts
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Import):
+                yield from ((module, alias.name.split(".")) for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                above = module[: -node.level] if node.level else ()
+                base = [*above, *(node.module.split(".") if node.module else ())]
+                yield from ((module, [*base, alias.name]) for alias in node.names)
+
+
+@pytest.mark.parametrize(
+    ("package", "forbidden"),
+    [
+        ("splat2mesh", {"relight", "scenes", "training", "tests", "examples"}),
+        ("relight", {"scenes", "training", "tests", "examples"}),
+    ],
+)
+def test_no_arrow_runs_back(package, forbidden):
+    assert [(module, name) for module, name in imports(package) if name[0] in forbidden] == []
+
+
+@pytest.mark.parametrize("package", ["splat2mesh", "relight"])
+def test_a_room_imports_rooms_that_stand_above_it_in_the_tree(package):
+    rooms = re.findall(r"^  (\w+)/", TREE.split(f"{package}/")[1], re.MULTILINE)
+    rooms = rooms[: len([name for name in listed() if re.fullmatch(rf"{package}/\w+", name)])]
+    below = {
+        (".".join(module), ".".join(name))
+        for module, name in imports(package)
+        if name[0] == package and len(module) > 2 and len(name) > 1
+        if name[1] in rooms and rooms.index(name[1]) > rooms.index(module[1])
+    }
+    assert below <= KNOWN
+
+
+def test_where_did_x_go_leads_to_modules():
+    text = (ROOT / "CHANGELOG.md").read_text("utf-8")
+    table = text.split("### Where did X go")[1]
+    rows = re.findall(r"^\| `([\w.]+)` \| (.+) \|$", table, re.MULTILINE)
+    assert len(rows) > 70
+    new = {module for _, cell in rows for module in re.findall(r"`((?:relight|splat2mesh)\.[\w.]+)`", cell)}
+    assert [module for module in sorted(new) if find_spec(module) is None] == []

@@ -1,0 +1,40 @@
+"""The notebooks under examples/, run as notebooks from their first cell to their last."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "examples").glob("*.py"))
+
+
+def cells(text):
+    """(kind, source) of every cell of a notebook in jupytext's percent format."""
+    for part in re.split(r"^# %%", text, flags=re.MULTILINE)[1:]:
+        title, _, body = part.partition("\n")
+        if "[markdown]" in title:
+            yield "markdown", re.sub(r"^# ?", "", body, flags=re.MULTILINE)
+        else:
+            yield "code", body.strip()
+
+
+def test_there_is_a_notebook():
+    assert NOTEBOOKS
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_cell_runs_and_pictures_are_shown(path, tmp_path, monkeypatch):
+    nbclient = pytest.importorskip("nbclient", reason="needs nbclient and ipykernel")
+    pytest.importorskip("ipykernel", reason="needs nbclient and ipykernel")
+    from nbformat import v4
+
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    makers = {"markdown": v4.new_markdown_cell, "code": v4.new_code_cell}
+    notebook = v4.new_notebook(cells=[makers[kind](source) for kind, source in cells(path.read_text("utf-8"))])
+    nbclient.NotebookClient(
+        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
+    ).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) >= 3
