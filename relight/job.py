@@ -155,7 +155,7 @@ class Job:
             "bands": settings.bands,
             "rays": settings.rays,
             "effects": sorted(settings.effects),
-            "suns": shading.suns,
+            "suns": shading.sun_count,
             "bounces": [round(share, 6) for share in shading.bounces],
             "seed": options.seed,
             "plan": None if self.plan is None else self.plan.as_dict(),
