@@ -37,14 +37,14 @@ _LAMP = np.array([0.35, 0.8, 0.48], np.float32)  # gives the flat colours of chu
 class View(NamedTuple):
     """One way to colour. title: on screen. text: for the help. colors: of a Session, (V, 3) uint8.
 
-    follows_light: whether it depends on the light. reference: whether it needs converged light at every vertex.
+    live: whether it depends on the light. reference: whether it needs converged light at every vertex.
     scale: of a Session, the end of its scalar bar.
     """
 
     title: str
     text: str
     colors: Callable
-    follows_light: bool = False
+    live: bool = False
     reference: bool = False
     scale: Callable | None = None
 

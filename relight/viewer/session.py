@@ -243,7 +243,7 @@ class Session:
     def colors(self):
         """What the present view colours the surface by: (V, 3) uint8 sRGB."""
         view = VIEWS[self.state.view]
-        if view.follows_light:
+        if view.live:
             return view.colors(self)
         return self.remembered("colors", (self.state.view, self.state.albedo), lambda: view.colors(self))
 
