@@ -6,9 +6,11 @@ work by itself: a thread that waited for another could wait for ever.
 
 import os
 import threading
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -18,12 +20,12 @@ MIN_SHARED = 2048
 _here = threading.local()
 
 
-def cores():
+def cores() -> int:
     """How many threads may run at once: 1 in a thread of the pool."""
     return 1 if getattr(_here, "pooled", False) else os.cpu_count() or 1
 
 
-def in_slices(kernel, count, *arrays):
+def in_slices(kernel: Callable, count: int, *arrays: Any) -> None:
     """Run a kernel over the vertices 0..count, a slice for each core."""
     if count < MIN_SHARED or cores() == 1:
         kernel(0, count, *arrays)
@@ -31,7 +33,7 @@ def in_slices(kernel, count, *arrays):
         over(kernel, pairwise(np.linspace(0, count, cores() + 1).astype(int)), *arrays)
 
 
-def over(kernel, spans, *arrays):
+def over(kernel: Callable, spans: Iterable[tuple[int, int]], *arrays: Any) -> None:
     """Run a kernel over each of some (begin, end) at once; the first by the thread that asks."""
     first, *others = spans
     if getattr(_here, "pooled", False):
@@ -44,7 +46,7 @@ def over(kernel, spans, *arrays):
         done.result()
 
 
-def in_order(function, *columns, workers=None):
+def in_order(function: Callable, *columns: Iterable, workers: int | None = None) -> Iterator:
     """Yield what a function makes of each row of some columns, in their order; on so many threads, or all cores."""
     if (cores() if workers is None else workers) == 1:
         return map(function, *columns)
@@ -52,5 +54,5 @@ def in_order(function, *columns, workers=None):
 
 
 @lru_cache(1)
-def _pool():
+def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(os.cpu_count(), "relight", lambda: setattr(_here, "pooled", True))

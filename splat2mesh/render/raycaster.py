@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 class Hits(NamedTuple):
@@ -13,18 +14,18 @@ class Hits(NamedTuple):
     normals of the faces; which of their two sides they are on follows the winding.
     """
 
-    distance: np.ndarray
-    faces: np.ndarray
-    uv: np.ndarray
-    normals: np.ndarray
+    distance: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    uv: NDArray[np.float32]
+    normals: NDArray[np.float32]
 
 
 class Closest(NamedTuple):
     """The points of a surface that are closest to some: points (N, 3) float32, faces (N,) int32, uv as of Hits."""
 
-    points: np.ndarray
-    faces: np.ndarray
-    uv: np.ndarray
+    points: NDArray[np.float32]
+    faces: NDArray[np.int32]
+    uv: NDArray[np.float32]
 
 
 class RayCaster:
@@ -32,25 +33,25 @@ class RayCaster:
 
     def __init__(
         self,
-        vertices,  # (V, 3)
-        faces,  # (F, 3) integers
-    ):
+        vertices: ArrayLike,  # (V, 3)
+        faces: ArrayLike,  # (F, 3) integers
+    ) -> None:
         import open3d as o3d
 
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(_tensor(vertices, np.float32), _tensor(faces, np.uint32))
 
-    def occluded(self, rays, far=np.inf):
+    def occluded(self, rays: ArrayLike, far: float = np.inf) -> NDArray[np.bool_]:
         """Whether anything hides the rays up to `far` lengths of their directions: (...) bool."""
         return self._scene.test_occlusions(_tensor(rays, np.float32), tfar=far).numpy()
 
-    def first_hits(self, rays):
+    def first_hits(self, rays: ArrayLike) -> Hits:
         """What the rays meet first: Hits."""
         hits = self._scene.cast_rays(_tensor(rays, np.float32))
         faces = hits["primitive_ids"].numpy().view(np.int32)  # open3d's mark for "none" is 2^32 - 1
         return Hits(hits["t_hit"].numpy(), faces, hits["primitive_uvs"].numpy(), hits["primitive_normals"].numpy())
 
-    def closest(self, points):
+    def closest(self, points: ArrayLike) -> Closest:
         """The points of the surface that are closest to points (N, 3): Closest."""
         found = self._scene.compute_closest_points(_tensor(points, np.float32))
         faces = found["primitive_ids"].numpy().view(np.int32)
