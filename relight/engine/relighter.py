@@ -236,9 +236,8 @@ class Relighter:
             self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
         return self._albedo[1]
 
-    def _direct(self, environment, settings=None):
+    def _direct(self, environment, settings):
         """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
-        settings = settings or self._settings_now()
         if settings.method != "blinn-phong":
             return self._direct_light.shade(environment, settings)
         from .blinnphong import blinn_phong

@@ -56,7 +56,7 @@ def one_pixel(row, column, value=1e4, height=16, width=32):
 
 def mean_of(relighter, environment):
     """Radiance of a white scene with direct light alone."""
-    return relighter._direct(environment)[0]
+    return relighter._direct(environment, relighter._settings_now())[0]
 
 
 # -- single pixels and suns
