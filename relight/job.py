@@ -188,7 +188,7 @@ class Job:
             "bands": settings.bands,
             "rays": settings.rays,
             "effects": sorted(settings.effects),
-            "suns": shading.suns,
+            "suns": shading.sun_count,
             "bounces": [round(share, 6) for share in shading.bounces],
             "seed": self.options.seed,
             "plan": None if self.plan is None else self.plan.as_dict(),

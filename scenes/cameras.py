@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
 
 SCENE_FROM_SPLAT = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -58,10 +59,7 @@ def seen_faces(truth, views):
 
     What lies inside another solid, under the table or outside the room's walls is seen by none.
     """
-    import open3d as o3d
-
-    tracer = o3d.t.geometry.RaycastingScene()
-    tracer.add_triangles(truth.vertices, truth.faces.astype(np.uint32))
+    caster = RayCaster(truth.vertices, truth.faces)
     corners = truth.vertices[truth.faces].astype(np.float64)
     doubled_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = np.sqrt(np.linalg.norm(doubled_area, axis=1, keepdims=True))
@@ -74,8 +72,7 @@ def seen_faces(truth, views):
             inside = (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0)
             to_eye = view.center * FLIP - points
             rows = np.flatnonzero(inside & (np.einsum("ij,ij->i", to_eye, outward) > 0) & ~seen)
-            rays = o3d.core.Tensor(np.hstack([points[rows], to_eye[rows]]).astype(np.float32))
-            seen[rows] = ~tracer.test_occlusions(rays, tfar=1.0).numpy()
+            seen[rows] = ~caster.occluded(np.hstack([points[rows], to_eye[rows]]), far=1.0)
     return seen
 
 

@@ -8,6 +8,7 @@ compared to.
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import luminance
 
 from .splat import PLASTIC
@@ -30,11 +31,8 @@ def bake(truth, environment):
 
     environment: relight.Environment. Raises InputError when it is black.
     """
-    import open3d as o3d
-
     toward, light = _lights(environment)
-    tracer = o3d.t.geometry.RaycastingScene()
-    tracer.add_triangles(truth.vertices, truth.faces.astype(np.uint32))
+    caster = RayCaster(truth.vertices, truth.faces)
     diagonal = np.linalg.norm(np.ptp(truth.vertices, axis=0))
     origins = truth.vertices + np.float32(CLEARANCE * diagonal) * truth.normals
     irradiance = np.zeros_like(truth.vertices)
@@ -43,7 +41,7 @@ def bake(truth, environment):
         cosine = np.maximum(truth.normals[block] @ toward.T, 0.0)
         vertex, direction = np.nonzero(cosine)
         rays = np.hstack([origins[block][vertex], toward[direction]])
-        cosine[vertex, direction] *= ~tracer.test_occlusions(o3d.core.Tensor(rays)).numpy()
+        cosine[vertex, direction] *= ~caster.occluded(rays)
         irradiance[block] = cosine @ light
     return truth.albedo_linear * irradiance / np.float32(np.pi)
 

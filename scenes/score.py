@@ -6,6 +6,8 @@ Source: Knapitsch et al., "Tanks and Temples" (2017), with distances in shares o
 import numpy as np
 from scipy.spatial import cKDTree
 
+from splat2mesh.render.raycaster import RayCaster
+
 DISTANCES = (0.0025, 0.005, 0.01)
 """Of the diagonal: a sample counts as right when the other surface is nearer than this."""
 
@@ -57,15 +59,12 @@ def _samples(vertices, faces, count, rng):
 
 def _seen(vertices, faces, points, normals, centers):
     """How many of the cameras see each point, the mesh itself in the way."""
-    import open3d as o3d
-
-    caster = o3d.t.geometry.RaycastingScene()
-    caster.add_triangles(np.asarray(vertices, np.float32), np.asarray(faces).astype(np.uint32))
+    caster = RayCaster(vertices, faces)
     offset = 2e-3 * np.linalg.norm(np.ptp(points, axis=0))
     count = np.zeros(len(points), int)
     for center in centers:
         towards = center - points  # not unit: what hides a point lies at less than 1 of it, before the camera
         side = np.sign((towards * normals).sum(axis=1, keepdims=True))
-        rays = np.concatenate([points + offset * side * normals, towards], axis=1).astype(np.float32)
-        count += caster.test_occlusions(rays, tnear=0.0, tfar=1.0).numpy() == 0
+        rays = np.concatenate([points + offset * side * normals, towards], axis=1)
+        count += ~caster.occluded(rays, far=1.0)
     return count

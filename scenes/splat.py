@@ -7,6 +7,7 @@ whose mesh is known. A spacing is the side of the square that one splat has to c
 import numpy as np
 from scipy.special import expit, ndtri
 
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.splats.splats import SH_C0, Splats
 
@@ -113,13 +114,9 @@ def _sample(truth, radiance, count, rng, faces):
 
 def _thicknesses(truth):
     """How much solid lies under each vertex: (V,) float32."""
-    import open3d as o3d
-
-    tracer = o3d.t.geometry.RaycastingScene()
-    tracer.add_triangles(truth.vertices, truth.faces.astype(np.uint32))
     inward = -truth.normals
     start = truth.vertices + np.float32(1e-4 * np.ptp(truth.vertices)) * inward
-    return tracer.cast_rays(o3d.core.Tensor(np.hstack([start, inward])))["t_hit"].numpy()
+    return RayCaster(truth.vertices, truth.faces).first_hits(np.hstack([start, inward])).distance
 
 
 def _bends(truth):

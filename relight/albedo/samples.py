@@ -88,7 +88,7 @@ def sky_of(occluder, vertices, directions):
         cosine = occluder.normals[some] @ toward.T
         place, direction = np.nonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[some][place], toward[direction]])
-        faces, _, normals = occluder.first_hits(rays)
+        _, faces, _, normals = occluder.first_hits(rays)
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
         sky[start + place, direction] = np.where(faces < 0, weight, np.float32(0.0))
         hit = np.flatnonzero(faces >= 0)

@@ -13,8 +13,10 @@ from splat2mesh.scene.foreign import AnyScene, as_scene
 
 from ..options import LightingOptions
 from ..precomputed import Precomputed
+from ..transfer.checks import checked_albedo
 from ..transfer.settings import BOUNCE_RAYS, Settings, everything
-from .static import Still
+from .direct import DirectLight
+from .static import StaticGeometry
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
@@ -24,19 +26,19 @@ if TYPE_CHECKING:
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
 
-LIVE_BANDS, LIVE_RAYS = 5, 64
+DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
 """Of a scene that needed no rays before something moved in it."""
 
 
 class Shading(NamedTuple):
     """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
 
-    suns: how many directions were traced. bounces: relative contribution of each bounce, a list.
+    sun_count: how many directions were traced. bounces: relative contribution of each bounce, a list.
     settings: the Settings by which it was made; more rays than were asked for, where they were there.
     """
 
     radiance: NDArray[np.float32]
-    suns: int
+    sun_count: int
     bounces: list[float]
     settings: Settings
 
@@ -69,9 +71,9 @@ class Relighter:
         self.scene = as_scene(scene)
         self.stages = Stages() if stages is None else stages
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
-        self._still = Still(self.precomputed, self.stages)
+        self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = everything(self.options)
-        self._planner = self._latest = self._albedo = self._live = self._posed = None
+        self._planner = self._latest = self._albedo = self._dynamic = self._posed = None
         self._max_speed = max_speed
         if self.options.is_planned:
             from ..planning.planner import Planner
@@ -109,7 +111,7 @@ class Relighter:
     def interreflection(self, rays=BOUNCE_RAYS):
         """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
         if self._posed is not None:
-            return self._posed.interreflection(rays, self._live.lit.transfer)
+            return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
 
     def computed(self, settings):
@@ -158,8 +160,8 @@ class Relighter:
         Raises InputError for an albedo that is not one colour in [0, 1] per vertex.
         """
         tint = self._tint(albedo_linear)
-        if self._live is not None:
-            settings = self._live.settings  # a new light is not planned while things move
+        if self._dynamic is not None:
+            settings = self._dynamic.settings  # a new light is not planned while things move
         elif settings is None:
             planned = self._planner is not None and self.options.method in PLANNED
             settings = self._planner.settled(environment, tint) if planned else self._everything
@@ -172,7 +174,7 @@ class Relighter:
         interreflection = self.interreflection(settings.bounce_rays)
         with self.stages.stage("bounces"):
             tint = np.broadcast_to(np.float32(1.0), direct.shape) if tint is None else tint
-            radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounces)
+            radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounce_tolerance)
         return Shading(radiance, suns, bounces, done)
 
     def update(
@@ -194,35 +196,36 @@ class Relighter:
         bands and rays stay what they were, with shadows everywhere. The Scene itself is not changed.
         Raises InputError for arrays that do not fit and for methods other than "raytraced".
         """
-        from .dynamic import Live, check_changes
+        from .dynamic import DynamicGeometry, check_changes
 
         check_changes(self.scene, changes)
-        if self._live is None or not self._live.moving >= changes.keys():
-            before = self._live
+        if self._dynamic is None or not self._dynamic.moving >= changes.keys():
+            before = self._dynamic
             moving = changes.keys() | (before.moving if before else set())
             settings = before.settings if before else self._settings_now()
             if settings.method != "raytraced":
                 if self.options.method != "auto":
                     raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
-                settings = self._everything._replace(method="raytraced", bands=LIVE_BANDS, rays=LIVE_RAYS)
+                settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
             settings = settings._replace(shadowed=None)
-            self._live = Live(self.scene, moving, settings, self.seed, self._max_speed, before)
+            self._dynamic = DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
+            self._direct_light = self._lit(self._dynamic)
         with self.stages.stage("motion"):
-            return self._live.update(changes, seconds)
+            return self._renewed(*self._dynamic.update(changes, seconds))
 
     def catch_up(self) -> NDArray[np.int64]:
         """After motion, compute what was left out of it, bounces included: the sorted rows whose light may change."""
-        if self._live is None:
+        if self._dynamic is None:
             return np.zeros(0, np.int64)
         with self.stages.stage("motion"):
-            rows = self._live.catch_up()
-        self._posed = Precomputed(self._live.scene(self.scene), self.seed, None, self.stages)
+            rows = self._renewed(*self._dynamic.catch_up())
+        self._posed = Precomputed(self._dynamic.scene(self.scene), self.seed, None, self.stages)
         return rows
 
     @property
     def stale(self) -> bool:
         """Whether `catch_up` has something to do for direct light."""
-        return self._live is not None and self._live.stale
+        return self._dynamic is not None and self._dynamic.stale
 
     def _tint(self, albedo_linear):
         """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
@@ -232,22 +235,25 @@ class Relighter:
         if albedo_linear is None:
             return None
         if self._albedo is None or self._albedo[0] is not albedo_linear:
-            expected = sum(len(chunk.vertices) for chunk in self.scene.chunks), 3
-            if np.shape(albedo_linear) != expected:
-                raise InputError(f"the albedo must have shape {expected}, found {np.shape(albedo_linear)}")
-            albedo = np.asarray(albedo_linear, np.float32)
-            if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-                raise InputError(f"the albedo must be in [0, 1], found {albedo.min()} to {albedo.max()}")
+            albedo = checked_albedo(albedo_linear, int(self.precomputed.sizes.sum()))
             self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
         return self._albedo[1]
 
-    def _direct(self, environment, settings=None):
+    def _direct(self, environment, settings):
         """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
-        settings = settings or self._settings_now()
-        if self._live is None:
-            return self._still.direct(environment, settings)
+        if settings.method != "blinn-phong":
+            return self._direct_light.shade(environment, settings)
+        from .blinnphong import blinn_phong
+
         with self.stages.stage("shade"):
-            return *self._live.direct(environment, self.cache), self._live.settings
+            return blinn_phong(self.scene.normals, environment), 0, settings
+
+    def _lit(self, geometry):
+        return DirectLight(geometry, self.cache, self.stages)
+
+    def _renewed(self, transfer_rows, light_rows):
+        self._direct_light.renew(transfer_rows)
+        return light_rows
 
     def _settings_now(self):
         return self._latest or self._everything

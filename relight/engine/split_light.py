@@ -18,7 +18,7 @@ def split_light(environment, settings, cache):
 
     Suns take a tenth of a second to find; so they are kept with the environment, and in the Cache for the next run.
     """
-    bands, tolerance = settings.bands, settings.suns
+    bands, tolerance = settings.bands, settings.sun_tolerance
 
     def found():
         name = image_key(environment), bands, f"{tolerance:g}"

@@ -1,44 +1,35 @@
-"""Direct light on a scene at rest: one product of transfer and light, and a shadow ray for each vertex and sun."""
+"""A geometry at rest: its transfer, of any settings and kept between runs, and the shadows of suns on it."""
 
 import numpy as np
 
-from ..transfer.apply import Product
 from ..transfer.sunlight import sunlight
-from .split_light import split_light
 
 
-class Still:
-    """The direct light of a scene whose Precomputed is given; `live.Live` is its counterpart in motion."""
+class StaticGeometry:
+    """What a Precomputed tells `direct.DirectLight`; `dynamic.DynamicGeometry` is its counterpart in motion.
+
+    To the bit a DynamicGeometry of one body, but its visibility is kept for more bands, more rays and the next run.
+    """
 
     def __init__(self, precomputed, stages):
         self._precomputed, self._stages = precomputed, stages
-        self._product, self._of = None, None
 
-    def direct(self, environment, settings):
-        """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
-        if settings.method == "blinn-phong":
-            from .blinnphong import blinn_phong
+    def transfer(self, settings):
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
+        return self._precomputed.transfer(settings)
 
-            with self._stages.stage("shade"):
-                return blinn_phong(self._precomputed.scene.normals, environment), 0, settings
-        transfer, done = self._precomputed.transfer(settings)
-        with self._stages.stage("light"):
-            coefficients, suns = split_light(environment, settings, self._precomputed.cache)
-        other = self._sunlight(suns, settings, environment, transfer) if len(suns) else None
-        with self._stages.stage("shade"):
-            if self._of is None or self._of[0] is not transfer or self._of[1] != settings.bands:
-                self._product, self._of = Product(transfer[:, : settings.bands**2]), (transfer, settings.bands)
-            return self._product.radiance(coefficients, other=other), len(suns), done
-
-    def _sunlight(self, suns, settings, environment, transfer):
+    def sunlight(self, suns, settings):
         """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more."""
-        occluder = self._precomputed.occluder
+        if not len(suns):
+            return None
+        occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         if settings.shadowed is None:
-            with self._stages.stage("sunlight", len(transfer)) as advance:
+            with self._stages.stage("sunlight", count) as advance:
                 return sunlight(occluder, slice(None), suns, advance)
+        transfer, bands = self.transfer(settings)[0], settings.bands
         shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
-        light = np.zeros((len(transfer), 3), np.float32)
-        light[~shadowed] = transfer[~shadowed, : settings.bands**2] @ suns.sh(settings.bands).astype(np.float32)
+        light = np.zeros((count, 3), np.float32)
+        light[~shadowed] = transfer[~shadowed, : bands**2] @ suns.sh(bands).astype(np.float32)
         with self._stages.stage("sunlight", int(shadowed.sum())) as advance:
             light[shadowed] = sunlight(occluder, np.flatnonzero(shadowed), suns, advance)
         return light

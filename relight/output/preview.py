@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
@@ -41,8 +42,6 @@ class Preview:
     """
 
     def __init__(self, scene, camera=None, width=960, height=720, samples=4):
-        import open3d as o3d
-
         if min(width, height, samples) < 1:
             raise InputError(
                 f"a picture needs at least 1 x 1 pixels and 1 sample; found {width} x {height} and {samples}"
@@ -50,8 +49,7 @@ class Preview:
         self.camera = camera or scene.preview_camera or default_camera(scene, width / height)
         self._scene, self._faces = scene, scene.faces
         self._view, self._samples = _view(self.camera, width, height), samples
-        raycaster = o3d.t.geometry.RaycastingScene()
-        raycaster.add_triangles(scene.vertices, self._faces.astype(np.uint32))
+        raycaster = RayCaster(scene.vertices, self._faces)
         self._passes = [(rows, view, *_cast(raycaster, view)) for rows, view in _split(self._view, samples)]
 
     def render(self, radiance, environment, exposure=1.0):
@@ -128,8 +126,8 @@ def _cast(raycaster, view):
     directions = _directions(view)
     rays = np.empty((len(directions), 6), np.float32)
     rays[:, :3], rays[:, 3:] = view.center, directions
-    answer = raycaster.cast_rays(rays)
-    hit = np.isfinite(answer["t_hit"].numpy())
-    uv = answer["primitive_uvs"].numpy()[hit]
+    found = raycaster.first_hits(rays)
+    hit = found.faces >= 0
+    uv = found.uv[hit]
     weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
-    return hit, answer["primitive_ids"].numpy()[hit].astype(np.int32), weights
+    return hit, found.faces[hit], weights

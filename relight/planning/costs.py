@@ -51,7 +51,7 @@ def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounce
         once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
     if settings.method == "neural":
         once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
-    if settings.suns:
+    if settings.sun_tolerance:
         once += SPLIT
     once += FIRST_HIT * settings.bounce_rays * vertices
     each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * vertices

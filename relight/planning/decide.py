@@ -80,7 +80,7 @@ def planned(
         settings=best.settings,
         error=best.error,
         seconds=best.seconds,
-        suns=choice.sun_count(best.settings),
+        sun_count=choice.sun_count(best.settings),
         tolerance=None if budget_s else tolerance,
         budget_s=budget_s,
         vertices=len(sample.rows),
@@ -122,8 +122,8 @@ class _Choice:
             else:
                 good = [each for each in self._candidates if each.seconds <= self._budget_s]
                 best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates, key=_quickest)
-            key = best.settings.bands, best.settings.suns
-            if not best.settings.suns or key in self._splits or len(self._splits) == MAX_SPLITS:
+            key = best.settings.bands, best.settings.sun_tolerance
+            if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
                 break
             self._split(key)
             self._candidates = [self._rated(each.settings) for each in self._candidates]
@@ -144,10 +144,10 @@ class _Choice:
 
     def sun_count(self, settings):
         """How many suns the settings lead to: found, or expected."""
-        split = self._splits.get((settings.bands, settings.suns))
+        split = self._splits.get((settings.bands, settings.sun_tolerance))
         if split is not None:
             return len(split[1])
-        return round(self._sun_factor * costs.expected_suns(settings.suns)) if settings.suns else 0
+        return round(self._sun_factor * costs.expected_suns(settings.sun_tolerance)) if settings.sun_tolerance else 0
 
     def checked(self, settings, transfer):
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""
@@ -167,12 +167,12 @@ class _Choice:
         if settings.rays:
             plain = measured.truncation(settings.bands)
             count = self.sun_count(settings)
-            rows.append((SUN, plain, f"split into {count}" if settings.suns else "skipped"))
+            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
             rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
             rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
         else:
             plain, count = measured.open_truncation(settings.bands), self.sun_count(settings)
-            rows.append((SUN, plain, f"split into {count}" if settings.suns else "skipped"))
+            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
             left = measured.open_truncation(settings.bands, **self.rest(settings))
             rows.append(("bands", left, f"{settings.bands} kept"))
         if measured.bounced is None:
@@ -228,7 +228,7 @@ class _Choice:
                 yield Settings("analytic", bands)
                 if self._method is None and self._effects is None and not self._shadowed.any():
                     # A convex scene has a sun but no shadows.
-                    yield from (Settings("analytic", bands, suns=each) for each in self._sun_choices() if each)
+                    yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
 
     def _sun_choices(self):
         parts = SUN_PARTS if self._budget_s is None else SUN_PARTS[:1]
@@ -259,7 +259,7 @@ class _Choice:
     def _but_noise(self, settings):
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
-        parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounces]
+        parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
         if settings.rays:
             parts += [self._truncation(settings), self._sun_width(settings)]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]
@@ -270,8 +270,8 @@ class _Choice:
 
     def _sun_width(self, settings):
         """Error of patches of light that shine as points: as planned for, or more where suns ran out."""
-        split = self._splits.get((settings.bands, settings.suns))
-        return max(SUN_WIDTH * settings.suns, 0.0 if split is None else split[2])
+        split = self._splits.get((settings.bands, settings.sun_tolerance))
+        return max(SUN_WIDTH * settings.sun_tolerance, 0.0 if split is None else split[2])
 
     def _truncation(self, settings):
         return self.measured.truncation(settings.bands, **self.rest(settings))
@@ -282,14 +282,14 @@ class _Choice:
 
     def rest(self, settings):
         """What stays of the light beside the suns: an image where they were found, else a level."""
-        if not settings.suns:
+        if not settings.sun_tolerance:
             return {}
-        key = settings.bands, settings.suns
+        key = settings.bands, settings.sun_tolerance
         if key in self._splits:
             return {"image": self._splits[key][0]}
         levels = range(len(sun_split.LEVELS))
         errors = [self.measured.truncation(settings.bands, level) for level in levels]
-        good = [level for level in levels if errors[level] <= 0.5 * settings.suns]
+        good = [level for level in levels if errors[level] <= 0.5 * settings.sun_tolerance]
         return {"level": good[0] if good else int(np.argmin(errors))}
 
     def _split(self, key):

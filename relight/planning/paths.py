@@ -41,7 +41,7 @@ class Bounced:
         dull = weight.copy()
         for depth in range(DEPTH + 1):
             toward = _cosine(normal, random)
-            face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
+            _, face, uv, face_normal = occluder.first_hits(np.concatenate([position, toward], axis=1, dtype=np.float32))
             if depth:
                 free = face < 0
                 light = np.maximum(harmonics.evaluate(toward[free], SMOOTH_BANDS) @ coefficients, 0.0).reshape(

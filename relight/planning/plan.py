@@ -14,7 +14,7 @@ class Plan:
     """What a scene and a light call for.
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
-    seconds: predicted, for the scene and as many lights as asked for. suns: how many.
+    seconds: predicted, for the scene and as many lights as asked for. sun_count: how many.
     tolerance, budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample.
     contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
     quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
@@ -25,7 +25,7 @@ class Plan:
     settings: Settings
     error: float
     seconds: float
-    suns: int
+    sun_count: int
     tolerance: float | None
     budget_s: float | None
     vertices: int
@@ -44,7 +44,7 @@ class Plan:
             "predicted_error": _rounded(self.error),
             "checked_error": _rounded(self.checked),
             "predicted_seconds": _rounded(self.seconds),
-            "suns": self.suns,
+            "suns": self.sun_count,
             "tolerance": self.tolerance,
             "budget_seconds": self.budget_s,
             "sample": {"vertices": self.vertices, "rays": self.rays, "seconds": _rounded(self.planning_s)},
@@ -65,7 +65,7 @@ class Plan:
             settings=_settings_from(kept["settings"]),
             error=kept["predicted_error"],
             seconds=kept["predicted_seconds"],
-            suns=kept["suns"],
+            sun_count=kept["suns"],
             tolerance=kept["tolerance"],
             budget_s=kept["budget_seconds"],
             vertices=kept["sample"]["vertices"],
@@ -93,13 +93,18 @@ class Plan:
         return lines
 
 
+_KEYS = {"sun_tolerance": "suns", "bounce_tolerance": "bounces"}
+"""Fields of Settings that reports have always called otherwise."""
+
+
 def _settings_dict(settings: Settings) -> dict[str, Any]:
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in settings._asdict().items()}
+    values = {name: list(value) if isinstance(value, tuple) else value for name, value in settings._asdict().items()}
+    return {_KEYS.get(name, name): value for name, value in values.items()}
 
 
 def _settings_from(kept: dict[str, Any]) -> Settings:
-    shadowed = kept["shadowed"]
-    return Settings(**{**kept, "shadowed": None if shadowed is None else tuple(shadowed)})
+    values = {name: kept[_KEYS.get(name, name)] for name in Settings._fields}
+    return Settings(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
 
 
 def _rounded(value: float | None) -> float | None:

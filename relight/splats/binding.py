@@ -139,19 +139,16 @@ class _Look:
     """One view of splats and mesh. color, base: (H, W, 3) float32 as shown, and what the gain multiplies."""
 
     def __init__(self, splats, surface, view, near):
-        import open3d as o3d
-
         rendering = rasterize(splats, view, near)
         directions = view.ray_directions().astype(np.float32)
         rays = np.concatenate([np.broadcast_to(view.center.astype(np.float32), directions.shape), directions], axis=-1)
-        hits = surface.caster.cast_rays(o3d.core.Tensor.from_numpy(np.ascontiguousarray(rays)))
-        depth = hits["t_hit"].numpy()  # in camera z, as the directions are
+        hits = surface.caster.first_hits(rays)  # distances in camera z, as the directions are
         self.view, self.color = view, rendering.color
         self.base = rendering.color + np.float32(CURVE_OFFSET) * rendering.alpha[..., None]
-        apart = np.abs(depth - rendering.depth_median)
+        apart = np.abs(hits.distance - rendering.depth_median)
         self._known = (rendering.alpha > MIN_ALPHA) & (apart < DEPTH_TOLERANCE * surface.diagonal)
-        self._corners = surface.faces[hits["primitive_ids"].numpy()[self._known].astype(np.int64)]
-        second, third = hits["primitive_uvs"].numpy()[self._known].T
+        self._corners = surface.faces[hits.faces[self._known]]
+        second, third = hits.uv[self._known].T
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)
 
     def log_gain(self, of_nodes):

@@ -8,6 +8,7 @@ training saw them: as they are in the file, close views show gaps between them.
 import numpy as np
 
 from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.surface.background import far_background, views_from_within
 from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
 from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
@@ -46,13 +47,7 @@ def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda 
     vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows
     are black. advance is called after each view.
     """
-    import open3d as o3d
-
-    caster = o3d.t.geometry.RaycastingScene()
-    caster.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
-    )
+    caster = RayCaster(vertices, faces)
     diagonal = float(np.linalg.norm(np.ptp(vertices[faces], axis=(0, 1))))
     near = near_plane(bounds_of(splats))
     total, weights = np.zeros((len(points), 3), np.float32), np.zeros(len(points), np.float32)
@@ -72,8 +67,6 @@ def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda 
 
 def _shown(view, rendering, caster, points, normals, diagonal):
     """Points that a rendering shows: indices (N,), pixels (N, 2) from the centre of the first one, and weights."""
-    import open3d as o3d
-
     towards = view.center.astype(np.float32) - points
     distance = np.linalg.norm(towards, axis=1)
     cosine = np.einsum("tc,tc->t", towards, normals) / np.maximum(distance, 1e-30)
@@ -89,7 +82,7 @@ def _shown(view, rendering, caster, points, normals, diagonal):
         there &= np.abs(apart) < DEPTH_TOLERANCE * diagonal
     rows, pixels = rows[there], pixels[there]
     rays = np.concatenate([points[rows] + np.float32(_STEP * diagonal) * normals[rows], towards[rows]], axis=1)
-    free = ~caster.test_occlusions(o3d.core.Tensor.from_numpy(rays.astype(np.float32)), tfar=0.999).numpy()
+    free = ~caster.occluded(rays, far=0.999)
     rows = rows[free]
     return rows, pixels[free], cosine[rows] ** 2
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from splat2mesh.base.errors import InputError
 
-from .apply import Product
+from .apply import BlockTransfer
 
 DEFAULT_TOLERANCE = 0.02
 
@@ -20,7 +20,7 @@ MAX_POSES = 1024
 
 
 class BakedMotion:
-    """Radiance of white vertices at any time of a motion that a LiveTransfer was led through.
+    """Radiance of white vertices at any time of a motion that a DynamicTransfer was led through.
 
     times: list of the times, s, of the poses computed. errors: relative L2 error of the blended transfer in the middle
     of each interval, found on the way. nbytes: memory of all poses.
@@ -28,21 +28,20 @@ class BakedMotion:
 
     def __init__(
         self,
-        live,  # LiveTransfer, moved about
-        changes_at,  # time in s -> chunk -> (vertices, normals), as `LiveTransfer.update_all` takes them
+        transfer,  # DynamicTransfer, moved about
+        changes_at,  # time in s -> chunk -> (vertices, normals), as `DynamicTransfer.update_all` takes them
         duration_s,
         tolerance=DEFAULT_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
         shortest_s=1 / 60,  # intervals are not halved below this
         first_s=0.5,  # longest interval: a motion that comes back within one would not be seen
-        half=True,  # store float16, half the memory
         advance=lambda count: None,  # called with 1 for every pose computed
     ):
         """Raises InputError for a duration or steps that are not above 0, and for more than MAX_POSES poses."""
         if not (np.isfinite(duration_s) and duration_s > 0.0 and shortest_s > 0.0 and first_s > 0.0):
             raise InputError(f"a motion and its steps must last longer than 0 s, found {duration_s} s")
-        self._live, self._changes_at, self._advance = live, changes_at, advance
-        self._tolerance, self._shortest, self._half = tolerance, shortest_s, half
-        parts = [body.rows for body in live.bodies if len(body.rows)]
+        self._traced, self._changes_at, self._advance = transfer, changes_at, advance
+        self._tolerance, self._shortest = tolerance, shortest_s
+        parts = [body.rows for body in transfer.bodies if len(body.rows)]
         self._parts, self._poses, self.times, self.errors = parts, [], [], []
         count = int(np.ceil(duration_s / first_s - 1e-9)) + 1
         self._keep(0.0, before := self._computed(0.0))
@@ -56,18 +55,18 @@ class BakedMotion:
         return sum(pose.nbytes for pose in self._poses)
 
     def radiance(self, time_s, light, out=None, albedo=None):
-        """max(transfer . light, 0) x albedo at a time, (V, 3) float32; see `Product.radiance`.
+        """max(transfer . light, 0) x albedo at a time, (V, 3) float32; see `BlockTransfer.apply`.
 
         Before the first pose it is that of the first, after the last that of the last.
         """
         after = bisect.bisect_right(self.times, time_s)
         if after == 0 or after == len(self.times):
-            return self._poses[0 if after == 0 else -1].radiance(light, out, albedo)
+            return self._poses[0 if after == 0 else -1].apply(light, out, albedo)
         first, last = self.times[after - 1], self.times[after]
         share = (time_s - first) / (last - first)
-        out = self._poses[after - 1].radiance((1.0 - share) * np.asarray(light), out, albedo)
+        out = self._poses[after - 1].apply((1.0 - share) * np.asarray(light), out, albedo)
         if share > 0.0:
-            out += self._poses[after].radiance(share * np.asarray(light), albedo=albedo)
+            out += self._poses[after].apply(share * np.asarray(light), albedo=albedo)
         return out
 
     def _fill(self, start, before, end, after):
@@ -88,15 +87,15 @@ class BakedMotion:
         self._fill(middle, there, end, after)
 
     def _computed(self, time_s):
-        self._live.update_all(self._changes_at(time_s))
+        self._traced.update_all(self._changes_at(time_s))
         self._advance(1)
-        return self._live.transfer.copy()
+        return self._traced.transfer.copy()
 
     def _keep(self, time_s, transfer):
         if len(self.times) == MAX_POSES:
             raise InputError(f"the motion needs more than {MAX_POSES} poses by {time_s:g} s: raise the tolerance")
         self.times.append(time_s)
-        self._poses.append(Product(transfer, self._half))
+        self._poses.append(BlockTransfer(transfer))
 
 
 def _ratio(off, whole):

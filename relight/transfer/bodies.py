@@ -1,14 +1,13 @@
-"""Bodies of a live scene: what moves as one, where its rays begin, and which of them what stops.
+"""Bodies of a dynamic scene: what moves as one, where its rays begin, and which of them what stops.
 
-Everything here lives in the unit frame of the first pose, which stays (Frame). See `moving`.
+Everything here lives in the unit frame of the first pose, which stays (Frame). See `dynamic`.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 
 from . import sampling
 from .neighbors import ranked_nodes
@@ -24,35 +23,13 @@ MAX_DRIFT = 16.0
 """Bodies may go this many diagonals from the middle of the first pose: farther off float32 loses contact shadows."""
 
 
-class Frame(NamedTuple):
-    """The unit frame of a scene's first pose, kept while bodies move.
-
-    center: (3,) float64. diagonal: float. rounding: of the coordinates as they came, in this frame.
-    """
-
-    center: np.ndarray
-    diagonal: float
-    rounding: float
-
-    @classmethod
-    def around(cls, vertices, faces):
-        """That of `occluder.Occluder`. Raises InputError for a mesh without extent."""
-        used = np.zeros(len(vertices), bool)
-        used[faces] = True
-        seen = vertices if used.all() else vertices[used]
-        low, high = seen.min(axis=0).astype(np.float64), seen.max(axis=0).astype(np.float64)
-        diagonal = float(np.linalg.norm(high - low))
-        if not 0.0 < diagonal < np.inf:
-            raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
-        return cls((low + high) / 2.0, diagonal, float(np.spacing(np.float32(np.abs([low, high]).max()))) / diagonal)
-
-    def unit(self, vertices):
-        """Scene frame to unit frame, (V, 3) float32. Raises InputError for what is not finite or drifted off."""
-        unit = ((vertices - self.center) / self.diagonal).astype(np.float32)
-        bad = int((~(np.abs(unit) <= MAX_DRIFT)).any(axis=1).sum())
-        if bad:
-            raise InputError(f"{bad} of {len(unit)} vertices are not finite or over {MAX_DRIFT:g} diagonals off")
-        return unit
+def placed(frame, vertices):
+    """Scene frame to unit frame, (V, 3) float32. Raises InputError for what is not finite or drifted off."""
+    unit = frame.unit(vertices)
+    bad = int((~(np.abs(unit) <= MAX_DRIFT)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"{bad} of {len(unit)} vertices are not finite or over {MAX_DRIFT:g} diagonals off")
+    return unit
 
 
 class Sight:
@@ -129,10 +106,7 @@ class Body:
         if not joined:
             self._join()
         if len(self.faces):
-            import open3d as o3d
-
-            self._scene = o3d.t.geometry.RaycastingScene()
-            self._scene.add_triangles(o3d.core.Tensor.from_numpy(unit), o3d.core.Tensor.from_numpy(self.faces))
+            self._caster = RayCaster(unit, self.faces)
             self.box = Box.around(unit[self._corners])
 
     def aim(self, azimuths, offsets):
@@ -144,9 +118,7 @@ class Body:
 
     def occluded(self, rays):
         """Whether the body stops the rays, (n, 6) float32 -> (n,) bool."""
-        import open3d as o3d
-
-        return self._scene.test_occlusions(o3d.core.Tensor.from_numpy(rays)).numpy()
+        return self._caster.occluded(rays)
 
     def gather(self, nodes):
         """Sum up the rays of some nodes (M,) into model and rest."""

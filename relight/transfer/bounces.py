@@ -13,8 +13,6 @@ surface no vertex knows. Which side is the front, the vertex normals say, not th
 """
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
@@ -23,8 +21,9 @@ from numba import njit
 from splat2mesh.base.errors import InputError
 
 from . import check_rays, sampling
+from .checks import check_shape, checked_albedo
 from .neighbors import ranked_nodes
-from .sampling import in_slices
+from .threads import in_order, in_slices
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench_bounces`):
@@ -91,7 +90,7 @@ class Interreflection:
             shot = buffer[: len(occluder.origins[part])]
             sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
             used, behind = np.zeros((2, len(shot)), np.int32)
-            hits = occluder.first_hits(shot)
+            hits = occluder.first_hits(shot)[1:]
             mesh = occluder.faces, occluder.normals
             in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, self.hits[part], behind)
             in_slices(_join, len(shot), used, node, copies, columns, weights)
@@ -161,8 +160,7 @@ class Interreflection:
         def work(part, block):
             kernel(*block, self._scale[part], columns, result[part])
 
-        with ThreadPoolExecutor(os.cpu_count()) as pool:  # the kernels release the GIL
-            list(pool.map(work, parts, self._blocks))
+        list(in_order(work, parts, self._blocks))
         return result.reshape(radiance.shape)
 
     def scale_to(self, visible):
@@ -249,14 +247,8 @@ def transfer_with_bounces(
 
 def _checked(albedo, direct, interreflection):
     """The albedo as float32; raises InputError unless it and the direct light fit the scene."""
-    expected = (len(interreflection.hits), 3)
-    for name, found in (("direct light", np.shape(direct)), ("albedo", np.shape(albedo))):
-        if found != expected:
-            raise InputError(f"the {name} must have shape {expected}, found {found}")
-    albedo = np.asarray(albedo, np.float32)
-    if not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-        raise InputError(f"the albedo must be in [0, 1] for light to fade, found {_described(albedo)}")
-    return albedo
+    check_shape("the direct light", direct, (len(interreflection.hits), 3))
+    return checked_albedo(albedo, len(interreflection.hits))
 
 
 def _converged(contributions, tolerance):

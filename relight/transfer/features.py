@@ -13,7 +13,8 @@ from numba import njit
 
 from ..sh import harmonics
 from . import filtering
-from .sampling import in_slices, legendre_factors, squared_lobe
+from .sampling import legendre_factors, squared_lobe
+from .threads import in_slices
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
 """What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with

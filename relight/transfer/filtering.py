@@ -12,7 +12,8 @@ import numpy as np
 from numba import njit
 
 from ..sh import harmonics
-from .sampling import add_lobes, in_slices, legendre_factors, squared_lobe
+from .sampling import add_lobes, legendre_factors, squared_lobe
+from .threads import in_slices
 
 NOISE = 0.078
 NOISE_POWER = -1.48

@@ -5,7 +5,6 @@ transfer turns with the scene; and with the error that it expects. One network s
 Where nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +14,7 @@ from .analytic import analytic
 from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
 from .sessions import open_session, workers_of
+from .threads import in_order
 from .visibility import Visibility, completed
 
 MODEL = "neural"
@@ -82,8 +82,7 @@ def mixed(
             error[begin + chosen] = np.sqrt(variance.sum(axis=1)) / open_norm
         transfer[part] = complete[:, : bands**2]
 
-    with ThreadPoolExecutor(workers_of(session)) as pool:
-        list(pool.map(work, range(0, len(normals), BLOCK)))
+    list(in_order(work, range(0, len(normals), BLOCK), workers=workers_of(session)))
     return transfer, error
 
 

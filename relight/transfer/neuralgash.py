@@ -6,15 +6,13 @@ error is three quarters of that without shadows, four times that of 25 rays (`re
 Source: Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
-
-from splat2mesh.base.errors import InputError
 
 from ..sh import cga
 from ..sh.normals import unit_normals
+from .checks import check_shape, check_vertices
 from .sessions import open_session, workers_of
+from .threads import in_order
 
 MODEL = "neural-gash"
 
@@ -45,8 +43,7 @@ def neural_gash(
     """
     points = unit_points(vertices)
     normals = np.asarray(normals)
-    if normals.shape != points.shape:
-        raise InputError(f"expected vertices and normals of shape (V, 3), found {points.shape} and {normals.shape}")
+    check_shape("normals", normals, points.shape)
     normals = unit_normals(normals)
     session = open_session(MODEL, 1)
     transfer = np.zeros((len(points), BANDS**2), np.float32)
@@ -59,9 +56,8 @@ def neural_gash(
         np.clip(mean, LOWEST, HIGHEST, out=transfer[part])
         return len(rows)
 
-    with ThreadPoolExecutor(workers_of(session)) as pool:
-        for count in pool.map(predict, range(0, len(points), BATCH)):
-            advance(count)
+    for count in in_order(predict, range(0, len(points), BATCH), workers=workers_of(session)):
+        advance(count)
     return transfer
 
 
@@ -72,13 +68,9 @@ def unit_points(vertices):
     Raises InputError for another shape and for vertices that are not finite.
     """
     vertices = np.asarray(vertices)
-    if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise InputError(f"expected vertices of shape (V, 3), found {vertices.shape}")
+    check_vertices(vertices)
     if len(vertices) == 0:
         return np.zeros((0, 3))
-    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
-    if bad:
-        raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
     low, high = vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
     half = np.linalg.norm(high / 2.0 - low / 2.0)  # halves: their difference fits wherever the corners do
     return (vertices - (low / 2.0 + high / 2.0)) / (half or 1.0)

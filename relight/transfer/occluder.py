@@ -1,10 +1,14 @@
-"""Everything that can hide light, as one Embree scene (through open3d), and where its rays begin."""
+"""Everything that can hide light, as one set of triangles, and where its rays begin."""
+
+from typing import NamedTuple
 
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 
 from ..sh.normals import unit_normals
+from .checks import check_faces, check_mesh
 
 MAX_OFFSET = 1e-4
 """Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that
@@ -24,10 +28,37 @@ MIN_OPENNESS = 0.1
 """Least cosine between a normal and the common direction of all normals at its place for that to be used."""
 
 
+class Frame(NamedTuple):
+    """The unit frame of a scene: what has faces is centred, its diagonal 1.
+
+    center: (3,) float64. diagonal: float. rounding: of the coordinates as they came, in this frame.
+    """
+
+    center: np.ndarray
+    diagonal: float
+    rounding: float
+
+    @classmethod
+    def around(cls, vertices, faces):
+        """That of a mesh; a lost point far off must cost no digits. Raises InputError for one without extent."""
+        used = np.zeros(len(vertices), bool)
+        used[faces] = True
+        seen = vertices if used.all() else vertices[used]
+        low, high = seen.min(axis=0).astype(np.float64), seen.max(axis=0).astype(np.float64)
+        diagonal = float(np.linalg.norm(high - low))
+        if not 0.0 < diagonal < np.inf:
+            raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
+        return cls((low + high) / 2.0, diagonal, float(np.spacing(np.float32(np.abs([low, high]).max()))) / diagonal)
+
+    def unit(self, vertices):
+        """Scene frame to unit frame, (V, 3) float32."""
+        return ((vertices - self.center) / self.diagonal).astype(np.float32)
+
+
 class Occluder:
     """Everything that can hide light, ready for ray tracing, with the ray origins of its own vertices.
 
-    origins: (V, 3) float32, in the occluder's unit frame: what has faces is centred, its diagonal 1, whatever its size.
+    origins: (V, 3) float32, in the occluder's unit frame (Frame), whatever the scene's size.
     normals: (V, 3) float32, unit, as `unit_normals` repairs them.
     faces: (F, 3) uint32.
     """
@@ -40,58 +71,22 @@ class Occluder:
     ):
         """Build the Embree scene. Raises InputError for arrays that do not make a mesh with an extent."""
         vertices, faces = np.asarray(vertices), np.asarray(faces)
-        _check(vertices, np.asarray(normals), faces)
-        import open3d as o3d
-
-        low, high = _bounds(vertices, faces)
-        diagonal = np.linalg.norm(high - low)
-        if not 0.0 < diagonal < np.inf:
-            raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
-        centered = ((vertices - (low + high) / 2.0) / diagonal).astype(np.float32)
-        rounding = float(np.spacing(np.float32(np.abs([low, high]).max()))) / diagonal
+        check_mesh(vertices, normals)
+        check_faces(faces, len(vertices))
+        frame = Frame.around(vertices, faces)
+        centered = frame.unit(vertices)
         self.normals = unit_normals(normals)
-        self.origins = _origins(centered, self.normals, faces, INPUT_ROUNDINGS * rounding)
-        self._scene = o3d.t.geometry.RaycastingScene()
+        self.origins = _origins(centered, self.normals, faces, INPUT_ROUNDINGS * frame.rounding)
         self.faces = np.ascontiguousarray(faces, np.uint32)
-        self._scene.add_triangles(o3d.core.Tensor.from_numpy(centered), o3d.core.Tensor.from_numpy(self.faces))
+        self._caster = RayCaster(centered, self.faces)
 
     def occluded(self, rays):
         """Whether anything hides the rays: (..., 6) float32 origin, direction, unit frame -> (...) bool."""
-        import open3d as o3d
-
-        return self._scene.test_occlusions(o3d.core.Tensor.from_numpy(rays)).numpy()
+        return self._caster.occluded(rays)
 
     def first_hits(self, rays):
-        """What the rays (..., 6) float32 meet first, unit frame: faces (...) int32, -1 for none; uv; normals.
-
-        uv: (..., 2) float32, the weights of the face's second and third vertex. normals: (..., 3) float32 unit
-        normals of the faces; which of their two sides they are on follows the winding and means nothing here.
-        """
-        import open3d as o3d
-
-        hits = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays))
-        faces = hits["primitive_ids"].numpy().view(np.int32)  # open3d's mark for "none" is 2^32 - 1
-        return faces, hits["primitive_uvs"].numpy(), hits["primitive_normals"].numpy()
-
-
-def _check(vertices, normals, faces):
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or normals.shape != vertices.shape:
-        raise InputError(f"expected vertices and normals of shape (V, 3), found {vertices.shape} and {normals.shape}")
-    if faces.ndim != 2 or faces.shape[1:] != (3,) or len(faces) == 0:
-        raise InputError(f"expected faces of shape (F, 3) with F > 0, found {faces.shape}: light needs a surface")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"faces name vertices {faces.min()} to {faces.max()}, the mesh has {len(vertices)}")
-    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
-    if bad:
-        raise InputError(f"{bad} of {len(vertices)} vertices are not finite; repair the mesh first")
-
-
-def _bounds(vertices, faces):
-    """Lowest and highest corner, (3,) float64 each, of what has a face: a lost point far off must cost no digits."""
-    used = np.zeros(len(vertices), bool)
-    used[faces] = True
-    vertices = vertices if used.all() else vertices[used]
-    return vertices.min(axis=0).astype(np.float64), vertices.max(axis=0).astype(np.float64)
+        """What the rays (..., 6) float32 meet first, unit frame: Hits."""
+        return self._caster.first_hits(rays)
 
 
 def _origins(vertices, normals, faces, rounding):

@@ -12,7 +12,7 @@ from numba import njit
 
 from .filtering import average
 from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
-from .sampling import in_slices
+from .threads import in_slices
 
 WHOLE = 0.5
 """Where more than this part of the nodes would be averaged anew, all are: to pick them out costs more than it saves."""

@@ -7,22 +7,17 @@ A vertex is computed from its own row alone, so neither the vertex order nor chu
 """
 
 import math
-import os
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
-from itertools import pairwise
 
 import numpy as np
 from numba import njit
+
+from .threads import in_slices
 
 GOLDEN_TURN = 0.6180339887498949  # of a full turn, between successive points of the Fibonacci set
 
 RIDGE_NORMAL, RIDGE_TANGENT = np.float32(0.01), np.float32(0.1)
 """Added to the second moments of d along the normal (1/18 about its mean) and across it (1/4) in the fit of b.
 They bound what few rays make of noise: with 0.003 for both the filtered error at 8 rays is 5% larger, at 64 equal."""
-
-MIN_SHARED = 2048
-"""Vertices from which on it is worth to share them between cores."""
 
 # Two irrational steps whose multiples fill the unit square evenly in every run of successive ranks (the plastic
 # number's powers, as in the R2 sequence of Roberts, 2018), as fractions of 2^64.
@@ -116,23 +111,6 @@ def squared_lobe(bands):
         [weights @ (nodes**2 * np.polynomial.legendre.Legendre.basis(degree)(nodes)) for degree in range(bands)],
         np.float32,
     )
-
-
-def in_slices(kernel, count, *arrays):
-    """Run a kernel over the vertices 0..count, a slice for each core: the kernels release the GIL."""
-    cores = os.cpu_count() or 1
-    if count < MIN_SHARED or cores == 1:
-        kernel(0, count, *arrays)
-        return
-    cuts = np.linspace(0, count, cores + 1).astype(int)
-    for done in [_pool().submit(kernel, *span, *arrays) for span in pairwise(cuts)]:
-        done.result()
-
-
-@lru_cache(1)
-def _pool():
-    """One for all: starting threads takes as long as a thousand vertices. Kernels never wait for one another."""
-    return ThreadPoolExecutor(os.cpu_count(), "kernel")
 
 
 @njit(cache=True, nogil=True)

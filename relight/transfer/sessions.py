@@ -1,9 +1,10 @@
 """The networks that come with the package, as onnxruntime sessions."""
 
-import os
 from importlib import resources
 
 from splat2mesh.base.errors import InputError
+
+from .threads import cores
 
 PROVIDERS = (
     # TF32 keeps 10 bits of each factor: errors of 1e-3, where every other provider has 1e-6.
@@ -51,4 +52,4 @@ def open_session(
 
 def workers_of(session):
     """How many threads may run a session at once: as many as there are cores, but an accelerator serves one."""
-    return (os.cpu_count() or 1) if session.get_providers()[0] == "CPUExecutionProvider" else 1
+    return cores() if session.get_providers()[0] == "CPUExecutionProvider" else 1

@@ -20,23 +20,23 @@ class Settings(NamedTuple):
 
     method: one of `transfer.METHODS` but "auto". bands: SH bands. rays: per vertex, 0 where none are traced.
     shadowed: (C,) bool for each chunk, whether its vertices trace rays; None for all. Everything always casts shadows.
-    suns: estimated error that the split of the sun may leave; 0 for no split.
+    sun_tolerance: estimated error that the split of the sun may leave; 0 for no split.
     bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
-    bounces: what bounces still to come may contribute, relative, when they stop.
+    bounce_tolerance: what bounces still to come may contribute, relative, when they stop.
     """
 
     method: str
     bands: int
     rays: int = 0
     shadowed: tuple[bool, ...] | None = None
-    suns: float = 0.0
+    sun_tolerance: float = 0.0
     bounce_rays: int = 0
-    bounces: float = 0.0
+    bounce_tolerance: float = 0.0
 
     @property
     def effects(self) -> frozenset[str]:
         """The names of EFFECTS that it has."""
-        has = (SHADOWS, self.rays > 0), (SUN, self.suns > 0.0), (BOUNCES, self.bounce_rays > 0)
+        has = (SHADOWS, self.rays > 0), (SUN, self.sun_tolerance > 0.0), (BOUNCES, self.bounce_rays > 0)
         return frozenset(name for name, there in has if there)
 
     def __str__(self) -> str:
@@ -44,7 +44,7 @@ class Settings(NamedTuple):
         if self.rays:
             chunks = "" if self.shadowed is None else f" in {sum(self.shadowed)} of {len(self.shadowed)} chunks"
             parts.append(f"{self.rays} rays{chunks}")
-        if self.suns:
+        if self.sun_tolerance:
             parts.append("suns")
         if self.bounce_rays:
             parts.append(f"bounces ({self.bounce_rays} rays)")

@@ -5,7 +5,7 @@ from numba import njit
 
 from splat2mesh.base.errors import InputError
 
-from .sampling import in_slices
+from .threads import in_slices
 
 BATCH_RAYS = 2**20
 """Rays in memory at once, at most: 24 MiB."""
@@ -27,13 +27,7 @@ def sunlight(
     """
     origins, normals = occluder.origins[rows], occluder.normals[rows]
     radiance = np.zeros((len(origins), 3), np.float32)
-    lit = (suns.weights > 0.0).any(axis=1)
-    directions = np.ascontiguousarray(suns.directions[lit], np.float32)
-    weights = np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
-    length = np.linalg.norm(directions, axis=1)
-    if not (np.abs(length - 1.0) < 1e-5).all():
-        found = length[~(np.abs(length - 1.0) < 1e-5)][0]
-        raise InputError(f"directions of suns must be unit vectors, found one of length {found}")
+    directions, weights = shining(suns)
     batch = max(1, BATCH_RAYS // max(1, len(directions)))
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
@@ -49,6 +43,20 @@ def sunlight(
             in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, radiance[part])
         advance(count)
     return radiance
+
+
+def shining(suns):
+    """Directions (S, 3) float32 and weights / pi (S, 3) float64 of the suns that shine at all.
+
+    Raises InputError for directions that are not unit vectors.
+    """
+    lit = (suns.weights > 0.0).any(axis=1)
+    directions = np.ascontiguousarray(suns.directions[lit], np.float32)
+    length = np.linalg.norm(directions, axis=1)
+    if not (np.abs(length - 1.0) < 1e-5).all():
+        found = length[~(np.abs(length - 1.0) < 1e-5)][0]
+        raise InputError(f"directions of suns must be unit vectors, found one of length {found}")
+    return directions, np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
 
 
 @njit(cache=True, nogil=True)

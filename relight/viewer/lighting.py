@@ -20,6 +20,7 @@ from ..options import LightingOptions
 from ..planning.effects import BOUNCES, SHADOWS, SUN
 from ..sh import harmonics
 from ..transfer.analytic import analytic
+from ..transfer.checks import checked_albedo
 from ..transfer.settings import Settings
 
 CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
@@ -83,14 +84,14 @@ class Light(NamedTuple):
 
 
 class Lit(NamedTuple):
-    """A finished shading. radiance: (V, 3) float32. suns, bounces: as of `Shading`. settings: in words.
+    """A finished shading. radiance: (V, 3) float32. sun_count, bounces: as of `Shading`. settings: in words.
 
     effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
     shading took, without what is computed once for a scene.
     """
 
     radiance: np.ndarray
-    suns: int
+    sun_count: int
     bounces: list
     settings: str
     effects: frozenset
@@ -260,8 +261,8 @@ def restricted(settings, effects):
     if SHADOWS not in effects and settings.rays:
         return Settings("analytic", settings.bands)
     if SUN not in effects:
-        settings = settings._replace(suns=0.0)
-    return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounces=0.0)
+        settings = settings._replace(sun_tolerance=0.0)
+    return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounce_tolerance=0.0)
 
 
 def check_albedos(scene, albedos):
@@ -272,9 +273,7 @@ def check_albedos(scene, albedos):
     checked = {}
     for name, albedo in albedos.items():
         if albedo is not None:
-            albedo = np.asarray(albedo, np.float32)
-            if albedo.shape != (count, 3) or not ((albedo >= 0.0) & (albedo <= 1.0)).all():
-                raise InputError(f"albedo {name!r}: expected ({count}, 3) in [0, 1], found shape {albedo.shape}")
+            albedo = checked_albedo(albedo, count, f"albedo {name!r}")
         checked[str(name)] = albedo
     return checked
 
@@ -289,7 +288,7 @@ def _gathered(occluder, rows, radiance):
     rays = np.zeros((len(rows), SAMPLE_RAYS, 6), np.float32)
     azimuths = sampling.fibonacci_azimuths(SAMPLE_RAYS)
     sampling.shoot(occluder.origins[rows], occluder.normals[rows], azimuths, 0, rays)
-    faces, uv, normals = occluder.first_hits(rays)
+    _, faces, uv, normals = occluder.first_hits(rays)
     corners = occluder.faces[faces]
     outward = np.einsum("rsi,rsi->rs", normals, occluder.normals[corners].sum(axis=2))
     facing = np.einsum("rsi,rsi->rs", normals, rays[..., 3:])

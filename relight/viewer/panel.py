@@ -345,7 +345,7 @@ def status(session, frames_per_second=None):
 
 
 def _parts(session, lit):
-    parts = [f"{lit.suns} suns" if lit.suns != 1 else "1 sun"] if lit.suns else []
+    parts = [f"{lit.sun_count} suns" if lit.sun_count != 1 else "1 sun"] if lit.sun_count else []
     parts += [f"{len(lit.bounces)} bounce" + "s" * (len(lit.bounces) > 1)] if lit.bounces else []
     return ", ".join(parts) or "nothing to add"
 

@@ -9,7 +9,7 @@ from numba import njit
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..light.tonemap import DESATURATION, SHOULDER_START
-from ..transfer.sampling import in_slices
+from ..transfer.threads import in_slices
 
 _STEPS = 2**14
 """Of the table of the sRGB curve, whose steepest part rises by 0.2 bytes between two of them."""

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ..transfer.sampling import in_slices
+from ..transfer.threads import in_slices
 from .camera import Orbit
 
 SOFTWARE = "llvmpipe", "softpipe", "swrast", "swiftshader", "software"

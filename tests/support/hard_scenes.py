@@ -69,7 +69,7 @@ def everything(lit, albedo):
     """Transfer, sunlight, bounces of noise and full shading of a scene, (V, C), side by side."""
     relighter = ten_bands(lit, rays=16, effects=EVERYTHING)
     shading = relighter.shading(rough_light(), albedo)
-    assert shading.suns > 4 and len(shading.bounces) > 2
+    assert shading.sun_count > 4 and len(shading.bounces) > 2
     occluder, matrix = relighter.occluder, relighter.interreflection()
     suns = Suns(Rotation.random(9, random_state=2).as_matrix()[:, 0], np.random.default_rng(3).random((9, 3)))
     noise = np.sin(1e4 * lit.vertices[:, [0, 1, 2, 0]] + 1e3 * lit.normals[:, [1, 2, 0, 0]])

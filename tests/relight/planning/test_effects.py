@@ -121,7 +121,7 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
             assert share == pytest.approx(np.linalg.norm(increment) / np.linalg.norm(radiance), rel=1e-5)
     # Float32 sums of 36 products that cancel, and of up to 192 hits: some 1e-7 each of the brightest vertex.
     np.testing.assert_allclose(shading.radiance, radiance, rtol=1e-5, atol=1e-6 * radiance.max())
-    assert (shading.suns, len(suns) > 0) == (len(suns), "sun" in chosen)
+    assert (shading.sun_count, len(suns) > 0) == (len(suns), "sun" in chosen)
     assert bool(shading.bounces) == ("bounces" in chosen)
     assert shading.radiance.dtype == np.float32
 
@@ -145,7 +145,7 @@ def test_a_constant_sky_shows_what_of_it_is_visible(corner, scene):
     visible = visible_fraction(relighter.transfer)
     # Float32 rounding of 100 coefficients, of which 99 are rounding themselves
     np.testing.assert_allclose(shading.radiance, visible[:, None] * color, rtol=2e-6, atol=2e-6)
-    assert (shading.suns, shading.bounces) == (0, [])
+    assert (shading.sun_count, shading.bounces) == (0, [])
     assert visible.min() < 0.1 and visible.max() == pytest.approx(1.0, abs=0.1)
 
     everything = Occluder(corner.vertices, corner.normals, corner.faces)
@@ -165,7 +165,7 @@ def test_turning_the_light_is_turning_the_mesh_back(corner, albedo, name):
 
     light = Environment.load(name)
     lit, back = shading(corner, light.rotated(75.0)), shading(turned(corner, -75.0), light)
-    assert lit.suns == back.suns > 0 and lit.bounces and back.bounces
+    assert lit.sun_count == back.sun_count > 0 and lit.bounces and back.bounces
     # The same suns, but other ray sets for sky and bounces: 1.6 to 2% were measured with 128 and with 512 rays.
     assert difference(back.radiance, lit.radiance) < 0.04
     assert difference(shading(turned(corner, 75.0), light).radiance, lit.radiance) > 0.5
@@ -186,7 +186,7 @@ def test_blinn_phong_knows_of_no_neighbour(noon, distance):
     alone = Relighter(Scene(chunks[:1]), "blinn-phong").shade(noon)
     both = Relighter(Scene(chunks), "blinn-phong").shading(noon)
     np.testing.assert_array_equal(both.radiance, np.concatenate([alone, alone]))
-    assert (both.suns, both.bounces) == (0, [])
+    assert (both.sun_count, both.bounces) == (0, [])
     np.testing.assert_array_equal(alone, blinn_phong(chunks[0].normals, noon))
     # Lamps in constant light are not the sky: 6% was measured.
     assert 0.02 < difference(alone, Relighter(Scene(chunks[:1]), "analytic").shade(noon)) < 0.2
@@ -216,7 +216,7 @@ def test_chunks_change_no_bit_of_direct_light_and_bounces_by_rounding(corner, al
 def test_twice_the_light_is_twice_the_radiance_to_the_bit(scene, noon, albedo):
     relighter, twice = Relighter(scene, rays=32), Environment(2 * noon.radiance, "twice", noon.rotation_deg)
     once, double = relighter.shading(noon, albedo), relighter.shading(twice, albedo)
-    assert once.suns > 0 and (double.suns, double.bounces) == (once.suns, once.bounces)
+    assert once.sun_count > 0 and (double.sun_count, double.bounces) == (once.sun_count, once.bounces)
     np.testing.assert_array_equal(double.radiance, 2 * once.radiance)
 
 

@@ -62,7 +62,7 @@ def truths(scene, sky, angle_deg, albedo):
 
 def work(plan, vertices):
     """What a plan's settings cost by the law, in shadow rays: no clock in it."""
-    return sum(costs.seconds(plan.settings, vertices, vertices, 1.0, plan.suns))
+    return sum(costs.seconds(plan.settings, vertices, vertices, 1.0, plan.sun_count))
 
 
 # -- one effect each
@@ -75,7 +75,7 @@ def test_a_sphere_needs_no_transfer_by_rays(sky, tolerance):
     assert (one.settings.method, one.settings.rays, one.relighter.rays_traced) == ("analytic", 0, 0)
     assert one.rows[SHADOWS] == (0.0, "skipped")
     # The sun is a sun without shadows too: ten bands of it are still off by 1.4%.
-    assert (one.settings.suns > 0.0) == (sky == "noon")
+    assert (one.settings.sun_tolerance > 0.0) == (sky == "noon")
     assert one.error() <= tolerance and one.plan.error <= tolerance
 
 
@@ -102,8 +102,8 @@ def test_a_sphere_on_a_plane_calls_for_shadows(sky):
 
 def test_a_noon_sun_is_split_off():
     one = lit("sphere_on_plane", "noon", 0.02)
-    assert one.settings.suns > 0.0 and one.shading.suns == one.plan.suns > 0
-    without = [one.error(one.settings._replace(suns=0.0, rays=256), angle) for angle in (0.0, 45.0)]
+    assert one.settings.sun_tolerance > 0.0 and one.shading.sun_count == one.plan.sun_count > 0
+    without = [one.error(one.settings._replace(sun_tolerance=0.0, rays=256), angle) for angle in (0.0, 45.0)]
     # The row is the largest of eight angles.
     assert 0.7 * one.rows[SUN][0] < max(without) < 1.1 * one.rows[SUN][0]
     assert one.error() <= 0.02 < 5 * 0.02 < max(without)
@@ -111,9 +111,9 @@ def test_a_noon_sun_is_split_off():
 
 def test_an_overcast_sky_has_no_sun_and_a_kitchen_has_many():
     overcast, kitchen = (lit("sphere_on_plane", sky, 0.02) for sky in ("overcast", "kitchen"))
-    assert overcast.settings.suns == 0.0 == overcast.shading.suns and overcast.rows[SUN][1] == "skipped"
+    assert overcast.settings.sun_tolerance == 0.0 == overcast.shading.sun_count and overcast.rows[SUN][1] == "skipped"
     assert overcast.rows[SUN][0] < 0.01
-    assert kitchen.settings.suns > 0.0 and kitchen.shading.suns > 20
+    assert kitchen.settings.sun_tolerance > 0.0 and kitchen.shading.sun_count > 20
     assert kitchen.rows[SUN][0] > 0.02
 
 
@@ -313,7 +313,7 @@ def test_a_black_sky_is_black():
     dark = Environment(np.zeros((4, 8, 3), np.float32), "dark")
     assert not relighter.shade(dark).any()
     found = relighter.plan_for(dark)
-    assert found.error == 0.0 and found.settings.rays <= 8 and not found.settings.suns and found.table()
+    assert found.error == 0.0 and found.settings.rays <= 8 and not found.settings.sun_tolerance and found.table()
 
 
 @pytest.mark.parametrize("albedo", [None, 0.8])

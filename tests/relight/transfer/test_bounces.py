@@ -152,7 +152,7 @@ def test_rows_are_what_the_rays_meet(lit):
     count = len(occluder.origins)
     rays = np.zeros((count, 48, 6), np.float32)
     sampling.shoot(occluder.origins, occluder.normals, sampling.fibonacci_azimuths(48), 5, rays)
-    faces, uv, normals = occluder.first_hits(rays)
+    _, faces, uv, normals = occluder.first_hits(rays)
     vertex, ray = np.nonzero(faces >= 0)
     corners = occluder.faces[faces[vertex, ray]]
     shares = np.stack([1 - uv[vertex, ray].sum(axis=-1), *uv[vertex, ray].T], axis=1)
@@ -174,7 +174,7 @@ def test_first_hits_are_on_the_rays(still_life):
     placed = (still_life[0] - (low + high) / 2) / np.linalg.norm(high - low)
     rays = np.zeros((len(placed), 16, 6), np.float32)
     sampling.shoot(occluder.origins, occluder.normals, sampling.fibonacci_azimuths(16), 0, rays)
-    faces, uv, normals = occluder.first_hits(rays)
+    _, faces, uv, normals = occluder.first_hits(rays)
     np.testing.assert_array_equal(faces >= 0, occluder.occluded(rays))
     hit = faces >= 0
     a, b, c = placed[still_life[2][faces[hit]]].transpose(1, 0, 2)

@@ -227,7 +227,7 @@ def test_single_triangles_and_bow_ties_see_all_their_sky():
         lit = ten_bands(scene(corners[:count], normal[:count], faces), rays=16)
         np.testing.assert_array_equal(lit.transfer, analytic(normal[:count], 10))
         shading = lit.shading(light, albedo[:count])
-        assert shading.suns > 0 and shading.bounces == [0.0]
+        assert shading.sun_count > 0 and shading.bounces == [0.0]
         np.testing.assert_allclose(shading.radiance, shading.radiance[:1].repeat(count, axis=0), rtol=1e-5)
 
 
@@ -257,7 +257,7 @@ def test_bodies_that_run_into_each_other_are_dark_where_they_are_inside():
     assert inner.sum() > 100
     assert not raytraced(Occluder(np.float32(vertices), normals, faces), inner, 10, 64).any()
     shading = ten_bands(scene(vertices, normals, faces), rays=64).shading(rough_light(), np.full(vertices.shape, 0.9))
-    assert shading.suns and shading.bounces
+    assert shading.sun_count and shading.bounces
     assert not shading.radiance[inside < 0.6].any()
     # Averaging over neighbours lets a little of the light outside in, two rings deep.
     assert shading.radiance[inner].max() < 1e-3 * shading.radiance.mean()
@@ -271,7 +271,7 @@ def test_closed_bodies_are_black_inside_with_every_effect(scale, offset):
         vertices, normals, faces = arrays(shape)
         inward = scene(vertices @ TURN.T * scale + offset, -normals @ TURN.T, faces)
         shading = ten_bands(inward, rays=64, effects=EVERYTHING).shading(rough_light(), np.ones_like(vertices))
-        assert shading.suns and not shading.radiance.any()
+        assert shading.sun_count and not shading.radiance.any()
 
 
 def test_the_two_sides_of_a_sheet_are_lit_each_from_its_own():

@@ -56,7 +56,7 @@ def one_pixel(row, column, value=1e4, height=16, width=32):
 
 def mean_of(relighter, environment):
     """Radiance of a white scene with direct light alone."""
-    return relighter._direct(environment)[0]
+    return relighter._direct(environment, relighter._settings_now())[0]
 
 
 # -- single pixels and suns
@@ -207,7 +207,7 @@ def test_white_furnace_neither_loses_nor_makes_light():
     relighter = ten_bands(scene(vertices, normals, faces), rays=64, effects=EVERYTHING)
     shading = relighter.shading(sky, white)
     direct = mean_of(relighter, sky)
-    assert direct.mean() < 0.25 and shading.suns == 0 and len(shading.bounces) == 16
+    assert direct.mean() < 0.25 and shading.sun_count == 0 and len(shading.bounces) == 16
     assert (shading.radiance >= direct).all() and shading.radiance.max() <= 1 + 8 * EPS32
     before = direct
     for count in (1, 2, 4, 16, 64):
@@ -242,7 +242,7 @@ def test_no_light_is_black_without_a_murmur(lit, tmp_path):
         for method in ("raytraced", "analytic", "blinn-phong"):
             relighter = ten_bands(scene(*knobbed_torus()), method, rays=8)
             shading = relighter.shading(black, np.full((498, 3), 0.7))
-            assert not shading.radiance.any() and shading.suns == 0 and not any(shading.bounces)
+            assert not shading.radiance.any() and shading.sun_count == 0 and not any(shading.bounces)
     OpenEXR.File({}, {"RGB": np.zeros((16, 32, 3), np.float32)}).write(str(tmp_path / "night.exr"))
     scene(*knobbed_torus()).save(tmp_path / "ring")
     output = tmp_path / "lit"

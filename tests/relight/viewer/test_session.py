@@ -71,7 +71,7 @@ def test_what_settles_is_what_the_engine_gives(scene):
     albedo = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
     light = Environment.load("noon").rotated(70.0)
     expected = Relighter(scene, tolerance=0.05).shading(light, albedo)
-    assert session.lit.suns == expected.suns > 0 and session.lit.bounces == expected.bounces != []
+    assert session.lit.sun_count == expected.sun_count > 0 and session.lit.bounces == expected.bounces != []
     assert np.array_equal(session.radiance(), expected.radiance)
 
 
@@ -97,7 +97,7 @@ def test_a_turned_light_shows_at_once_and_the_rest_follows(scene):
 def test_under_smooth_light_what_shows_at_once_is_nearly_all(scene):
     session = session_of(scene, "overcast", tolerance=0.02)
     session.finish()
-    assert session.lit.suns == 0 and len(session.lit.bounces) > 0
+    assert session.lit.sun_count == 0 and len(session.lit.bounces) > 0
     assert relative(session.quick_radiance(), session.radiance()) < 0.01  # bounced light beyond four bands
 
 
@@ -109,9 +109,9 @@ def test_each_effect_that_is_off_is_the_engine_without_it(scene):
     relighter = Relighter(scene, tolerance=0.05)
     settings = relighter.shading(light, albedo).settings
     for effects, expected in (
-        ({"shadows", "sun"}, settings._replace(bounce_rays=0, bounces=0.0)),
-        ({"shadows", "bounces"}, settings._replace(suns=0.0)),
-        ({"shadows"}, settings._replace(suns=0.0, bounce_rays=0, bounces=0.0)),
+        ({"shadows", "sun"}, settings._replace(bounce_rays=0, bounce_tolerance=0.0)),
+        ({"shadows", "bounces"}, settings._replace(sun_tolerance=0.0)),
+        ({"shadows"}, settings._replace(sun_tolerance=0.0, bounce_rays=0, bounce_tolerance=0.0)),
     ):
         session.change(effects=effects)
         session.finish()

@@ -7,9 +7,9 @@ from relight.sh.normals import unit_normals
 from relight.transfer import sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.baked import BakedMotion
+from relight.transfer.dynamic import DynamicTransfer
+from relight.transfer.dynamic_suns import DynamicSunlight
 from relight.transfer.filtering import average, steps_for
-from relight.transfer.moving import LiveTransfer
-from relight.transfer.moving_suns import LiveSunlight
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
@@ -91,19 +91,19 @@ def suns():
 def test_before_anything_moves_it_is_the_transfer_of_the_scene(scene, suns):
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
     expected = raytraced_scene(occluder, BANDS, RAYS, 7)
-    one = LiveTransfer(scene, [], BANDS, RAYS, 7)
+    one = DynamicTransfer(scene, [], BANDS, RAYS, 7)
     np.testing.assert_array_equal(one.transfer, expected)
     # No body touches another here, so that averaging within each of them leaves nobody out. A ray through an edge
     # may slip between two faces in one tree of boxes and not in another: at most a few in a thousand vertices.
-    several = LiveTransfer(scene, [1, 2], BANDS, RAYS, 7)
+    several = DynamicTransfer(scene, [1, 2], BANDS, RAYS, 7)
     assert (several.transfer != expected).any(axis=1).mean() < 5e-3
-    light = LiveSunlight(several, suns).radiance
+    light = DynamicSunlight(several, suns).radiance
     assert (light != sunlight(occluder, slice(None), suns)).any(axis=1).mean() < 5e-3
 
 
 def test_after_motion_it_is_to_the_bit_that_of_the_moved_scene(scene, suns):
-    live = LiveTransfer(scene, [1, 2], BANDS, RAYS, 3)
-    light = LiveSunlight(live, suns)
+    live = DynamicTransfer(scene, [1, 2], BANDS, RAYS, 3)
+    light = DynamicSunlight(live, suns)
     previous = live.transfer.copy()
     steps = [
         {1: bent(scene.chunks[1], 0.2)},
@@ -117,9 +117,9 @@ def test_after_motion_it_is_to_the_bit_that_of_the_moved_scene(scene, suns):
         rows = live.update_all(changes)
         sun_rows = light.update()
         moved = posed(scene, state)
-        fresh = LiveTransfer(moved, [1, 2], BANDS, RAYS, 3, frame=live.frame, ranks=live.ranks)
+        fresh = DynamicTransfer(moved, [1, 2], BANDS, RAYS, 3, frame=live.frame, ranks=live.ranks)
         np.testing.assert_array_equal(live.transfer, fresh.transfer)
-        fresh_light = LiveSunlight(fresh, suns)
+        fresh_light = DynamicSunlight(fresh, suns)
         np.testing.assert_array_equal(light.radiance, fresh_light.radiance)
         others = np.setdiff1d(np.arange(len(live.transfer)), rows)
         np.testing.assert_array_equal(live.transfer[others], previous[others])
@@ -130,7 +130,7 @@ def test_after_motion_it_is_to_the_bit_that_of_the_moved_scene(scene, suns):
 
 def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
     """Twin from the parts of the renderer that stands still: one Embree scene of everything, its own neighbours."""
-    live = LiveTransfer(scene, [1, 2], BANDS, RAYS, 0)
+    live = DynamicTransfer(scene, [1, 2], BANDS, RAYS, 0)
     # The ball stays within the bounds of the table: the frame of the moved scene is the same.
     change = {2: (scene.chunks[2].vertices + np.float32([-0.2, 0.05, 0.1]), scene.chunks[2].normals)}
     live.update_all(change)
@@ -158,7 +158,7 @@ def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
 def test_only_what_a_body_can_reach_is_computed_again(scene):
     """A ball below the table moves: the flat table above it, whose normals point up, must not be touched."""
     below = Scene([scene.chunks[0], mesh(*ball(0.2, [0.0, -0.6, 0.0])), scene.chunks[1]])
-    live = LiveTransfer(below, [1, 2], BANDS, RAYS)
+    live = DynamicTransfer(below, [1, 2], BANDS, RAYS)
     chunk = below.chunks[1]
     rows = live.update(1, chunk.vertices + np.float32([0.1, 0, 0]), chunk.normals)
     table = len(below.chunks[0].vertices)
@@ -265,23 +265,23 @@ def test_rings_have_the_weights_of_neighbors():
 
 
 def test_a_seam_that_tears_is_no_longer_one_vertex(scene):
-    live = LiveTransfer(scene, [1], BANDS, RAYS)
+    live = DynamicTransfer(scene, [1], BANDS, RAYS)
     chunk = scene.chunks[1]
     vertices = chunk.vertices.copy()
     seam = np.flatnonzero((vertices == vertices[30]).all(axis=1))
     others = np.arange(len(vertices)) > len(vertices) // 2
     vertices[others] += np.float32([0.0, 0.02, 0.0])
     live.update(1, vertices, chunk.normals)
-    fresh = LiveTransfer(
+    fresh = DynamicTransfer(
         posed(scene, {1: (vertices, chunk.normals)}), [1], BANDS, RAYS, 0, np.inf, live.frame, live.ranks
     )
-    assert len(seam) >= 1 and len(live.bodies[1].nodes) > len(LiveTransfer(scene, [1], 2, 4).bodies[1].nodes)
+    assert len(seam) >= 1 and len(live.bodies[1].nodes) > len(DynamicTransfer(scene, [1], 2, 4).bodies[1].nodes)
     np.testing.assert_array_equal(live.transfer, fresh.transfer)
 
 
 def test_what_is_too_fast_is_carried_along_and_catches_up(scene):
-    live = LiveTransfer(scene, [1, [2, 3]], BANDS, RAYS, 0, max_speed=0.5)
-    slow = LiveTransfer(scene, [1, [2, 3]], BANDS, RAYS, 0)
+    live = DynamicTransfer(scene, [1, [2, 3]], BANDS, RAYS, 0, max_speed=0.5)
+    slow = DynamicTransfer(scene, [1, [2, 3]], BANDS, RAYS, 0)
     chunk = scene.chunks[1]
     center, turn = chunk.vertices.mean(axis=0), np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], np.float32)  # Ry(90)
     vertices, normals = (chunk.vertices - center) @ turn.T + center, chunk.normals @ turn.T
@@ -319,8 +319,8 @@ def test_what_is_too_fast_is_carried_along_and_catches_up(scene):
 
 
 def test_a_scene_of_bodies_alone_has_nothing_static(scene):
-    live = LiveTransfer(scene, [[0, 3], 1, 2], BANDS, RAYS)
-    still = LiveTransfer(scene, [1, 2], BANDS, RAYS)
+    live = DynamicTransfer(scene, [[0, 3], 1, 2], BANDS, RAYS)
+    still = DynamicTransfer(scene, [1, 2], BANDS, RAYS)
     # Which body counts as static decides in what order rays are tested, not what they meet.
     np.testing.assert_array_equal(live.transfer, still.transfer)
     move = {2: (scene.chunks[2].vertices + np.float32([0, 0.05, 0]), scene.chunks[2].normals)}
@@ -330,7 +330,7 @@ def test_a_scene_of_bodies_alone_has_nothing_static(scene):
 
 
 def test_what_cannot_move_is_refused_and_changes_nothing(scene):
-    live = LiveTransfer(scene, [1, 2], 2, 4)
+    live = DynamicTransfer(scene, [1, 2], 2, 4)
     chunk, before = scene.chunks[1], live.transfer.copy()
     bad = chunk.vertices.copy()
     bad[3, 1] = np.nan
@@ -344,12 +344,12 @@ def test_what_cannot_move_is_refused_and_changes_nothing(scene):
             "1 of",
         ),
         (lambda: live.update(1, chunk.vertices + np.float32(1e3), chunk.normals), "16 diagonals off"),
-        (lambda: LiveTransfer(scene, [4], 2, 4), "from 0 to 3"),
-        (lambda: LiveTransfer(scene, [1, [2, 1]], 2, 4), "one body only"),
-        (lambda: LiveTransfer(scene, [1.5], 2, 4), "from 0 to 3"),
-        (lambda: LiveTransfer(scene, [1], 11, 4), "bands"),
-        (lambda: LiveTransfer(scene, [1], 2, 0), "rays"),
-        (lambda: LiveTransfer(scene, [1], 2, 4, ranks=np.arange(5)), "a rank for each"),
+        (lambda: DynamicTransfer(scene, [4], 2, 4), "from 0 to 3"),
+        (lambda: DynamicTransfer(scene, [1, [2, 1]], 2, 4), "one body only"),
+        (lambda: DynamicTransfer(scene, [1.5], 2, 4), "from 0 to 3"),
+        (lambda: DynamicTransfer(scene, [1], 11, 4), "bands"),
+        (lambda: DynamicTransfer(scene, [1], 2, 0), "rays"),
+        (lambda: DynamicTransfer(scene, [1], 2, 4, ranks=np.arange(5)), "a rank for each"),
     ):
         with pytest.raises(InputError, match=message):
             call()
@@ -366,8 +366,8 @@ def test_a_baked_motion_is_within_its_tolerance_and_exact_in_its_poses(scene):
         # Still for half a second, then ever faster.
         return {1: bent(chunk, 0.8 * max(0.0, time_s - 0.5) ** 2)}
 
-    live = LiveTransfer(scene, [1], BANDS, RAYS)
-    baked = BakedMotion(live, changes, 1.5, 0.03, shortest_s=0.01, half=False)
+    live = DynamicTransfer(scene, [1], BANDS, RAYS)
+    baked = BakedMotion(live, changes, 1.5, 0.03, shortest_s=0.01)
     assert baked.times[:2] == [0.0, 0.5] and baked.times[-1] == 1.5
     steps = np.diff(baked.times)
     assert len(steps) > 4 and steps[-1] < 0.5 and len(baked.errors) == len(steps) and max(baked.errors) <= 0.03
@@ -383,8 +383,5 @@ def test_a_baked_motion_is_within_its_tolerance_and_exact_in_its_poses(scene):
     assert 0 < worst < 0.03
     np.testing.assert_array_equal(baked.radiance(-1.0, light), baked.radiance(0.0, light))
     np.testing.assert_array_equal(baked.radiance(9.0, light), baked.radiance(1.5, light))
-    halves = BakedMotion(live, changes, 1.5, 0.03, shortest_s=0.01)
-    assert halves.times == baked.times and halves.nbytes * 2 == baked.nbytes
-    np.testing.assert_allclose(halves.radiance(1.2, light), baked.radiance(1.2, light), rtol=2e-3)
     with pytest.raises(InputError, match="longer than 0"):
         BakedMotion(live, changes, 0.0)

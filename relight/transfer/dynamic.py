@@ -3,8 +3,8 @@
 Visibility is kept as bits, one per ray and body: a ray is free if no body stops it. When a body moves, its own vertices
 are traced anew; every other vertex keeps its bits but for this one body, and of these it needs only the rays that
 meet the body's box now (`reach`). Transfer is summed and averaged again around what came out different.
-The result is, to the bit, that of a new LiveTransfer of the moved scene with the same frame and ranks: rays depend on
-the rank of their vertex, which stays, and not on history.
+The result is, to the bit, that of a new DynamicTransfer of the moved scene with the same frame and ranks: rays
+depend on the rank of their vertex, which stays, and not on history.
 """
 
 import math
@@ -17,14 +17,15 @@ from ..sh import harmonics, rotors
 from ..sh.normals import unit_normals
 from . import DEFAULT_BANDS, DEFAULT_RAYS, check_rays, sampling
 from .analytic import analytic
-from .bodies import STATIC, Body, Frame, Sight
+from .bodies import STATIC, Body, Sight, placed
+from .checks import check_shape
 from .filtering import steps_for
 from .neighbors import ranked_nodes
-from .occluder import INPUT_ROUNDINGS
+from .occluder import INPUT_ROUNDINGS, Frame
 from .visibility import BATCH_RAYS, completed
 
 
-class LiveTransfer:
+class DynamicTransfer:
     """Transfer of a whole scene that is kept up to date while some of its chunks move.
 
     Neighbours are averaged within a body only; but for that, the first transfer is that of `raytraced_scene`, to the
@@ -137,9 +138,8 @@ class LiveTransfer:
         expected = int(self._starts[chunk + 1] - self._starts[chunk]), 3
         vertices, normals = np.asarray(vertices, np.float32), np.asarray(normals)
         for name, array in (("vertices", vertices), ("normals", normals)):
-            if array.shape != expected:
-                raise InputError(f"the {name} of chunk {chunk} must have shape {expected}, found {array.shape}")
-        self.frame.unit(vertices)
+            check_shape(f"the {name} of chunk {chunk}", array, expected)
+        placed(self.frame, vertices)
         return vertices, unit_normals(normals)
 
     def _split(self, owner, faces):
@@ -156,7 +156,7 @@ class LiveTransfer:
         vertices = self._vertices[body.rows]
         own = float(np.spacing(np.float32(np.abs(vertices).max(initial=0.0)))) / self.frame.diagonal
         rounding = INPUT_ROUNDINGS * max(own, self.frame.rounding)
-        body.place(self.frame.unit(vertices), self._normals[body.rows], rounding)
+        body.place(placed(self.frame, vertices), self._normals[body.rows], rounding)
 
     def _first_ranks(self):
         """Rank of every vertex along a curve through the whole scene, (V,) int64, equal for equal vertices."""

@@ -3,45 +3,38 @@
 import numpy as np
 from numba import njit
 
-from splat2mesh.base.errors import InputError
-
 from .bodies import Sight
 from .reach import Beams
-from .sampling import in_slices
+from .sunlight import shining
+from .threads import in_slices
 
 
-class LiveSunlight:
-    """Exit radiance of the white vertices of a LiveTransfer under suns: as `sunlight.sunlight`.
+class DynamicSunlight:
+    """Exit radiance of the white vertices of a DynamicTransfer under suns: as `sunlight.sunlight`.
 
     radiance: (V, 3) float32. A body that was too fast is lit where it was when its transfer was last computed.
     """
 
     def __init__(
         self,
-        live,  # LiveTransfer
+        transfer,  # DynamicTransfer
         suns,  # Suns
     ):
         """Trace all of them. Raises InputError for directions that are not unit vectors."""
-        lit = (suns.weights > 0.0).any(axis=1)
-        self._directions = np.ascontiguousarray(suns.directions[lit], np.float32)
-        self._weights = np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
-        length = np.linalg.norm(self._directions, axis=1)
-        if not (np.abs(length - 1.0) < 1e-5).all():
-            found = length[~(np.abs(length - 1.0) < 1e-5)][0]
-            raise InputError(f"directions of suns must be unit vectors, found one of length {found}")
-        self._live, self.radiance = live, np.zeros((len(live.transfer), 3), np.float32)
+        self._directions, self._weights = shining(suns)
+        self._traced, self.radiance = transfer, np.zeros((len(transfer.transfer), 3), np.float32)
         self._sights, self._poses = {}, {}
         self.update()
 
     def update(self):
-        """Follow the LiveTransfer after its own update: the sorted rows of the radiance that may be new, (M,)."""
-        bodies = self._live.lit
+        """Follow the DynamicTransfer after its own update: the sorted rows of the radiance that may be new, (M,)."""
+        bodies = self._traced.lit
         moved = [body for body in bodies if self._poses.get(body.number) != body.poses]
         rows = [np.zeros(0, np.int64)]
         for body in bodies:
             if body in moved:
                 rays = Beams(body.node_origins, body.node_normals, self._directions)
-                self._sights[body.number] = Sight(body, rays, self._live.bodies)
+                self._sights[body.number] = Sight(body, rays, self._traced.bodies)
             else:
                 self._sights[body.number].renew(moved)
             sight = self._sights[body.number]
