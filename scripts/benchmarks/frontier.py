@@ -5,12 +5,12 @@ bounces where vertices have colours. Every setting of a grid (method, bands, ray
 plan of each tolerance. With --plans the table is that of the plans: predicted, checked and true error, and the work
 beside that of the cheapest setting of the grid that would have met the tolerance.
 
-Errors are relative L2 of exit radiance over 1,500 vertices. The truth is `relight.transfer.reference` with 16,384
-directions; where light bounces, that of 2,048 directions at every vertex, bounced by 256 rays of each until it fades,
-then gathered anew at the 1,500 by 2,048 rays. Times are processor seconds of all threads, medians over repetitions, each
-by a fresh Relighter, over the time in which bare Embree shoots one shadow ray from every vertex, measured in between: so
-they say the same on other machines. Times are once for the scene plus once for a light; reading and planning do not
-count.
+Errors are relative L2 of exit radiance over 1,500 vertices. The truth is `relight.transfer.reference` with
+16,384 directions; where light bounces, that of 2,048 directions at every vertex, bounced by 256 rays of each
+until it fades, then gathered anew at the 1,500 by 2,048 rays. Times are processor seconds of all threads,
+medians over repetitions, each by a fresh Relighter, over the time in which bare Embree shoots one shadow ray
+from every vertex, measured in between: so they say the same on other machines. Times are once for the scene
+plus once for a light; reading and planning do not count.
 """
 
 import csv
