@@ -1,11 +1,23 @@
 """The files of one light: meshes, splats, textures, arrays and a picture; what serves every light is made once."""
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 
 from . import mesh_files
 from .kinds import FILES
+
+if TYPE_CHECKING:
+    from splat2mesh.splats.splats import Splats
+
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
 
@@ -17,14 +29,23 @@ class Results:
     result needs them. texture_size: side of textures in texels, chosen without.
     """
 
-    def __init__(self, relighter, appearance, kinds, baked=(), splats=None, texture_size=None, seed=0):
+    def __init__(
+        self,
+        relighter: "Relighter",
+        appearance: "Appearance",
+        kinds: Sequence[str],
+        baked: Sequence[str] = (),
+        splats: "tuple[Splats, list[Path]] | None" = None,
+        texture_size: int | None = None,
+        seed: int = 0,
+    ) -> None:
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats, self._paths = splats or (None, [])
         self._texture_size, self._seed = texture_size, seed
         self._scene, self._stages = relighter.scene, relighter.stages
         self._preview = self._binding = self._texture = None
 
-    def write(self, folder, light, radiance, exposure):
+    def write(self, folder: Path, light: "Environment", radiance: NDArray, exposure: float) -> tuple[list[str], dict]:
         """Fill a folder that exists: (names of the files, what else the report should tell).
 
         radiance: (V, 3) linear. exposure: display value per unit of it.

@@ -5,6 +5,8 @@ import time
 
 import numpy as np
 
+from splat2mesh.base.extras import installed
+
 from ..light import sun_split
 from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
@@ -219,12 +221,12 @@ class _Choice:
                             )
 
     def _methods(self, bands, shadowed):
-        """Which methods to consider; the network only where it was measured to gain, and fits into memory."""
+        """Which methods to consider; the network only where it can run, was measured to gain, and fits into memory."""
         if self._method is not None:
             return (self._method,)
         small = self.measured.sample.sizes.sum() <= MOST_NEURAL_VERTICES
         gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
-        return SHADOWING if gains else SHADOWING[:1]
+        return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
 
     def _analytic(self):
         """Settings without rays, where none are asked for."""

@@ -5,12 +5,21 @@ texel, so their mean is what looks right from everywhere; the needles that train
 drawn as wide as training saw them: from nearer, as they are in the file, light falls through between them.
 """
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.surface.background import far_background, views_from_within
 from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
 from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
+
+if TYPE_CHECKING:
+    from splat2mesh.render.view import View
+    from splat2mesh.scene.scene import Scene
+    from splat2mesh.splats.splats import Splats
 
 PIXELS = 256, 1024
 """Range of the longer side of a picture. In it, a pixel is about as wide as a texel."""
@@ -26,7 +35,7 @@ _STEP = 1e-3  # of the diagonal: rays to the eye begin off their own face
 _BATCH = 1 << 20
 
 
-def views_of(scene, splats, texel, seed=0):
+def views_of(scene: "Scene", splats: "Splats", texel: float, seed: int = 0) -> "tuple[Splats, list[View]]":
     """The splats to draw, as training saw them, and the views to draw them from: the scene's foreground as `splat2mesh`
     looks at it, and its far background too where that was kept. texel: width of one, in the splats' unit."""
     far = far_background(splats)
@@ -40,7 +49,15 @@ def views_of(scene, splats, texel, seed=0):
     return foreground, views
 
 
-def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda count: None):
+def seen_colors(
+    splats: "Splats",
+    views: "list[View]",
+    vertices: NDArray,
+    faces: NDArray,
+    points: NDArray,
+    normals: NDArray,
+    advance: Callable[[int], Any] = lambda count: None,
+) -> tuple[NDArray, NDArray]:
     """What views of splats show at points of a mesh: sRGB (T, 3) float32, and whether any shows it, (T,) bool.
 
     vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows
