@@ -30,7 +30,7 @@ from .suns import Suns
 
 DEFAULT_TOLERANCE = 0.007
 """Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
-on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench_light)."""
+on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench light)."""
 
 
 DEFAULT_LIMIT = 128

@@ -185,7 +185,7 @@ def rotate(
     With u = w + i z = cos(b/2) e^(i (a+c)/2) and v = y - i x = sin(b/2) e^(i (a-c)/2) of its quaternion the rotor
     is Rz(a) Ry(b) Rz(c), and Ry is Rz in the basis turned by a constant: three turns of the pairs (m, -m) and
     two constant products. Where u or v is 0 its phase is free and cancels. Leading axes broadcast.
-    Faster than the quadrature of harmonics.rotation_matrix, by what `scripts/bench_cga` prints, and as exact.
+    Faster than the quadrature of harmonics.rotation_matrix, by what `scripts/bench cga` prints, and as exact.
     Raises InputError for shapes that do not fit and for a rotor that is zero or not finite.
     """
     coefficients = np.asarray(coefficients, np.float64)
