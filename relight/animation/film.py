@@ -75,7 +75,7 @@ def animate(
             write_png(staging / f"{number:04d}.png", picture)
             advance(1)
         note = encode(staging, fps) if film else ""
-    return Frames(len(times), film and not note, float(exposure), note)
+    return Frames(len(times), film and not note, float(exposure), note)  # type: ignore[arg-type]  # one frame at least
 
 
 def frame_times(duration_s: float, fps: float) -> NDArray:

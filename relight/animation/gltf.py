@@ -44,7 +44,7 @@ class GltfData:
         packed = [name for name in self.document.extensionsRequired or [] if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")
-        self._buffers = {}
+        self._buffers: dict = {}
 
     def array(self, index: int, what: str) -> NDArray:
         """Accessor `index`, (N,) or (N, width), as stored or, where it is normalised, float32 in [-1, 1].

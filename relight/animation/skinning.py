@@ -66,7 +66,7 @@ class Track:
 
 def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
     """The (4, 4) float64 matrix that scales, then rotates, then moves."""
-    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(np.linalg.norm(quat_xyzw), 1e-300)
+    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
     # fmt: off
     rotation = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -47,7 +47,7 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
-        self._derived = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
+        self._derived: dict = {}  # what was computed from the unrotated image, by key; shared with every rotated copy
 
     @classmethod
     def load(cls, source: str | Path) -> "Environment":

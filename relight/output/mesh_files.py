@@ -29,7 +29,7 @@ def write_glb(
     radiance: NDArray,  # (V, 3) linear radiance
     exposure: float,  # display value per unit of radiance
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
-) -> None:
+) -> int:
     """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per chunk.
 
     COLOR_0 is linear float32, clip(radiance * exposure, 0, 1), since glTF colours end at 1. 16-bit colours

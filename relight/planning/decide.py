@@ -52,7 +52,7 @@ SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
 class _Candidate(tuple):
     """(seconds, error, Settings)."""
 
-    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))
+    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))  # type: ignore[misc]
 
 
 def planned(

@@ -34,18 +34,18 @@ def from_axis_angle(
     return from_quat(np.concatenate([scalar[..., :1], vector], axis=-1))
 
 
-def from_quat(quat_wxyz: ArrayLike) -> NDArray:
+def from_quat(quat_wxyz: NDArray) -> NDArray:
     """The unit rotor (..., 4) of a quaternion w x y z, (..., 4) of any length but 0."""
     return normalise(np.asarray(quat_wxyz, np.float64)[..., _FROM_QUAT] * _QUAT_SIGN)
 
 
-def to_quat(rotor: ArrayLike) -> NDArray:
+def to_quat(rotor: NDArray) -> NDArray:
     """The unit quaternion w x y z, (..., 4), of a rotor."""
     return (normalise(rotor) * _QUAT_SIGN)[..., _FROM_QUAT]
 
 
 def from_matrix(
-    rotation: ArrayLike,  # (..., 3, 3), dst_from_src
+    rotation: NDArray,  # (..., 3, 3), dst_from_src
 ) -> NDArray:
     """The unit rotor (..., 4) of a rotation matrix, with its scalar not below 0.
 
@@ -77,7 +77,7 @@ def from_matrix(
     return from_quat(np.where(quat[..., :1] < 0, -quat, quat))
 
 
-def to_matrix(rotor: ArrayLike) -> NDArray:
+def to_matrix(rotor: NDArray) -> NDArray:
     """The rotation matrix (..., 3, 3), dst_from_src, of a rotor."""
     w, x, y, z = np.moveaxis(to_quat(rotor), -1, 0)
     # fmt: off
@@ -91,7 +91,7 @@ def to_matrix(rotor: ArrayLike) -> NDArray:
 
 
 def taking_up_to(
-    normals: ArrayLike,  # (..., 3), any length but 0
+    normals: NDArray,  # (..., 3), any length but 0
 ) -> NDArray:
     """The rotor (..., 4) that takes +y to a normal along the great circle: 1 + n e2, normalised; e13 stays 0.
 
@@ -108,7 +108,7 @@ def taking_up_to(
     return normalise(np.where(((y < 0) & (lean == 0))[..., None], [0.0, 0.0, 0.0, -1.0], rotor))
 
 
-def multiply(a: ArrayLike, b: ArrayLike) -> NDArray:
+def multiply(a: NDArray, b: NDArray) -> NDArray:
     """The product a b, (..., 4): the rotation b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
@@ -123,18 +123,18 @@ def multiply(a: ArrayLike, b: ArrayLike) -> NDArray:
     # fmt: on
 
 
-def reverse(rotor: ArrayLike) -> NDArray:
+def reverse(rotor: NDArray) -> NDArray:
     """~R, (..., 4): of a unit rotor the inverse."""
     return np.asarray(rotor, np.float64) * [1.0, -1.0, -1.0, -1.0]
 
 
-def inverse(rotor: ArrayLike) -> NDArray:
+def inverse(rotor: NDArray) -> NDArray:
     """R^-1, (..., 4): ~R over the square of the length. Raises InputError for a rotor of length 0."""
     rotor = _checked(rotor)
     return reverse(rotor) / np.sum(rotor * rotor, axis=-1, keepdims=True)
 
 
-def normalise(rotor: ArrayLike) -> NDArray:
+def normalise(rotor: NDArray) -> NDArray:
     """The rotor (..., 4) with length 1: after each product of a long chain it keeps the chain from drifting.
 
     Raises InputError for a rotor that is zero or not finite.
@@ -146,7 +146,7 @@ def normalise(rotor: ArrayLike) -> NDArray:
 
 
 def exp(
-    bivector: ArrayLike,  # (..., 3): coefficients of e12, e13, e23
+    bivector: NDArray,  # (..., 3): coefficients of e12, e13, e23
 ) -> NDArray:
     """The unit rotor (..., 4) e^b = cos |b| + sin |b| b / |b|: a turn by 2 |b|."""
     bivector = np.asarray(bivector, np.float64)
@@ -154,7 +154,7 @@ def exp(
     return np.concatenate([np.cos(size), np.sinc(size / np.pi) * bivector], axis=-1)
 
 
-def log(rotor: ArrayLike) -> NDArray:
+def log(rotor: NDArray) -> NDArray:
     """The bivector b (..., 3) with e^b = R / |R| and |b| <= pi; for -1, where any plane serves, -pi e23."""
     rotor = normalise(rotor)
     scalar, plane = rotor[..., :1], rotor[..., 1:]
@@ -165,8 +165,8 @@ def log(rotor: ArrayLike) -> NDArray:
 
 
 def slerp(
-    first: ArrayLike,  # (..., 4)
-    second: ArrayLike,  # (..., 4)
+    first: NDArray,  # (..., 4)
+    second: NDArray,  # (..., 4)
     share: ArrayLike,  # (...): 0 gives the first, 1 the second rotation
 ) -> NDArray:
     """The rotor (..., 4) on the shorter way from one rotation to another, at constant angular speed."""
@@ -177,8 +177,8 @@ def slerp(
 
 
 def rotate(
-    coefficients: ArrayLike,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
-    rotor: ArrayLike,  # (4,) or (..., 4)
+    coefficients: NDArray,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
+    rotor: NDArray,  # (4,) or (..., 4)
 ) -> NDArray:
     """SH coefficients, float64, of what an active rotation turns: L(d) becomes L(R^-1 d), about any axis.
 
@@ -209,7 +209,7 @@ def rotate(
     return _about_z(turned, half_sum + half_difference, bands)
 
 
-def rotation_matrix(rotor: ArrayLike, bands: int) -> NDArray:
+def rotation_matrix(rotor: NDArray, bands: int) -> NDArray:
     """The (..., K, K) float64 matrix M with Y(R d) = M Y(d), as harmonics.rotation_matrix gives it, from a rotor."""
     return rotate(np.eye(harmonics.check_bands(bands) ** 2), rotor)
 

@@ -99,7 +99,8 @@ def unwrap(scene: "Scene", size: int) -> "Atlas":
     in_scene = np.empty_like(faces)
     in_scene[order[0]] = np.take_along_axis(faces, order[2], axis=1)
     weights = np.take_along_axis(weights, order[2][face], axis=1)
-    vertex, coordinates, final, chunks, first = [], [], [], [], 0
+    vertex, coordinates, final, first = [], [], [], 0
+    chunks: list[range] = []
     scene_faces = scene.faces
     for chunk in scene.chunks:
         rows = slice(first, first + len(chunk.faces))
@@ -140,7 +141,7 @@ def size_for(scene: "Scene", detail: float) -> int:
     return int(2 ** np.clip(np.ceil(np.log2(max(needed, 1.0))), 8, 12))
 
 
-def welded(scene: "Scene") -> tuple[NDArray, NDArray]:
+def welded(scene: "Scene") -> tuple[NDArray, NDArray, tuple[NDArray, NDArray, NDArray]]:
     """The scene's vertices that differ, (M, 6) float32 of position and normal, ascending; faces (F, 3) of them.
 
     Third, how these stand to the scene: the scene's face of each, the first corner of each there, and for each corner

@@ -18,6 +18,7 @@ from .atlas import Atlas, check_size, size_for, unwrap
 from .pictures import seen_colors, views_of
 
 if TYPE_CHECKING:
+    from splat2mesh.render.view import View
     from splat2mesh.scene.scene import Scene
     from splat2mesh.splats.splats import Splats
 
@@ -58,7 +59,7 @@ def bake(
     prior: NDArray | None = None,  # of `albedo_of`
     size: int | None = None,  # of the texture in texels; by default as fine as the splat
     albedo: NDArray | None = None,  # (V, 3) where it is known; then no splat is asked for it
-    views: int | None = None,  # list of View in the frame of the splats; chosen by default
+    views: "list[View] | None" = None,  # in the frame of the splats; chosen by default
     stages: Stages | None = None,
     seed: int = 0,  # of the choice
 ) -> "Baked":

@@ -53,7 +53,8 @@ class Product:
             raise InputError(f"the transfer must have shape (V, K), found {transfer.shape}")
         if half and not (np.abs(transfer) <= HALF_LIMIT).all():
             raise InputError(f"a transfer beyond {HALF_LIMIT} or not finite cannot be stored as float16: use float32")
-        self.count, self.coefficients, self.half = *transfer.shape, bool(half)
+        self.count, self.coefficients = transfer.shape
+        self.half = bool(half)
         blocks = math.ceil(self.count / BLOCK)
         self._blocks = np.zeros((blocks, self.coefficients, BLOCK), np.float16 if half else np.float32)
         full = self.count // BLOCK

@@ -7,6 +7,7 @@ norms over 400 vertices chosen at random.
 
 import tempfile
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -29,7 +30,7 @@ DIRECT_SAMPLES = 2**15  # of the light, for each of them: 0.5% noise
 PATHS = 2**14  # for each of them, twice: the difference of the halves tells the noise
 INPUT_SAMPLES = 2**8  # of the light, for every vertex, where exact direct light is to bounce
 CHUNK = 2**21  # samples that Mitsuba works on at once
-QUICK = ["--vertices", "2000", "--rays", "16", "--large", "0", "--light-samples", "16", "--paths", "64"]
+QUICK = ["--vertices", "2000", "--rays", "16", "--large", "0", "--no-tracer"]
 
 
 def arguments(parser):
@@ -39,6 +40,7 @@ def arguments(parser):
     parser.add_argument("--vertices", type=int, default=MADE_VERTICES, help="of a generated mesh")
     parser.add_argument("--rays", type=int, nargs="+", default=[16, 32, 64, 128, 256, 512])
     parser.add_argument("--large", type=int, default=500_000, help="vertices of a scene of which only times are taken")
+    parser.add_argument("--no-tracer", action="store_true", help="times only, as without mitsuba")
     parser.add_argument("--light-samples", type=int, default=INPUT_SAMPLES, help="of the light, for every vertex")
     parser.add_argument("--paths", type=int, default=PATHS, help="for each of the vertices that are compared")
 
@@ -49,11 +51,11 @@ def run(options, report):
     if mesh.albedo is None:
         mesh = replace(mesh, albedo=np.ones_like(mesh.vertices))
     report.note(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces under {light.name}")
-    try:
-        import mitsuba
-    except ImportError:
-        report.note("mitsuba is not installed: times only")
+    if options.no_tracer or find_spec("mitsuba") is None:
+        report.note("without mitsuba: times only")
     else:
+        import mitsuba
+
         mitsuba.set_variant("llvm_ad_rgb")
         errors(mesh, light, options, report)
     times(mesh, report)
