@@ -3,8 +3,8 @@
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-import tomllib
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.extras import EXTRAS, installed, needed
@@ -23,9 +23,9 @@ def test_whether_a_package_is_there(monkeypatch):
 
 
 def test_every_extra_brings_its_package():
-    extras = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
+    tomllib = pytest.importorskip("tomllib")  # of Python 3.11
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
     for package, extra in EXTRAS.items():
         assert any(line.startswith(package.replace("_", "-")) for line in extras[extra])
 
@@ -45,5 +45,5 @@ def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):
     monkeypatch.setattr(decide, "installed", lambda package: False)
     choice = decide._Choice.__new__(decide._Choice)
     choice._method, choice._rays = None, None
-    choice.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": __import__("numpy").array([10])})})
+    choice.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": np.array([10])})})
     assert "neural" not in choice._methods(3, None)
