@@ -205,7 +205,8 @@ class Job:
 
         self.plan  # noqa: B018
         albedo, animation, (light,) = self.appearance.albedo, self._animation, self._lights
-        count, shading = len(frame_times(animation.duration_s, fps)), None
+        count = len(frame_times(animation.duration_s, fps))
+        shading: Any = None
 
         def radiance_of(_: Scene, time_s: float) -> NDArray[np.float32]:
             nonlocal shading
@@ -216,7 +217,7 @@ class Job:
             return shading.radiance
 
         exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
-        picture = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
+        picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
         with self.stages.stage("frames", count) as advance:
             written = animate(animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, **picture)
         report = self.report(Shaded(light, shading, written.exposure))
@@ -245,7 +246,7 @@ class Job:
     def _animation(self) -> Any:
         from .animation.animation import Animation
 
-        return Animation(self._given)
+        return Animation(str(self._given))
 
     @cached_property
     def _of_splats(self) -> bool:

@@ -1,8 +1,10 @@
 """Animated glTF: skinned, morphing and moving meshes, posed at any time, as chunks of a scene."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
@@ -26,7 +28,7 @@ class Animation:
     chunks: list of Part. moving: numbers of the chunks that any keyframe can move.
     """
 
-    def __init__(self, path, animation=None):
+    def __init__(self, path: str | Path, animation: str | int | None = None) -> None:
         """animation: name or number; the first without.
 
         Raises InputError for a file that is broken, has no triangles or no animation, or not the one that is asked for.
@@ -49,7 +51,7 @@ class Animation:
         ]
         self.scene = Scene(meshes, path=self._data.path)
 
-    def at(self, time_s):
+    def at(self, time_s: float) -> list[tuple[NDArray, NDArray]]:
         """The pose at a time, s, held before the first and after the last keyframe: [(vertices, normals)] per chunk.
 
         Both (V, 3) float32, scene frame; the normals unit, or 0 where a vertex has none.
@@ -66,7 +68,7 @@ class Animation:
         matrices = global_matrices(transforms, self._order, self._parent)
         return [self._posed(part, matrices, weights.get(part.node, part.weights)) for part in self.chunks]
 
-    def frame(self, time_s):
+    def frame(self, time_s: float) -> Scene:
         """The pose at a time as a Scene: the faces and colours of `scene`."""
         chunks = [
             Mesh(vertices, normals, part.faces, part.colors_srgb)
@@ -231,9 +233,9 @@ class Part:
 
 
 def face_normals(
-    vertices,  # (V, 3)
-    faces,  # (F, 3) integers
-):
+    vertices: NDArray,  # (V, 3)
+    faces: NDArray,  # (F, 3) integers
+) -> NDArray:
     """Unit normals of vertices, (V, 3) float32: of their faces, by area, smooth over seams; 0 without faces."""
     corners = vertices[faces].astype(np.float64)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

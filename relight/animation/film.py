@@ -1,11 +1,15 @@
 """Draw the frames of an animation as NNNN.png, and encode them as a film where there is an encoder."""
 
+import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from importlib.util import find_spec
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_folder
@@ -15,6 +19,10 @@ from splat2mesh.scene.scene import Scene
 from ..light.tonemap import auto_exposure
 from ..output.mesh_files import write_png
 from ..output.preview import Preview, default_camera
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+    from .animation import Animation
 
 FILM = "animation.mp4"
 MARKER = "0000.png"
@@ -37,20 +45,20 @@ class Frames(NamedTuple):
 
 
 def animate(
-    animation,  # Animation
-    radiance_of,  # called for frame after frame with its Scene and time in s: (V, 3) linear radiance
-    environment,  # shown behind; see `preview.render_preview`
-    folder,
-    fps=24.0,
-    camera=None,  # as of `preview`; by default one that holds the whole motion
-    width=640,
-    height=480,
-    samples=2,
-    exposure=None,  # by default that of the first frame
-    overwrite=False,
-    film=True,  # whether to make a film too
-    advance=lambda count: None,
-):
+    animation: "Animation",
+    radiance_of: Callable[[Scene, float], NDArray],  # of each frame's Scene and time in s: (V, 3) linear radiance
+    environment: "Environment",  # shown behind; see `preview.render_preview`
+    folder: str | os.PathLike[str],
+    fps: float = 24.0,
+    camera: dict | None = None,  # as of `preview`; by default one that holds the whole motion
+    width: int = 640,
+    height: int = 480,
+    samples: int = 2,
+    exposure: float | None = None,  # that of the first frame without
+    overwrite: bool = False,
+    film: bool = True,  # whether to make a film too
+    advance: Callable[[int], Any] = lambda count: None,
+) -> "Frames":
     """Light and draw every frame from the time 0 to the animation's end: Frames.
 
     Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
@@ -68,10 +76,10 @@ def animate(
             write_png(staging / f"{number:04d}.png", picture)
             advance(1)
         note = encode(staging, fps) if film else ""
-    return Frames(len(times), film and not note, float(exposure), note)
+    return Frames(len(times), film and not note, float(exposure), note)  # type: ignore[arg-type]  # one frame at least
 
 
-def frame_times(duration_s, fps):
+def frame_times(duration_s: float, fps: float) -> NDArray:
     """Times of the frames, s: from 0 on, the last one not after the end. Raises InputError for a rate not above 0."""
     if not (np.isfinite(fps) and fps > 0.0):
         raise InputError(f"frames per second must be above 0, found {fps}")
@@ -81,7 +89,7 @@ def frame_times(duration_s, fps):
     return np.arange(count) / fps
 
 
-def fitted_camera(animation, aspect):
+def fitted_camera(animation: "Animation", aspect: float) -> dict:
     """The default camera for all vertices of 16 poses of the animation."""
     times = np.linspace(0.0, animation.duration_s, _CAMERA_POSES)
     points = np.concatenate([vertices for time_s in times for vertices, _ in animation.at(time_s)])
@@ -90,7 +98,7 @@ def fitted_camera(animation, aspect):
     return default_camera(swept, aspect)
 
 
-def encoder():
+def encoder() -> str | None:
     """The path of an ffmpeg, on the PATH or that of imageio-ffmpeg, or None."""
     found = shutil.which("ffmpeg")
     if found is None and find_spec("imageio_ffmpeg"):
@@ -100,7 +108,7 @@ def encoder():
     return found
 
 
-def encode(folder, fps):
+def encode(folder: Path, fps: float) -> str:
     """Encode the frames in a folder as FILM. Returns "" when it worked, else why it did not."""
     ffmpeg = encoder()
     if ffmpeg is None:

@@ -6,6 +6,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 
@@ -24,7 +25,7 @@ class GltfData:
     document: as pygltflib parses it. node_weights: the morph weights of every node, which it drops; None without.
     """
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path) -> None:
         """Raises InputError for a file that is missing, broken, or packed by an extension."""
         import pygltflib
 
@@ -43,9 +44,9 @@ class GltfData:
         packed = [name for name in self.document.extensionsRequired or [] if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")
-        self._buffers = {}
+        self._buffers: dict = {}
 
-    def array(self, index, what):
+    def array(self, index: int, what: str) -> NDArray:
         """Accessor `index`, (N,) or (N, width), as stored or, where it is normalised, float32 in [-1, 1].
 
         Raises InputError, which names `what`, where it does not fit its buffer.
@@ -65,7 +66,7 @@ class GltfData:
             values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1.0))
         return values[:, 0] if width == 1 else values
 
-    def vectors(self, index, count, width, what):
+    def vectors(self, index, count: int, width: int, what: str) -> NDArray:
         """Accessor `index` as (count, width) float32. Raises InputError for another shape, and unless it is finite."""
         values = self.array(index, what)
         if values.shape != (count, width):
@@ -109,7 +110,7 @@ class GltfData:
             self._buffers[index] = data
         return self._buffers[index]
 
-    def initial_transforms(self):
+    def initial_transforms(self) -> list[dict]:
         """Where every node stands before anything moves: translation, rotation and scale, or a matrix; float64."""
         transforms = []
         for node in self.document.nodes:
@@ -125,7 +126,7 @@ class GltfData:
             )
         return transforms
 
-    def hierarchy(self):
+    def hierarchy(self) -> tuple[list[int], NDArray, NDArray]:
         """All nodes, parents first; the parent of every node, -1 without one; whether each is in the shown scene."""
         nodes = self.document.nodes or []
         parent = np.full(len(nodes), -1)
@@ -148,7 +149,7 @@ class GltfData:
         return order, parent, shown
 
 
-def global_matrices(transforms, order, parent):
+def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -> NDArray:
     """World-from-node matrices, (nodes, 4, 4) float64, also of joints outside the shown scene."""
     result = np.zeros((len(transforms), 4, 4))
     for index in order:
@@ -167,7 +168,7 @@ def _parsed(path):
     return json.loads(data)
 
 
-def warn_skipped(path, count, what):
+def warn_skipped(path: str | Path, count: int, what: str) -> None:
     """One DataWarning for parts of a file that are left out."""
     if count:
         warnings.warn(f"{path}: skipped {count} {what}", DataWarning, stacklevel=3)

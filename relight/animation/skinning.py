@@ -6,6 +6,7 @@ specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (int
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
@@ -22,11 +23,11 @@ class Track:
 
     def __init__(
         self,
-        times,  # (T,)
-        values,  # (T, N), with CUBICSPLINE (T, 3, N): tangent in, value, tangent out
-        interpolation="LINEAR",
-        spherical=False,
-    ):
+        times: NDArray,  # (T,)
+        values: NDArray,  # (T, N), with CUBICSPLINE (T, 3, N): tangent in, value, tangent out
+        interpolation: str = "LINEAR",
+        spherical: bool = False,
+    ) -> None:
         """Raises InputError for keyframes that do not fit or do not rise."""
         self.times, self.interpolation, self.spherical = np.asarray(times, np.float64), interpolation, spherical
         if interpolation not in INTERPOLATIONS:
@@ -39,7 +40,7 @@ class Track:
             raise InputError("keyframes must be finite, and their times must not fall")
         self._values = values
 
-    def at(self, time_s):
+    def at(self, time_s: float) -> NDArray:
         """The value at a time, (N,) float64; that of the first key before it, of the last after it."""
         values = self._values[:, 1] if self.interpolation == "CUBICSPLINE" else self._values
         after = int(np.searchsorted(self.times, time_s, side="right"))
@@ -63,9 +64,9 @@ class Track:
         return value / max(np.linalg.norm(value), 1e-300) if self.spherical else value
 
 
-def matrix_from_trs(translation, quat_xyzw, scale):
+def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
     """The (4, 4) float64 matrix that scales, then rotates, then moves."""
-    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(np.linalg.norm(quat_xyzw), 1e-300)
+    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
     # fmt: off
     rotation = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -78,7 +79,7 @@ def matrix_from_trs(translation, quat_xyzw, scale):
     return matrix
 
 
-def for_normals(matrices):
+def for_normals(matrices: NDArray) -> NDArray:
     """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
 
     The inverse transpose times the absolute determinant, which also exists for a matrix that flattens to a plane.
@@ -90,10 +91,10 @@ def for_normals(matrices):
 
 
 def morphed(
-    base,  # (V, 3) float32
-    targets,  # (M, V, 3) float32, differences
-    weights,  # (M,)
-):
+    base: NDArray,  # (V, 3) float32
+    targets: NDArray,  # (M, V, 3) float32, differences
+    weights: NDArray,  # (M,)
+) -> NDArray:
     """The base plus the weighted differences, (V, 3) float32."""
     result = base.astype(np.float64)
     for target, weight in zip(targets, weights, strict=True):
@@ -103,10 +104,10 @@ def morphed(
 
 
 def moved(
-    vertices,  # (V, 3) float32
-    normals,  # (V, 3) float32
-    matrix,  # (4, 4)
-):
+    vertices: NDArray,  # (V, 3) float32
+    normals: NDArray,  # (V, 3) float32
+    matrix: NDArray,  # (4, 4)
+) -> tuple[NDArray, NDArray]:
     """Points and normals under one matrix: (V, 3) float32 each, the normals unit, or 0 where they were."""
     turned = normals @ for_normals(matrix).T
     length = np.linalg.norm(turned, axis=1, keepdims=True)
@@ -115,12 +116,12 @@ def moved(
 
 
 def skinned(
-    vertices,  # (V, 3) float32
-    normals,  # (V, 3) float32
-    joints,  # (V, J) integers into the matrices
-    weights,  # (V, J) float32, rows that sum to 1
-    matrices,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
-):
+    vertices: NDArray,  # (V, 3) float32
+    normals: NDArray,  # (V, 3) float32
+    joints: NDArray,  # (V, J) integers into the matrices
+    weights: NDArray,  # (V, J) float32, rows that sum to 1
+    matrices: NDArray,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
+) -> tuple[NDArray, NDArray]:
     """Linear blend skinning: as `moved`, each vertex under its own weighted mean of matrices."""
     place, turn = np.zeros((len(vertices), 3), np.float32), np.zeros((len(vertices), 3), np.float32)
     matrices = np.ascontiguousarray(np.asarray(matrices, np.float64)[:, :3])

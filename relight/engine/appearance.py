@@ -42,7 +42,9 @@ class Appearance(NamedTuple):
 
     def received(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo."""
-        return radiance if self.albedo is None else radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO))
+        if self.albedo is None:
+            return radiance
+        return np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
 
 
 def appearance_of(

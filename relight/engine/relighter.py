@@ -73,7 +73,10 @@ class Relighter:
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = everything(self.options)
-        self._planner = self._latest = self._albedo = self._dynamic = self._posed = None
+        self._planner: Any = None
+        self._latest: Settings | None = None
+        self._dynamic: Any = None
+        self._albedo = self._posed = None
         self._max_speed = max_speed
         if self.options.is_planned:
             from ..planning.planner import Planner

@@ -6,9 +6,12 @@ import io
 import math
 import os
 import warnings
+from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import luminance
@@ -20,7 +23,7 @@ _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 
 
-def turned_about_y(coefficients, angle_deg):
+def turned_about_y(coefficients: NDArray, angle_deg: float) -> NDArray:
     """Radiance coefficients (K, 3) float64 of light turned by an active Ry(+angle): +z towards +x."""
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
 
@@ -35,7 +38,7 @@ class Environment:
         it (0 without any); "infinite": the largest finite value of its channel; "negative": 0.
     """
 
-    def __init__(self, radiance, name="environment", rotation_deg=0.0):
+    def __init__(self, radiance: NDArray, name: str = "environment", rotation_deg: float = 0.0) -> None:
         """Raises InputError unless `radiance` is (H, W, 3) with a finite pixel; warns of repaired pixels."""
         radiance = np.asarray(radiance)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
@@ -44,10 +47,10 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
-        self._derived = {}  # results computed from the unrotated image, by key, shared with all rotated copies
+        self._derived: dict = {}  # results computed from the unrotated image, by key, shared with all rotated copies
 
     @classmethod
-    def load(cls, source):
+    def load(cls, source: str | os.PathLike[str]) -> "Environment":
         """The environment in a file (OpenEXR or Radiance HDR), or a built-in one by name.
 
         Angular maps and vertical crosses are recognised and resampled; anything else is taken as lat-long.
@@ -75,7 +78,7 @@ class Environment:
         environment.repaired = repaired
         return environment
 
-    def rotated(self, angle_deg):
+    def rotated(self, angle_deg: float) -> "Environment":
         """This environment turned further by an active Ry(+angle), with the image shared.
 
         Angles that differ by whole turns give identical results, to the bit. Raises InputError for a NaN.
@@ -84,12 +87,12 @@ class Environment:
         turned.rotation_deg = _reduced(self.rotation_deg + _reduced(angle_deg))
         return turned
 
-    def sh(self, bands):
+    def sh(self, bands: int) -> NDArray:
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
         unrotated = self.derived(("sh", bands), lambda: harmonics.project_latlong(self.radiance, bands))
         return turned_about_y(unrotated, self.rotation_deg)
 
-    def derived(self, key, compute):
+    def derived(self, key: Hashable, compute: Callable[[], Any]) -> Any:
         """The result of `compute()`, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
@@ -97,8 +100,8 @@ class Environment:
 
     def lookup(
         self,
-        directions,  # (N, 3) of any length, scene frame
-    ):
+        directions: NDArray,  # (N, 3) of any length, scene frame
+    ) -> NDArray:
         """Radiance (N, 3) float32 arriving from these directions: bilinear, across the seam and the poles."""
         x, y, z = np.asarray(directions, np.float64).T
         height, width = self.radiance.shape[:2]
@@ -111,7 +114,7 @@ class Environment:
         return values.astype(np.float32)
 
     @property
-    def mean_luminance(self):
+    def mean_luminance(self) -> float:
         """Rec. 709 luminance averaged over the sphere by solid angle."""
         return float(luminance(self.sh(1)[0])) / math.sqrt(4.0 * math.pi)
 

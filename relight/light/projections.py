@@ -4,6 +4,7 @@ Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, 
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 _EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
@@ -21,7 +22,7 @@ _CROSS_FACES = (
 )
 
 
-def texel_directions(height, width, rows=slice(None)):
+def texel_directions(height: int, width: int, rows: slice = slice(None)) -> NDArray:
     """Unit directions (R, W, 3) float64 of the texel centres of a lat-long image, or of some of its rows."""
     latitude = np.pi * (0.5 - (np.arange(height)[rows, None] + 0.5) / height)
     longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
@@ -29,13 +30,13 @@ def texel_directions(height, width, rows=slice(None)):
     return np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
 
 
-def row_solid_angles(height, width):
+def row_solid_angles(height: int, width: int) -> NDArray:
     """Solid angle of a texel in each row of a lat-long image, in steradians: (H, 1) float64, exact."""
     edges = np.cos(np.pi * np.arange(height + 1) / height)
     return (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
 
 
-def recognise(image):
+def recognise(image: NDArray) -> str | None:
     """Projection of an (H, W, 3) image: "lat-long" (2:1), "angular map", "vertical cross", or None of these.
 
     A square is an angular map when it is black outside its circle; a 3:4 image is a cross when the six cells
@@ -52,8 +53,8 @@ def recognise(image):
 
 
 def latlong_from_angular(
-    image,  # (N, N, 3) radiance: centre -z, right +x, top +y, radius proportional to the angle
-):
+    image: NDArray,  # (N, N, 3) radiance: centre -z, right +x, top +y, radius proportional to the angle
+) -> NDArray:
     """Canonical lat-long (N/2, N, 3) float32 of Debevec's angular map (www.pauldebevec.com/Probes)."""
     size = image.shape[0]
 
@@ -68,8 +69,8 @@ def latlong_from_angular(
 
 
 def latlong_from_cross(
-    image,  # (4 F, 3 F, 3) radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down
-):
+    image: NDArray,  # (4 F, 3 F, 3) radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down
+) -> NDArray:
     """Canonical lat-long (2 F, 4 F, 3) float32 of a vertical cross of cube faces."""
     face = image.shape[1] // 3
 
@@ -131,7 +132,7 @@ def _cross_inside(face):
     return cells.repeat(face, axis=0).repeat(face, axis=1)
 
 
-def texel_parts(row, column, height, width, parts):
+def texel_parts(row: NDArray, column: NDArray, height: int, width: int, parts: int) -> tuple[NDArray, NDArray]:
     """Directions (T, P^2, 3) and solid angles (T, P^2) of T texels' parts, P = `parts` along each side."""
     step = np.arange(parts)
     fine_row = row[:, None] * parts + step

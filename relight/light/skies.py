@@ -4,6 +4,7 @@ Left, right and front are those of a camera on +z that looks at the origin: -x i
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
 
@@ -15,7 +16,7 @@ _GROUND_ALBEDO = 0.2  # of soil and grass
 _SUBSAMPLES = 16  # a side of each texel near a disc's rim
 
 
-def studio():
+def studio() -> NDArray:
     """Photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings."""
     directions = texel_directions(HEIGHT, WIDTH)
     height = directions[..., 1:2]
@@ -30,14 +31,14 @@ def studio():
     return _normalised(image)
 
 
-def overcast():
+def overcast() -> NDArray:
     """Overcast day: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3, over a grey ground it lights."""
     directions = texel_directions(HEIGHT, WIDTH)
     sky = (1.0 + 2.0 * np.maximum(directions[..., 1:2], 0.0)) / 3.0 * np.array([0.97, 1.0, 1.06])
     return _normalised(_over_ground(sky, directions))
 
 
-def noon():
+def noon() -> NDArray:
     """Clear day, sun 60 degrees up: five sixths of the light on level ground are the sun's, one the sky's."""
     directions = texel_directions(HEIGHT, WIDTH)
     sun = _direction(azimuth_deg=-35.0, elevation_deg=60.0)
@@ -48,7 +49,7 @@ def noon():
     return _normalised(_over_ground(sky, directions))
 
 
-def sunset():
+def sunset() -> NDArray:
     """Sun 6 degrees up on the left: warm light along the ground, a quarter as much on it as the sky's."""
     directions = texel_directions(HEIGHT, WIDTH)
     sun = _direction(azimuth_deg=-60.0, elevation_deg=6.0)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
 
@@ -16,7 +17,7 @@ integrates to s (sqrt 2 - 1) / sqrt pi."""
 _SPREAD_HELD = 1.36  # over B: a wider spot is as wrong as one of this spread, since the bands hold what is smoother
 
 
-def clusters(spots, bands, scale, allowed, most):
+def clusters(spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray, int, float]:
     """Label (P,) of each spot, the number of clusters, and the relative error of letting each shine as a point.
 
     The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum

@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
@@ -29,7 +30,7 @@ from .suns import Suns
 
 DEFAULT_TOLERANCE = 0.007
 """Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
-on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench_light)."""
+on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench light)."""
 
 
 DEFAULT_LIMIT = 128
@@ -76,19 +77,24 @@ class Rest(Environment):
     width: estimated relative error from patches that shine as points.
     """
 
-    def __init__(self, whole, image, suns, width):
+    def __init__(self, whole: Environment, image: NDArray, suns: Suns, width: float) -> None:
         """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
         self._whole, self._suns, self.width = whole, suns, width
 
-    def sh(self, bands):
+    def sh(self, bands: int) -> NDArray:
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
         unrotated = self.derived(("sh", bands), lambda: self._whole.sh(bands) - self._suns.sh(bands))
         return turned_about_y(unrotated, self.rotation_deg)
 
 
-def split(environment, bands=harmonics.MAX_BANDS, tolerance=DEFAULT_TOLERANCE, limit=DEFAULT_LIMIT):
+def split(
+    environment: Environment,
+    bands: int = harmonics.MAX_BANDS,
+    tolerance: float = DEFAULT_TOLERANCE,
+    limit: int = DEFAULT_LIMIT,
+) -> tuple[Environment, Suns]:
     """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.
 
     tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.
@@ -231,7 +237,7 @@ def _imagined():
     return full, cells, areas
 
 
-def pooled(image, grid):
+def pooled(image: NDArray, grid: tuple[int, int]) -> NDArray:
     """Mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
     rows, columns = _pooling(image.shape[:2], grid)
     cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..sh import harmonics
 
@@ -20,20 +21,20 @@ class Suns:
     weights: np.ndarray
 
     @classmethod
-    def none(cls):
+    def none(cls) -> "Suns":
         """No sun at all."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)))
 
     def __len__(self):
         return len(self.directions)
 
-    def rotated(self, angle_deg):
+    def rotated(self, angle_deg: float) -> "Suns":
         """These suns turned by an active Ry(+angle), as `Environment.rotated` turns."""
         angle = math.radians(angle_deg)
         cos, sin = math.cos(angle), math.sin(angle)
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
         return Suns(self.directions @ turn.T, self.weights)
 
-    def sh(self, bands):
+    def sh(self, bands: int) -> NDArray:
         """Radiance coefficients (B^2, 3) float64 of the suns as points."""
         return harmonics.evaluate(self.directions, bands).T @ self.weights

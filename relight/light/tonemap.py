@@ -1,6 +1,7 @@
 """From unbounded scene light to display values: the exposure, the highlight shoulder, the sRGB curve."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.scene.color import srgb_from_linear
 
@@ -15,8 +16,8 @@ BRIGHT_PERCENTILE = 98.0
 
 
 def auto_exposure(
-    radiance,  # (V, 3) linear radiance
-):
+    radiance: NDArray,  # (V, 3) linear radiance
+) -> float:
     """The factor that brings the bright end of the vertices to the start of the shoulder.
 
     The bright end is a percentile and not the maximum, so a few vertices in a sun's glare do not darken the
@@ -28,8 +29,8 @@ def auto_exposure(
 
 
 def compress_highlights(
-    color_linear,  # (..., 3) exposed linear Rec. 709, unbounded
-):
+    color_linear: NDArray,  # (..., 3) exposed linear Rec. 709, unbounded
+) -> NDArray:
     """Display-linear colour in [0, 1], same shape, float32: the shoulder of the Khronos PBR Neutral mapper.
 
     The identity up to SHOULDER_START. Above it the largest channel runs into 1 along a hyperbola with a
@@ -51,7 +52,7 @@ def compress_highlights(
 
 
 def tone_map(
-    color_linear,  # (..., 3) exposed linear Rec. 709, unbounded
-):
+    color_linear: NDArray,  # (..., 3) exposed linear Rec. 709, unbounded
+) -> NDArray:
     """sRGB in [0, 1], same shape, float32: `compress_highlights`, then the sRGB curve."""
     return srgb_from_linear(compress_highlights(color_linear))

@@ -3,9 +3,12 @@
 Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and writes complete files or none.
 """
 
+import os
 import warnings
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh import __version__
 from splat2mesh.base.errors import DataWarning, InputError
@@ -14,16 +17,19 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
 _LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
 
 
 def write_glb(
-    path,
-    scene,
-    radiance,  # (V, 3) linear radiance
-    exposure,  # display value per unit of radiance
-    extras=None,  # dict of JSON values, kept in the glTF scene's `extras`
-):
+    path: str | os.PathLike[str],
+    scene: "Scene",
+    radiance: NDArray,  # (V, 3) linear radiance
+    exposure: float,  # display value per unit of radiance
+    extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
+) -> int:
     """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per chunk.
 
     COLOR_0 is linear float32, clip(radiance * exposure, 0, 1), since glTF colours end at 1. 16-bit colours
@@ -66,7 +72,7 @@ def write_glb(
     return clipped
 
 
-def write_ply(path, scene, radiance, exposure):
+def write_ply(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray, exposure: float) -> None:
     """Write the relit scene as one binary PLY mesh: float position and normal, uchar sRGB colour.
 
     Vertices stand chunk after chunk. radiance: (V, 3) linear. exposure: display value per unit of radiance;
@@ -79,7 +85,7 @@ def write_ply(path, scene, radiance, exposure):
         write_mesh_ply(staging, mesh)
 
 
-def write_npy(path, scene, radiance):
+def write_npy(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray) -> None:
     """Write the radiance itself: (V, 3) float32 linear, unexposed, unclipped. Raises InputError as above."""
     radiance = check_radiance(scene, radiance)
     with staged_file(path) as staging, open(staging, "wb") as file:
@@ -87,9 +93,9 @@ def write_npy(path, scene, radiance):
 
 
 def write_png(
-    path,
-    image,  # (H, W, 3) uint8 sRGB
-):
+    path: str | os.PathLike[str],
+    image: NDArray,  # (H, W, 3) uint8 sRGB
+) -> None:
     """Write a picture."""
     import imageio.v3 as iio
 
@@ -97,7 +103,7 @@ def write_png(
         iio.imwrite(staging, image, extension=".png")
 
 
-def check_radiance(scene, radiance):
+def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:
     """The radiance as (V, 3) float32. Raises InputError when it is not one finite RGB per scene vertex."""
     radiance = np.asarray(radiance, np.float32)
     count = sum(len(chunk.vertices) for chunk in scene.chunks)

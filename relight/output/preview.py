@@ -1,8 +1,10 @@
 """Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
@@ -12,6 +14,11 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from ..light.tonemap import compress_highlights
 from .mesh_files import check_radiance
 
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..light.environment import Environment
+
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
 _RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
@@ -19,15 +26,15 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 def render_preview(
-    scene,
-    radiance,  # (V, 3) linear radiance
-    environment,  # its `lookup` maps unit directions (N, 3) to linear radiance (N, 3)
-    camera=None,  # dict of eye, target, up ((3,) scene frame), horizontal fov_deg; default: the scene's own
-    width=960,
-    height=720,
-    exposure=1.0,
-    samples=4,
-):
+    scene: "Scene",
+    radiance: NDArray,  # (V, 3) linear radiance
+    environment: "Environment",  # its `lookup` maps unit directions (N, 3) to linear radiance (N, 3)
+    camera: dict | None = None,  # eye, target, up ((3,) scene frame), horizontal fov_deg; default: the scene's own
+    width: int = 960,
+    height: int = 720,
+    exposure: float = 1.0,
+    samples: int = 4,
+) -> NDArray:
     """Render one picture, (H, W, 3) uint8 sRGB. `Preview` is faster for several lights."""
     return Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
 
@@ -41,7 +48,9 @@ class Preview:
     Raises InputError for an impossible camera or picture size.
     """
 
-    def __init__(self, scene, camera=None, width=960, height=720, samples=4):
+    def __init__(
+        self, scene: "Scene", camera: dict | None = None, width: int = 960, height: int = 720, samples: int = 4
+    ) -> None:
         if min(width, height, samples) < 1:
             raise InputError(
                 f"a picture needs at least 1 x 1 pixels and 1 sample; found {width} x {height} and {samples}"
@@ -52,7 +61,7 @@ class Preview:
         raycaster = RayCaster(scene.vertices, self._faces)
         self._passes = [(rows, view, *_cast(raycaster, view)) for rows, view in _split(self._view, samples)]
 
-    def render(self, radiance, environment, exposure=1.0):
+    def render(self, radiance: NDArray, environment: "Environment", exposure: float = 1.0) -> NDArray:
         """The picture under one light: (H, W, 3) uint8 sRGB.
 
         radiance: (V, 3) linear. environment: as in `render_preview`. exposure: display value per unit of
@@ -68,7 +77,7 @@ class Preview:
         return bytes_from_unit(srgb_from_linear(image / self._samples))
 
 
-def default_camera(scene, aspect=4 / 3):
+def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:
     """A three-quarter view from slightly above, on the +z side, that just holds every vertex of the scene.
 
     aspect: width / height of the picture. Returns a dict of eye, target, up (lists, scene frame) and fov_deg.

@@ -39,10 +39,13 @@ class Results:
         seed: int = 0,
     ) -> None:
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
+        self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
         self._texture_size, self._seed = texture_size, seed
         self._scene, self._stages = relighter.scene, relighter.stages
-        self._preview = self._binding = self._texture = None
+        self._preview: Any = None
+        self._binding: Any = None
+        self._texture: Any = None
 
     def write(
         self, folder: Path, light: "Environment", radiance: NDArray[np.float32], exposure: float
@@ -51,7 +54,8 @@ class Results:
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
-        names, told = [FILES[kind] for kind in FILES if kind in self._kinds], {}
+        names = [FILES[kind] for kind in FILES if kind in self._kinds]
+        told: dict = {}
         with self._stages.stage("write"):
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}

@@ -3,14 +3,21 @@
 import io
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh import __version__
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 
 from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..texture.baking import Baked
 
 TRANSFER_BANDS = 3
 """Bands of the transfer in images: nine numbers in three RGB pictures. An unshadowed diffuse surface gets 1% of its
@@ -20,13 +27,13 @@ CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
 
 
 def write_textured_glb(
-    path,
-    scene,
-    baked,
-    image,  # (size, size, 3) uint8 sRGB
-    unlit=True,  # True: shown as it is; False: a matt surface for the viewer to light
-    extras=None,  # dict of JSON values, kept in the glTF scene's `extras`
-):
+    path: str | Path,
+    scene: "Scene",
+    baked: "Baked",
+    image: NDArray,  # (size, size, 3) uint8 sRGB
+    unlit: bool = True,  # shown as it is; False: lit by whoever shows it, as a matt surface
+    extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
+) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
 
     Vertices stand in the order of `baked.atlas`; on seams of the texture there are several of one scene vertex. The
@@ -75,10 +82,10 @@ def write_textured_glb(
 
 
 def write_transfer(
-    folder,
-    baked,
-    transfer,  # (V, K) of the vertices, K >= 9
-):
+    folder: Path,
+    baked: "Baked",
+    transfer: NDArray,  # (V, K) of the vertices, K >= 9
+) -> list[str]:
     """Write transfer_0.exr, transfer_1.exr and transfer_2.exr: linear half floats, unscaled.
 
     Image i holds coefficients 3 i, 3 i + 1 and 3 i + 2 in R, G and B, those of the vertices interpolated. With
@@ -114,7 +121,7 @@ def write_transfer(
     return names
 
 
-def png_bytes(image):
+def png_bytes(image: NDArray) -> bytes:
     """A picture (H, W, 3) uint8 as PNG."""
     import imageio.v3 as iio
 

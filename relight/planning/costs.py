@@ -63,7 +63,7 @@ def noise(rays, bands, method="raytraced"):
     """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
 
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to
-    five meshes (scripts/bench_noise): .38 with 8 rays, all of it with a thousand.
+    five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")

@@ -5,6 +5,8 @@ import time
 
 import numpy as np
 
+from splat2mesh.base.extras import installed
+
 from ..light import sun_split
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer import SHADOWING
@@ -51,7 +53,7 @@ SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
 class _Candidate(tuple):
     """(seconds, error, Settings)."""
 
-    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))
+    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))  # type: ignore[misc]
 
 
 def planned(
@@ -214,12 +216,12 @@ class _Choice:
                             )
 
     def _methods(self, bands, shadowed):
-        """Which methods to consider; the network only where it was measured to gain, and fits into memory."""
+        """Which methods to consider; the network only where it can run, was measured to gain, and fits into memory."""
         if self._method is not None:
             return (self._method,)
         small = self.measured.sample.sizes.sum() <= MOST_NEURAL_VERTICES
         gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
-        return SHADOWING if gains else SHADOWING[:1]
+        return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
 
     def _analytic(self):
         """Settings without rays, where none are asked for."""

@@ -103,8 +103,9 @@ def _settings_dict(settings: Settings) -> dict[str, Any]:
 
 
 def _settings_from(kept: dict[str, Any]) -> Settings:
-    values = {name: kept[_KEYS.get(name, name)] for name in Settings._fields}
-    return Settings(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+    values: dict[str, Any] = {name: kept[_KEYS.get(name, name)] for name in Settings._fields}
+    tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    return Settings(**{**values, **tuples})
 
 
 def _rounded(value: float | None) -> float | None:
@@ -113,5 +114,5 @@ def _rounded(value: float | None) -> float | None:
 
 def _thinned(rows: list[Any], count: int) -> list[Any]:
     """At most so many rows, evenly, the first and the last among them."""
-    keep = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int)) if rows else []
+    keep: Any = np.unique(np.linspace(0, len(rows) - 1, min(count, len(rows))).round().astype(int)) if rows else []
     return [rows[at] for at in keep]

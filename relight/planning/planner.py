@@ -29,7 +29,8 @@ class Planner:
     def __init__(self, precomputed: "Precomputed", options: LightingOptions, stages: "Stages") -> None:
         self._precomputed, self._stages, self._options = precomputed, stages, options
         self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
-        self._plans, self._albedo = {}, (None, None)
+        self._plans: dict[Any, Plan] = {}
+        self._albedo: tuple[Any, Any] = (None, None)
 
     def plan(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
         """The Plan for an environment in all its rotations and an albedo, (V, 3) or None."""

@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.errors import InputError
 
@@ -56,9 +57,9 @@ _PARTNER, _SIGN = _product_tables()
 
 
 def vertex_motors(
-    points,  # (V, 3), scene frame
-    normals,  # (V, 3), scene frame, any length
-):
+    points: NDArray,  # (V, 3), scene frame
+    normals: NDArray,  # (V, 3), scene frame, any length
+) -> NDArray:
     """The motors T R of vertices, (V, 32) float32: R takes +y to the normal, T the origin to the point.
 
     Normals are used as `unit_normals` returns them (degenerate ones are +y, with a warning), R is
@@ -82,22 +83,22 @@ def vertex_motors(
 
 
 def motor(
-    rotor,  # (..., 4) of relight.rotors
-    translation,  # (..., 3), scene frame
-):
+    rotor: NDArray,  # (..., 4) of relight.rotors
+    translation: NDArray,  # (..., 3), scene frame
+) -> NDArray:
     """The motor T R, (..., 32) float64: the rotation, then the translation. Raises InputError as `normalise`."""
     s, e12, e13, e23 = np.moveaxis(rotors.normalise(rotor), -1, 0)
     x, y, z = np.moveaxis(_vectors(translation), -1, 0)
     # t R, a vector and a trivector; M = R - t R einf / 2.
-    moment = [x * s - y * e12 - z * e13, y * s + x * e12 - z * e23, z * s + x * e13 + y * e23]
-    moment = np.stack([*moment, x * e23 - y * e13 + z * e12], axis=-1)
+    parts = [x * s - y * e12 - z * e13, y * s + x * e12 - z * e23, z * s + x * e13 + y * e23]
+    moment = np.stack([*parts, x * e23 - y * e13 + z * e12], axis=-1)
     motors = np.zeros((*moment.shape[:-1], 32))
     motors[..., ROTOR] = np.stack([s, e12, e13, e23], axis=-1)
     motors[..., _MOMENT] = motors[..., _MOMENT_TWIN] = -0.5 * moment
     return motors
 
 
-def rotor_and_translation(motors):
+def rotor_and_translation(motors: NDArray) -> tuple[NDArray, NDArray]:
     """The unit rotor (..., 4) and the translation (..., 3) of motors (..., 32), float64: undoes `motor`.
 
     Raises InputError for a multivector that is no motor, to 1e-4 of its largest number.
@@ -120,7 +121,7 @@ def rotor_and_translation(motors):
     return np.stack([s, e12, e13, e23], axis=-1), -2.0 * np.stack(vector, axis=-1)
 
 
-def compose(a, b):
+def compose(a: NDArray, b: NDArray) -> NDArray:
     """The motor a b, (..., 32) float64, of motors: b, then a.
 
     What geometric_product gives, from 4 + 3 numbers each. There, products of the two offsets must cancel: offsets
@@ -130,14 +131,14 @@ def compose(a, b):
     return motor(rotors.multiply(rotor_a, rotor_b), shift_a + _turned(rotor_a, shift_b))
 
 
-def inverse(motors):
+def inverse(motors: NDArray) -> NDArray:
     """The motor (..., 32) float64 that undoes another: its reverse, normalised."""
     rotor, shift = rotor_and_translation(motors)
     back = rotors.reverse(rotor)
     return motor(back, -_turned(back, shift))
 
 
-def to_matrix(motors):
+def to_matrix(motors: NDArray) -> NDArray:
     """The 4x4 matrices (..., 4, 4) float64, dst_from_src on column vectors, of motors."""
     rotor, shift = rotor_and_translation(motors)
     matrices = np.zeros((*shift.shape[:-1], 4, 4))
@@ -145,13 +146,13 @@ def to_matrix(motors):
     return matrices
 
 
-def move(motors, points):
+def move(motors: NDArray, points: NDArray) -> NDArray:
     """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss told in `up`."""
     rotor, shift = rotor_and_translation(motors)
     return _turned(rotor, _vectors(points)) + shift
 
 
-def up(points):
+def up(points: NDArray) -> NDArray:
     """Points (..., 3) as null vectors (..., 32) float64: x + |x|^2 / 2 einf + e0.
 
     In this basis the weight, 1, is the difference of two numbers of size |x|^2 / 2, and a sandwich rounds them: moved
@@ -165,7 +166,7 @@ def up(points):
     return multivectors
 
 
-def down(multivectors):
+def down(multivectors: NDArray) -> NDArray:
     """Points (..., 3) float64 of null vectors (..., 32) of any weight: undoes `up`.
 
     Raises InputError for vectors of weight 0, points at infinity.
@@ -178,9 +179,9 @@ def down(multivectors):
 
 
 def plane(
-    normals,  # (..., 3)
-    distances=0.0,  # (...), from the origin along the normal
-):
+    normals: NDArray,  # (..., 3)
+    distances: ArrayLike = 0.0,  # (...), from the origin along the normal
+) -> NDArray:
     """Planes n . x = d as vectors n + d einf, (..., 32) float64: X lies on one where X . plane = 0.
 
     With d = 0 the plain vector n. Moved by a motor, its `EUCLIDEAN` part only turns, as a normal does.
@@ -193,12 +194,12 @@ def plane(
     return multivectors
 
 
-def apply(motors, multivectors):
+def apply(motors: NDArray, multivectors: NDArray) -> NDArray:
     """The sandwich M X ~M, (..., 32) float64: X moved by a unit motor; leading axes broadcast."""
     return geometric_product(geometric_product(motors, multivectors), reverse(motors))
 
 
-def geometric_product(a, b):
+def geometric_product(a: NDArray, b: NDArray) -> NDArray:
     """The geometric product (..., 32) float64 of multivectors (..., 32); leading axes broadcast."""
     a, b = _multivectors(a), _multivectors(b)
     product = np.zeros((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 32))
@@ -208,7 +209,7 @@ def geometric_product(a, b):
     return product
 
 
-def reverse(multivectors):
+def reverse(multivectors: NDArray) -> NDArray:
     """~X, (..., 32) float64: the order of all vectors reversed."""
     return _multivectors(multivectors) * _REVERSAL
 

@@ -9,6 +9,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
@@ -25,7 +26,7 @@ def check_bands(bands: int) -> int:
     return int(bands)
 
 
-def bands_of(coefficients):
+def bands_of(coefficients: NDArray) -> int:
     """Number of bands B of (K,) or (..., K, C) coefficients. Raises InputError unless K is 1, 4 ... 100."""
     shape = np.shape(coefficients)
     count = shape[-2:][0] if shape else 0
@@ -35,16 +36,16 @@ def bands_of(coefficients):
     return bands
 
 
-def degrees_and_orders(bands):
+def degrees_and_orders(bands: int) -> tuple[NDArray, NDArray]:
     """Degree l and order m of every coefficient: two (K,) int arrays."""
     degree = np.repeat(np.arange(bands), 2 * np.arange(bands) + 1)
     return degree, np.arange(bands * bands) - degree * (degree + 1)
 
 
 def evaluate(
-    directions,  # (N, 3) unit vectors, scene frame
-    bands,
-):
+    directions: NDArray,  # (N, 3) unit vectors, scene frame
+    bands: int,
+) -> NDArray:
     """Values of the basis, (N, K), in the dtype of the directions (float64 for integers).
 
     Source: the normalised recurrence of the associated Legendre functions (Press et al., Numerical Recipes,
@@ -64,9 +65,9 @@ def evaluate(
 
 
 def project_latlong(
-    image,  # (H, W, 3) linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z
-    bands,
-):
+    image: NDArray,  # (H, W, 3) linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z
+    bands: int,
+) -> NDArray:
     """Coefficients (K, 3) float64 of a lat-long environment whose texels are patches of constant radiance.
 
     The basis is integrated over the area of each texel: in closed form along the row, by Gauss-Legendre down
@@ -92,9 +93,9 @@ def project_latlong(
 
 
 def rotation_matrix(
-    rotation,  # (3, 3) proper rotation, dst_from_src
-    bands,
-):
+    rotation: NDArray,  # (3, 3) proper rotation, dst_from_src
+    bands: int,
+) -> NDArray:
     """The (K, K) float64 orthogonal, band-diagonal matrix M of a rotation R: Y(R d) = M Y(d).
 
     M also rotates what is described: M c are the coefficients of L(R^-1 d) when c are those of L(d).
@@ -110,12 +111,12 @@ def rotation_matrix(
     return np.where(degree[:, None] == degree, matrix, 0.0)
 
 
-def rotate(coefficients, rotation):
+def rotate(coefficients: NDArray, rotation: NDArray) -> NDArray:
     """Coefficients, same shape, of the environment turned by an active rotation: (3, 3) matrix, any axis."""
     return rotation_matrix(rotation, bands_of(coefficients)) @ coefficients
 
 
-def lambert_coefficients(bands):
+def lambert_coefficients(bands: int) -> NDArray:
     """Lambert's lobe A_l, (B,) float64: pi, 2 pi / 3, pi / 4, 0 ... (Ramamoorthi & Hanrahan 2001)."""
     lobe = np.zeros(check_bands(bands))
     lobe[:2] = [np.pi, 2.0 * np.pi / 3.0][: len(lobe)]
@@ -126,24 +127,24 @@ def lambert_coefficients(bands):
     return lobe
 
 
-def convolve(coefficients):
+def convolve(coefficients: NDArray) -> NDArray:
     """Irradiance coefficients A_l L_lm, same shape, of radiance; over pi: what leaves a white surface."""
     bands = bands_of(coefficients)
     return _scaled(coefficients, lambert_coefficients(bands)[degrees_and_orders(bands)[0]])
 
 
-def from_3dgs(coefficients):
+def from_3dgs(coefficients: NDArray) -> NDArray:
     """Our coefficients, same shape and dtype, of those in 3DGS files (dc first): c = (-1)^m c_3dgs."""
     _, order = degrees_and_orders(bands_of(coefficients))
     return _scaled(coefficients, np.where(order % 2, -1, 1).astype(np.int8))
 
 
-def to_3dgs(coefficients):
+def to_3dgs(coefficients: NDArray) -> NDArray:
     """Coefficients for 3DGS files, of ours: the change of sign of `from_3dgs`, which is its own inverse."""
     return from_3dgs(coefficients)
 
 
-def quadrature(bands):
+def quadrature(bands: int) -> tuple[NDArray, NDArray]:
     """Directions (N, 3) and weights (N,) in steradians that integrate products of two functions of B bands.
 
     Gauss-Legendre in z times equal steps around it: N = B (2 B - 1).

@@ -9,6 +9,7 @@ w + x i + y j + z k is (w, -z, y, -x).
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.errors import InputError
 
@@ -24,28 +25,28 @@ _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Rx(+90)
 
 
 def from_axis_angle(
-    axis,  # (..., 3), any length but 0
-    angle_rad,  # (...), right-handed about the axis
-):
+    axis: ArrayLike,  # (..., 3), any length but 0
+    angle_rad: ArrayLike,  # (...), right-handed about the axis
+) -> NDArray:
     """The rotor (..., 4) of a turn about an axis. Raises InputError for an axis without a direction."""
     axis, half = unit_vectors(axis, "an axis"), 0.5 * np.asarray(angle_rad, np.float64)[..., None]
     scalar, vector = np.broadcast_arrays(np.cos(half), np.sin(half) * axis)
     return from_quat(np.concatenate([scalar[..., :1], vector], axis=-1))
 
 
-def from_quat(quat_wxyz):
+def from_quat(quat_wxyz: NDArray) -> NDArray:
     """The unit rotor (..., 4) of a quaternion w x y z, (..., 4) of any length but 0."""
     return normalise(np.asarray(quat_wxyz, np.float64)[..., _FROM_QUAT] * _QUAT_SIGN)
 
 
-def to_quat(rotor):
+def to_quat(rotor: NDArray) -> NDArray:
     """The unit quaternion w x y z, (..., 4), of a rotor."""
     return (normalise(rotor) * _QUAT_SIGN)[..., _FROM_QUAT]
 
 
 def from_matrix(
-    rotation,  # (..., 3, 3), dst_from_src
-):
+    rotation: NDArray,  # (..., 3, 3), dst_from_src
+) -> NDArray:
     """The unit rotor (..., 4) of a rotation matrix, with its scalar not below 0.
 
     4 q q^T of the quaternion q is linear in the matrix; its row with the largest diagonal element, at least 1,
@@ -76,7 +77,7 @@ def from_matrix(
     return from_quat(np.where(quat[..., :1] < 0, -quat, quat))
 
 
-def to_matrix(rotor):
+def to_matrix(rotor: NDArray) -> NDArray:
     """The rotation matrix (..., 3, 3), dst_from_src, of a rotor."""
     w, x, y, z = np.moveaxis(to_quat(rotor), -1, 0)
     # fmt: off
@@ -90,8 +91,8 @@ def to_matrix(rotor):
 
 
 def taking_up_to(
-    normals,  # (..., 3), any length but 0
-):
+    normals: NDArray,  # (..., 3), any length but 0
+) -> NDArray:
     """The rotor (..., 4) that takes +y to a normal along the great circle: 1 + n e2, normalised; e13 stays 0.
 
     Every half turn in a plane with e2 takes +y to -y. At exactly (0, -1, 0) it is Rx(180), the limit for normals
@@ -107,7 +108,7 @@ def taking_up_to(
     return normalise(np.where(((y < 0) & (lean == 0))[..., None], [0.0, 0.0, 0.0, -1.0], rotor))
 
 
-def multiply(a, b):
+def multiply(a: NDArray, b: NDArray) -> NDArray:
     """The product a b, (..., 4): the rotation b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
@@ -122,18 +123,18 @@ def multiply(a, b):
     # fmt: on
 
 
-def reverse(rotor):
+def reverse(rotor: NDArray) -> NDArray:
     """~R, (..., 4): of a unit rotor the inverse."""
     return np.asarray(rotor, np.float64) * [1.0, -1.0, -1.0, -1.0]
 
 
-def inverse(rotor):
+def inverse(rotor: NDArray) -> NDArray:
     """R^-1, (..., 4): ~R over the square of the length. Raises InputError for a rotor of length 0."""
     rotor = _checked(rotor)
     return reverse(rotor) / np.sum(rotor * rotor, axis=-1, keepdims=True)
 
 
-def normalise(rotor):
+def normalise(rotor: NDArray) -> NDArray:
     """The rotor (..., 4) with length 1: after each product of a long chain it keeps the chain from drifting.
 
     Raises InputError for a rotor that is zero or not finite.
@@ -145,15 +146,15 @@ def normalise(rotor):
 
 
 def exp(
-    bivector,  # (..., 3): coefficients of e12, e13, e23
-):
+    bivector: NDArray,  # (..., 3): coefficients of e12, e13, e23
+) -> NDArray:
     """The unit rotor (..., 4) e^b = cos |b| + sin |b| b / |b|: a turn by 2 |b|."""
     bivector = np.asarray(bivector, np.float64)
     size = np.linalg.norm(bivector, axis=-1, keepdims=True)
     return np.concatenate([np.cos(size), np.sinc(size / np.pi) * bivector], axis=-1)
 
 
-def log(rotor):
+def log(rotor: NDArray) -> NDArray:
     """The bivector b (..., 3) with e^b = R / |R| and |b| <= pi; for -1, where any plane serves, -pi e23."""
     rotor = normalise(rotor)
     scalar, plane = rotor[..., :1], rotor[..., 1:]
@@ -164,10 +165,10 @@ def log(rotor):
 
 
 def slerp(
-    first,  # (..., 4)
-    second,  # (..., 4)
-    share,  # (...): 0 gives the first, 1 the second rotation
-):
+    first: NDArray,  # (..., 4)
+    second: NDArray,  # (..., 4)
+    share: ArrayLike,  # (...): 0 gives the first, 1 the second rotation
+) -> NDArray:
     """The rotor (..., 4) on the shorter way from one rotation to another, at constant angular speed."""
     first = normalise(first)
     step = multiply(normalise(second), reverse(first))
@@ -176,15 +177,15 @@ def slerp(
 
 
 def rotate(
-    coefficients,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
-    rotor,  # (4,) or (..., 4)
-):
+    coefficients: NDArray,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
+    rotor: NDArray,  # (4,) or (..., 4)
+) -> NDArray:
     """SH coefficients, float64, of what an active rotation turns: L(d) becomes L(R^-1 d), about any axis.
 
     With u = w + i z = cos(b/2) e^(i (a+c)/2) and v = y - i x = sin(b/2) e^(i (a-c)/2) of its quaternion the rotor
     is Rz(a) Ry(b) Rz(c), and Ry is Rz in the basis turned by a constant: three turns of the pairs (m, -m) and
     two constant products. Where u or v is 0 its phase is free and cancels. Leading axes broadcast.
-    Faster than the quadrature of harmonics.rotation_matrix, by what `scripts/bench_cga` prints, and as exact.
+    Faster than the quadrature of harmonics.rotation_matrix, by what `scripts/bench cga` prints, and as exact.
     Raises InputError for shapes that do not fit and for a rotor that is zero or not finite.
     """
     coefficients = np.asarray(coefficients, np.float64)
@@ -208,12 +209,12 @@ def rotate(
     return _about_z(turned, half_sum + half_difference, bands)
 
 
-def rotation_matrix(rotor, bands):
+def rotation_matrix(rotor: NDArray, bands: int) -> NDArray:
     """The (..., K, K) float64 matrix M with Y(R d) = M Y(d), as harmonics.rotation_matrix gives it, from a rotor."""
     return rotate(np.eye(harmonics.check_bands(bands) ** 2), rotor)
 
 
-def unit_vectors(vectors, what):
+def unit_vectors(vectors: ArrayLike, what: str) -> NDArray:
     """(..., 3) float64 of length 1. Raises InputError, which names `what`, for one without a direction."""
     vectors = np.asarray(vectors, np.float64)
     if vectors.shape[-1:] != (3,):

@@ -3,9 +3,10 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 
-def fibonacci_sphere(count):
+def fibonacci_sphere(count: int) -> NDArray:
     """Unit directions (N, 3) float64 that share the sphere evenly.
 
     Source: Swinbank, Purser, "Fibonacci grids: a novel approach to global modelling", 2006.

@@ -6,11 +6,16 @@ changes no texel.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
 
 SMALLEST, LARGEST = 16, 8192
 """Sides of a texture, in texels. Graphics cards take 8192; below 16 the gutters leave no room for charts."""
@@ -54,14 +59,14 @@ class Atlas:
     inside: np.ndarray
     texel_size: float
 
-    def interpolate(self, values):
+    def interpolate(self, values: NDArray) -> NDArray:
         """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
         values = np.ascontiguousarray(values, np.float32)
         result = np.empty((len(self.texels), values.shape[1]), np.float32)
         _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
         return result
 
-    def image(self, values):
+    def image(self, values: NDArray) -> NDArray:
         """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
         return values[self._nearest].reshape(self.size, self.size, -1)
 
@@ -70,7 +75,7 @@ class Atlas:
         return _nearest_texel(self.texels, self.size)
 
 
-def unwrap(scene, size):
+def unwrap(scene: "Scene", size: int) -> "Atlas":
     """An Atlas of a scene in a texture of size x size texels.
 
     Faces without an area get coordinates and no texels. Raises InputError for a size out of range and a scene without
@@ -94,7 +99,8 @@ def unwrap(scene, size):
     in_scene = np.empty_like(faces)
     in_scene[order[0]] = np.take_along_axis(faces, order[2], axis=1)
     weights = np.take_along_axis(weights, order[2][face], axis=1)
-    vertex, coordinates, final, chunks, first = [], [], [], [], 0
+    vertex, coordinates, final, first = [], [], [], 0
+    chunks: list[range] = []
     scene_faces = scene.faces
     for chunk in scene.chunks:
         rows = slice(first, first + len(chunk.faces))
@@ -121,21 +127,21 @@ def unwrap(scene, size):
     )
 
 
-def check_size(size):
+def check_size(size: int) -> int:
     """The side of a texture as an int. Raises InputError outside SMALLEST..LARGEST."""
     if isinstance(size, bool) or int(size) != size or not SMALLEST <= size <= LARGEST:
         raise InputError(f"`texture_size` {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
     return int(size)
 
 
-def size_for(scene, detail):
+def size_for(scene: "Scene", detail: float) -> int:
     """The power of two from 256 to 4096 at which a texel is no wider than `detail`, in the scene's unit, if one is."""
     nodes, corners, _ = welded(scene)
     needed = np.sqrt(face_areas(nodes[:, :3], corners).sum() / FILLING) / max(detail, 1e-30)
     return int(2 ** np.clip(np.ceil(np.log2(max(needed, 1.0))), 8, 12))
 
 
-def welded(scene):
+def welded(scene: "Scene") -> tuple[NDArray, NDArray, tuple[NDArray, NDArray, NDArray]]:
     """The scene's vertices that differ, (M, 6) float32 of position and normal, ascending; faces (F, 3) of them.
 
     Third, how these stand to the scene: the scene's face of each, the first corner of each there, and for each corner
@@ -151,7 +157,7 @@ def welded(scene):
     return nodes, corners[order], (order, turn, (np.arange(3) - turn[:, None]) % 3)
 
 
-def face_areas(points, faces):
+def face_areas(points: NDArray, faces: NDArray) -> NDArray:
     """(F,) float64."""
     a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2

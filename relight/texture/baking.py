@@ -2,8 +2,10 @@
 
 import warnings
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
@@ -14,6 +16,11 @@ from splat2mesh.surface.extract import dilated, training_pixel
 from ..albedo import albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
 from .pictures import seen_colors, views_of
+
+if TYPE_CHECKING:
+    from splat2mesh.render.view import View
+    from splat2mesh.scene.scene import Scene
+    from splat2mesh.splats.splats import Splats
 
 FILL_FROM, FILL_SAMPLES = 4, 200_000
 """Nearest texels that fill an unseen one, and the most texels to choose them from."""
@@ -31,11 +38,11 @@ class Baked:
     albedo: np.ndarray
     unseen: int = 0
 
-    def image(self, colors):
+    def image(self, colors: NDArray) -> NDArray:
         """Linear colours of texels (T, 3) as a picture: (size, size, 3) uint8 sRGB."""
         return self.atlas.image(bytes_from_unit(srgb_from_linear(np.asarray(colors, np.float32))))
 
-    def relit(self, irradiance, exposure):
+    def relit(self, irradiance: NDArray, exposure: float) -> NDArray:
         """The picture under a light: (V, 3) linear irradiance of the vertices, and display value per unit.
 
         irradiance: exit radiance that each vertex would have were it white itself. What exceeds 1 is clipped.
@@ -46,16 +53,16 @@ class Baked:
 
 
 def bake(
-    scene,
-    splats=None,  # Splats of the scene, as `source_splats` reads them; None: colours of the vertices alone
-    irradiance=None,  # (V, 3) on the capture day, unit of the captured colours; None: the captured colours are albedo
-    prior=None,  # of `albedo_of`
-    size=None,  # of the texture in texels; by default as fine as the splat
-    albedo=None,  # (V, 3) where it is known; then no splat is asked for it
-    views=None,  # list of View in the frame of the splats; chosen by default
-    stages=None,
-    seed=0,  # of the choice
-):
+    scene: "Scene",
+    splats: "Splats | None" = None,  # as `source_splats` reads them; None: colours of the vertices alone
+    irradiance: NDArray | None = None,  # (V, 3) on the capture day, unit of the captured colours; None: they are albedo
+    prior: NDArray | None = None,  # of `albedo_of`
+    size: int | None = None,  # of the texture in texels; by default as fine as the splat
+    albedo: NDArray | None = None,  # (V, 3) where it is known; then no splat is asked for it
+    views: "list[View] | None" = None,  # in the frame of the splats; chosen by default
+    stages: Stages | None = None,
+    seed: int = 0,  # of the choice
+) -> "Baked":
     """A Baked texture of a scene. Warns of texels that no view of the splat shows.
 
     Raises InputError for arrays that do not fit, a size out of range and splats that cannot be used.
@@ -102,7 +109,7 @@ def bake(
     return Baked(atlas, captured, albedo_of(captured, atlas.interpolate(irradiance), prior), unseen)
 
 
-def surface_points(scene, atlas):
+def surface_points(scene: "Scene", atlas: Atlas) -> tuple[NDArray, NDArray]:
     """Positions of texels and their smooth normals, scene frame: (T, 3) float32 each."""
     normals = atlas.interpolate(scene.normals)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -5,13 +5,22 @@ mean of many looks right from everywhere, and the needles that training leaves a
 training saw them: as they are in the file, close views show gaps between them.
 """
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.surface.background import far_background, views_from_within
 from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
 from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
+
+if TYPE_CHECKING:
+    from splat2mesh.render.view import View
+    from splat2mesh.scene.scene import Scene
+    from splat2mesh.splats.splats import Splats
 
 PIXELS = 256, 1024
 """Range of the longer side of a picture, in which a pixel is about as wide as a texel."""
@@ -27,7 +36,7 @@ _STEP = 1e-3  # of the diagonal: rays to the eye begin off their own face
 _BATCH = 1 << 20
 
 
-def views_of(scene, splats, texel, seed=0):
+def views_of(scene: "Scene", splats: "Splats", texel: float, seed: int = 0) -> "tuple[Splats, list[View]]":
     """The splats to draw, as wide as training saw them, and the views to draw them from: the views that `splat2mesh`
     takes of the foreground, and more for a far background that was kept. texel: width of one, in the splats' unit."""
     far = far_background(splats)
@@ -41,7 +50,15 @@ def views_of(scene, splats, texel, seed=0):
     return foreground, views
 
 
-def seen_colors(splats, views, vertices, faces, points, normals, advance=lambda count: None):
+def seen_colors(
+    splats: "Splats",
+    views: "list[View]",
+    vertices: NDArray,
+    faces: NDArray,
+    points: NDArray,
+    normals: NDArray,
+    advance: Callable[[int], Any] = lambda count: None,
+) -> tuple[NDArray, NDArray]:
     """Mean colour that views of splats show at points of a mesh, sRGB (T, 3) float32, and whether any does, (T,) bool.
 
     vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows

@@ -26,7 +26,7 @@ from .neighbors import ranked_nodes
 from .threads import in_order, in_slices
 
 DEFAULT_BOUNCE_RAYS = 64
-"""Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench_bounces`):
+"""Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):
 16 rays 2.7%, 32 1.8%, 64 1.3%, 128 1.1%, 256 1.0%. The direct light of 10 bands is 3 to 4% off by itself."""
 
 DEFAULT_TOLERANCE = 1e-3

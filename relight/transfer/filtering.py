@@ -18,7 +18,7 @@ from .threads import in_slices
 NOISE = 0.078
 NOISE_POWER = -1.48
 """Variance of a coefficient = 0.078 R^-1.48 f (1 - f) for R rays, f the visible fraction: mean over six meshes
-(scripts/bench_noise prints it), within a quarter for each of them, for each degree below 3 and for 8 to 256 rays."""
+(scripts/bench rays prints it), within a quarter for each of them, for each degree below 3 and for 8 to 256 rays."""
 
 TOLERANCE = 4.0
 STRICT_RAYS = 20
@@ -39,7 +39,7 @@ _COLUMNS = 16  # averaged at a time: a cache line of each neighbour, and a small
 
 
 def steps_for(rays, bands):
-    """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench_noise)."""
+    """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
         return 0
     return 2 if rays <= TWO_STEPS_RAYS * bands else 1

@@ -3,10 +3,11 @@
 from importlib import resources
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.extras import needed
 
 from .threads import cores
 
-PROVIDERS = (
+PROVIDERS: tuple[tuple[str, dict[str, str]], ...] = (
     # TF32 keeps 10 bits of each factor: errors of 1e-3, where every other provider has 1e-6.
     ("CUDAExecutionProvider", {"use_tf32": "0"}),
     ("CoreMLExecutionProvider", {}),
@@ -29,10 +30,9 @@ def open_session(
     Raises InputError without onnxruntime, and for a model that is not there or cannot be read.
     """
     try:
-        import onnxruntime
-    except ImportError as error:
-        message = f"the method {model_name} needs onnxruntime, which is not installed: pip install onnxruntime"
-        raise InputError(f"{message}; or choose the method raytraced") from error
+        onnxruntime = needed("onnxruntime", f"the method {model_name}")
+    except InputError as error:
+        raise InputError(f"{error}; or choose the method raytraced") from None
     model = resources.files("relight") / "models" / f"{model_name}.onnx"
     if not model.is_file():
         raise InputError(f"expected the network {model.name} in relight/models, found none: reinstall the package")

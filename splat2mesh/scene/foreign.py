@@ -83,7 +83,7 @@ def _of_trimesh(mesh: Any) -> tuple[Any, Any, Any, Any]:
         mesh = mesh.to_mesh() if hasattr(mesh, "to_mesh") else mesh.dump(concatenate=True)
     if not hasattr(mesh, "faces"):
         raise InputError(f"expected a triangle mesh, found a trimesh.{type(mesh).__name__} without faces")
-    visual = getattr(mesh, "visual", None)
+    visual: Any = getattr(mesh, "visual", None)
     painted = getattr(visual, "kind", None) == "vertex"
     return mesh.vertices, mesh.faces, mesh.vertex_normals, visual.vertex_colors if painted else None
 

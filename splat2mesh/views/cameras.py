@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.extras import needed
 from ..render.view import View
 
 
@@ -14,11 +15,10 @@ def read_colmap(folder):
     folder: holds cameras, images and points3D files. Lens distortion is ignored: the focal lengths and the principal
     point of each camera are kept. Raises InputError for a folder that pycolmap cannot read or that holds no image.
     """
-    import pycolmap
-
     folder = Path(folder)
     if not any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin")):
         raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
+    pycolmap = needed("pycolmap", "reading the cameras of a COLMAP model")
     try:
         model = pycolmap.Reconstruction(str(folder))
         views = [_view(model, model.images[key]) for key in sorted(model.images)]

@@ -1,4 +1,4 @@
-"""Job: no work before it is asked for, stage after stage, and the same results for a scene in memory as for its folder."""
+"""Job: no work before it is asked for, stage by stage, the same results for a scene in memory as for its folder."""
 
 import json
 

@@ -1,61 +1,47 @@
-#!/usr/bin/env -S .venv/bin/python
 """Speed of the rasteriser: views a second on a splat file or a made-up surface, against its NumPy twin."""
-
-import argparse
-import statistics
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from splat2mesh.splats.formats import read_splats
+from benchmarks.harness import medians, timed
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.rasterize_reference import rasterize_reference
-from splat2mesh.splats.splats import Splats
 from splat2mesh.render.view import View
+from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.splats import Splats
 
 VIEWS = 8
 SMALL_SPLATS, SMALL_SIZE = 500, 64
+QUICK = ["--splats", "5000", "--size", "128", "--repeats", "1"]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__)
+def arguments(parser):
     parser.add_argument("file", nargs="?", help="splat file; without it: a random bumpy sphere")
-    parser.add_argument(
-        "--splats", type=int, default=150_000, help="size of the sphere (default %(default)s)"
-    )
+    parser.add_argument("--splats", type=int, default=150_000, help="size of the sphere (default %(default)s)")
     parser.add_argument("--size", type=int, default=512, help="image side in pixels (default %(default)s)")
     parser.add_argument("--repeats", type=int, default=5, help="rounds over the views (default %(default)s)")
-    options = parser.parse_args()
 
+
+def run(options, report):
     splats = read_splats(options.file) if options.file else bumpy_sphere(options.splats)
     views = views_around(splats, options.size)
-    start = time.perf_counter()
-    covered = [float((rasterize(splats, view).alpha > 0.5).mean()) for view in views]
-    first = time.perf_counter() - start
-    seconds = [timed(rasterize, splats, view) for _ in range(options.repeats) for view in views]
-    middle = statistics.median(seconds)
-    print(f"{len(splats)} splats of degree {splats.degree}, {VIEWS} views of {options.size} x {options.size}")
-    print(f"median coverage {statistics.median(covered):.0%}; first round with compilation {first:.1f} s")
-    print(f"median {1 / middle:.1f} views/s ({1e3 * middle:.1f} ms; best {1e3 * min(seconds):.1f} ms)")
+    covered, first, _ = timed(lambda: [float((rasterize(splats, view).alpha > 0.5).mean()) for view in views])
+    runs = [timed(lambda v=view: rasterize(splats, v)) for _ in range(options.repeats) for view in views]
+    report.note(f"{len(splats)} splats of degree {splats.degree}, {VIEWS} views of {options.size} x {options.size}")
+    report.note(f"median coverage {np.median(covered):.0%}; first round with compilation {first:.1f} s")
+    table = report.table(renderer="<24", splats=",", size="d", ms=".2f", best_ms=".2f", cpu_ms=".2f", views_per_s=".1f")
 
+    def add(renderer, count, size, runs):
+        wall, cpu = (1e3 * np.array([getattr(run, key) for run in runs]) for key in ("wall", "cpu"))
+        row = {"renderer": renderer, "splats": count, "size": size, "ms": np.median(wall), "best_ms": wall.min()}
+        table.add(**row, cpu_ms=np.median(cpu), views_per_s=1e3 / np.median(wall))
+
+    add("rasterize", len(splats), options.size, runs)
     small = bumpy_sphere(SMALL_SPLATS)
     view = views_around(small, SMALL_SIZE)[0]
-    fast = statistics.median(timed(rasterize, small, view) for _ in range(20))
-    slow = statistics.median(timed(rasterize_reference, small, view) for _ in range(3))
-    print(
-        f"{SMALL_SPLATS} splats at {SMALL_SIZE} x {SMALL_SIZE}: {1e3 * fast:.2f} ms, "
-        f"NumPy reference {1e3 * slow:.0f} ms: ratio {slow / fast:.0f}"
-    )
-
-
-def timed(render, splats, view):
-    start = time.perf_counter()
-    render(splats, view)
-    return time.perf_counter() - start
+    fast = medians({"rasterize": lambda: rasterize(small, view)}, 20)["rasterize"]
+    slow = medians({"reference": lambda: rasterize_reference(small, view)}, 3)["reference"]
+    add("rasterize", SMALL_SPLATS, SMALL_SIZE, [fast])
+    add("its NumPy reference", SMALL_SPLATS, SMALL_SIZE, [slow])
 
 
 def bumpy_sphere(n, seed=0):
@@ -78,7 +64,3 @@ def views_around(splats, size):
     angles = 2 * np.pi * np.arange(VIEWS) / VIEWS
     eyes = center + 2.5 * radius * np.column_stack([np.sin(angles), np.full(VIEWS, -0.3), -np.cos(angles)])
     return [View.look_at(eye, center, (0, -1, 0), 45, size) for eye in eyes]
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,4 @@
-#!/usr/bin/env -S .venv/bin/python
 """Relit splats against path-traced pictures of known scenes, with the capture light estimated and known.
-
-usage: scripts/bench_relit [--data FOLDER] [--scenes FOLDER] [--rounds R ...] [NAME ...]
 
 The data folder holds groundtruth/NAME (point_cloud.ply, env_train.exr, test_views.npz, meta.json) and env/LIGHT.exr;
 NAME_rot45 is a light turned by +45 degrees. Without a scene folder NAME among the scenes, one is made. PSNR is the mean
@@ -9,60 +6,60 @@ over the test views, over pixels with alpha above 1/2, in sRGB: as written, and 
 is without the fit in views. Seconds are processor seconds of all threads.
 """
 
-import argparse
 import json
-import sys
 import tempfile
-import time
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.harness import GROUND_TRUTH, timed
+from benchmarks.shapes import light_of
 from relight import Environment
 from relight.albedo import estimate, with_known_light
-from relight.splats import Binding
 from relight.light.sun_split import split
+from relight.splats import Binding
 from relight.transfer.bounces import Interreflection, visible_fraction, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
-from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
-from splat2mesh.splats.formats import read_splats
 from splat2mesh.pipeline import convert
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.scene.scene import Scene
 from splat2mesh.render.view import View
+from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.formats import read_splats
 
 BANDS, RAYS = 5, 256
 GAINS = np.exp(np.linspace(np.log(0.2), np.log(5.0), 161))  # steps of 2%
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+QUICK = ["spot", "--lights", "1", "--rounds", "1"]
+
+
+def arguments(parser):
     parser.add_argument("names", nargs="*", metavar="NAME", default=["spot", "tabletop"])
-    parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "data")
+    parser.add_argument("--data", type=Path, default=GROUND_TRUTH)
     parser.add_argument("--scenes", type=Path, default=Path(tempfile.gettempdir()) / "bench_relit")
     parser.add_argument("--rounds", type=int, nargs="+", default=[2])
-    arguments = parser.parse_args()
-    if not (arguments.data / "groundtruth").is_dir():
-        sys.exit(f"{arguments.data} holds no groundtruth folder: name one with --data")
-    for name in arguments.names:
-        measure(name, arguments)
+    parser.add_argument("--lights", type=int, metavar="N", help="the first N lights only")
 
 
-def measure(name, arguments):
+def run(options, report):
+    if not (options.data / "groundtruth").is_dir():
+        raise SystemExit(f"{options.data} holds no groundtruth folder: name one with --data")
+    for name in options.names:
+        measure(name, options, report)
+
+
+def measure(name, arguments, report):
     truth = arguments.data / "groundtruth" / name
     folder, source = arguments.scenes / name, truth / "point_cloud.ply"
     if not folder.exists():
         convert(source, up="+y").save(folder)
     scene, splats = Scene.load(folder), read_splats(source)
     meta = json.loads((truth / "meta.json").read_text())
-    start = time.process_time()
-    binding = Binding(splats, scene)
-    bound = time.process_time() - start
-    print(f"{name}: {len(splats):,} splats, {len(scene.vertices):,} vertices, bound in {bound:.1f} s")
+    binding, _, bound = timed(lambda: Binding(splats, scene))
+    report.note(f"{name}: {len(splats):,} splats, {len(scene.vertices):,} vertices, bound in {bound:.1f} s")
     lights = Lights(scene, meta["exposure"])
     known = Environment.load(truth / "env_train.exr")
     found = {
@@ -70,20 +67,21 @@ def measure(name, arguments):
         "known": with_known_light(lights.occluder, lights.captured, known, interreflection=lights.interreflection),
     }
     pictures = Pictures(truth)
-    print(f"{'light':<14}{'capture':<12}{'splats':<12}{'psnr':>8}{'psnr_wb':>9}{'seconds':>9}")
-    for light in meta["lights"]["relight"]:
-        print(f"{light:<14}{'-':<12}{'unchanged':<12}" + "{:8.2f}{:9.2f}".format(*pictures.score(splats, light)))
-        environment = Environment.load(arguments.data / "env" / f"{light.removesuffix('_rot45')}.exr")
-        environment = environment.rotated(45) if light.endswith("_rot45") else environment
+    columns = {"light": "<14", "capture": "<10", "splats": "<10", "psnr": ".2f", "psnr_wb": ".2f", "cpu_s": ".1f"}
+    table = report.table(**columns)
+    for light in meta["lights"]["relight"][: arguments.lights]:
+        psnr, balanced = pictures.score(splats, light)
+        table.add(scene=name, light=light, capture="-", splats="unchanged", psnr=psnr, psnr_wb=balanced)
+        environment = light_of(arguments.data / "env", light)
         for way, result in found.items():
             after = lights.irradiance(environment, result.albedo)
             for rounds in (0, *arguments.rounds):
-                start = time.process_time()
-                relit = binding.relit(result.irradiance, after, rounds=rounds)
-                seconds = time.process_time() - start
+                before = result.irradiance
+                relit, _, seconds = timed(lambda b=before, a=after, r=rounds: binding.relit(b, a, rounds=r))
                 kind = f"{rounds} rounds" if rounds else "surface"
-                figures = "{:8.2f}{:9.2f}".format(*pictures.score(relit, light))
-                print(f"{light:<14}{way:<12}{kind:<12}{figures}{seconds:>9.1f}", flush=True)
+                psnr, balanced = pictures.score(relit, light)
+                row = {"light": light, "capture": way, "splats": kind, "psnr": psnr, "psnr_wb": balanced}
+                table.add(scene=name, **row, cpu_s=seconds)
 
 
 class Lights:
@@ -135,7 +133,3 @@ class Pictures:
         every = np.array([errors(gain) for gain in GAINS])  # (gains, views, colours)
         best = np.stack([every[every[:, :, c].mean(axis=1).argmin(), :, c] for c in range(3)], axis=1)
         return tuple(float(-10 * np.log10(e.mean(axis=1)).mean()) for e in (errors(1.0), best))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,7 +1,4 @@
-#!/usr/bin/env -S .venv/bin/python
 """Does a splat file look the same in an independent viewer? PlayCanvas' HTML viewer in Chromium against our rasteriser.
-
-usage: scripts/bench_viewer SPLAT [--modules FOLDER] [--browser PROGRAM] [--out FOLDER] [--up +y|-y] [--size PIXELS]
 
 Needs node with `npm install @playcanvas/splat-transform puppeteer-core`: the one reads the file and writes the viewer,
 the other has a Chromium draw it, with software GL. Both are compared without what depends on the view: the viewer's own
@@ -10,23 +7,19 @@ compression of the rest rounds places and colours. Prints the PSNR of the screen
 1/2, and, as a scale, of the screenshot mirrored; writes ours.png, viewer.png and viewer.html.
 """
 
-import argparse
 import json
 import os
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import imageio.v3 as imageio
 import numpy as np
 
-from splat2mesh.splats.formats import read_splats
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.splats.splats import Splats, clean
 from splat2mesh.render.view import View
+from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.splats import Splats, clean
 from splat2mesh.views.viewpoints import bounds_of
 
 VIEWER_FROM_SPLAT = np.array([-1.0, -1.0, 1.0])  # Rz(180)
@@ -48,8 +41,10 @@ const [browser, size, url, picture, wait] = process.argv.slice(1);
 """
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+QUICK = ["--size", "64"]
+
+
+def arguments(parser):
     parser.add_argument("splat", type=Path)
     parser.add_argument("--out", type=Path, default=None)
     parser.add_argument("--modules", type=Path, default=Path("node_modules"))
@@ -57,29 +52,35 @@ def main():
     parser.add_argument("--up", choices=["+y", "-y"], default="-y", help="of the splat: from which side to look at it")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--wait", type=int, default=20000, help="milliseconds until the screenshot")
-    arguments = parser.parse_args()
-    out = arguments.out or Path(tempfile.mkdtemp())
+
+
+def run(options, report):
+    if not (options.modules / ".bin" / "splat-transform").exists():
+        raise SystemExit(
+            f"{options.modules} holds no splat-transform: npm install @playcanvas/splat-transform puppeteer-core"
+        )
+    out = options.out or Path(tempfile.mkdtemp())
     out.mkdir(parents=True, exist_ok=True)
-    splats, _ = clean(read_splats(arguments.splat))
+    splats, _ = clean(read_splats(options.splat))
     splats = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, :1])
     bounds = bounds_of(splats)
     target = bounds.mean(axis=0)
-    above = BACKWARD * [1, -1 if arguments.up == "+y" else 1, 1]
+    above = BACKWARD * [1, -1 if options.up == "+y" else 1, 1]
     eye = target + VIEWER_FROM_SPLAT * above * 1.3 * np.linalg.norm(np.ptp(bounds, axis=0))
-    size = arguments.size
-    shown = photograph(arguments, out, eye * VIEWER_FROM_SPLAT, target * VIEWER_FROM_SPLAT)
+    size = options.size
+    shown = photograph(options, out, eye * VIEWER_FROM_SPLAT, target * VIEWER_FROM_SPLAT)
     view = View.look_at(eye, target, VIEWER_FROM_SPLAT * [0, 1, 0], FOV_DEG, size)
     rendering = rasterize(splats, view)
     ours, drawn = np.clip(rendering.color, 0, 1), rendering.alpha > 0.5
     imageio.imwrite(out / "ours.png", np.round(ours * 255).astype(np.uint8))
-    print(f"mean ours {ours.mean():.4f}, viewer {shown.mean():.4f}; written to {out}")
-    print(f"PSNR {psnr(ours, shown):.2f} dB, of what is drawn {psnr(ours[drawn], shown[drawn]):.2f}")
-    print(f"mirrored {psnr(ours[drawn], shown[:, ::-1][drawn]):.2f}")
+    report.note(f"mean ours {ours.mean():.4f}, viewer {shown.mean():.4f}; written to {out}")
+    report.note(f"PSNR {psnr(ours, shown):.2f} dB, of what is drawn {psnr(ours[drawn], shown[drawn]):.2f}")
+    report.note(f"mirrored {psnr(ours[drawn], shown[:, ::-1][drawn]):.2f}")
 
 
-def photograph(arguments, out, eye, target):
+def photograph(options, out, eye, target):
     """The viewer's screenshot of the splat, (size, size, 3) in [0, 1]; eye and target in its own frame."""
-    size, page = arguments.size, out / "viewer.html"
+    size, page = options.size, out / "viewer.html"
     camera = {"position": eye.tolist(), "target": target.tolist(), "fov": FOV_DEG}
     settings = {
         "version": 2,
@@ -99,7 +100,7 @@ def photograph(arguments, out, eye, target):
         "startMode": "default",
     }
     (out / "settings.json").write_text(json.dumps(settings))
-    source, transform = str(arguments.splat), arguments.modules / ".bin" / "splat-transform"
+    source, transform = str(options.splat), options.modules / ".bin" / "splat-transform"
     command = [
         str(transform),
         "-w",
@@ -116,15 +117,11 @@ def photograph(arguments, out, eye, target):
     subprocess.run(command, check=True, timeout=300)
     picture = out / "viewer.png"
     url = f"file://{page.resolve()}?webgl&noui&noanim&nofx&fullload"
-    command = ["node", "-e", PHOTOGRAPHER, arguments.browser, str(size), url, str(picture), str(arguments.wait)]
-    environment = os.environ | {"NODE_PATH": str(arguments.modules.resolve())}
+    command = ["node", "-e", PHOTOGRAPHER, options.browser, str(size), url, str(picture), str(options.wait)]
+    environment = os.environ | {"NODE_PATH": str(options.modules.resolve())}
     subprocess.run(command, check=True, timeout=600, env=environment)
     return imageio.imread(picture)[..., :3].astype(np.float64) / 255
 
 
 def psnr(a, b):
     return -10 * np.log10(np.square(a - b).mean())
-
-
-if __name__ == "__main__":
-    main()

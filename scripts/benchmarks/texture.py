@@ -1,7 +1,4 @@
-#!/usr/bin/env -S .venv/bin/python
 """What a texture gives a mesh of few faces: pictures against the splat's own, albedo against the truth, time, memory.
-
-usage: scripts/bench_texture [FOLDER ...] [--up UP] [--vertices N ...] [--albedo] [--views N] [--pictures FOLDER]
 
 FOLDER holds a splat (point_cloud.ply or splat.ply) and, for --albedo, its true mesh with albedo: gt_mesh.ply in the
 splat's frame, or truth.ply as `python -m scenes` writes it. A splat file by itself will do too. Without any a
@@ -10,12 +7,10 @@ tabletop is generated. PSNR is of sRGB over pixels that mesh and splat cover, in
 Times are processor seconds of all threads, after a warm-up.
 """
 
-import argparse
 import resource
 import subprocess
 import sys
 import tempfile
-import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -23,48 +18,54 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 
+from benchmarks.harness import ROOT, timed
+from benchmarks.shapes import ply_vertices
 from relight.texture import bake
 from splat2mesh import convert
+from splat2mesh.base.progress import Stages
+from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.render.rasterize import rasterize
 from splat2mesh.splats.splats import clean
-from splat2mesh.base.progress import Stages
 from splat2mesh.views.viewpoints import virtual_views
 
 SAMPLES = 4  # per pixel
 PIXELS = 400
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+QUICK = ["--splats", "5000", "--vertices", "500", "--views", "1"]
+
+
+def arguments(parser):
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
     parser.add_argument("--up", default="auto", help="as of splat2mesh")
     parser.add_argument("--vertices", type=int, nargs="+", default=[2500, 50_000], help="of the meshes")
     parser.add_argument("--albedo", action="store_true", help="estimate the light of the capture and compare albedo")
     parser.add_argument("--views", type=int, default=8, metavar="N", help="pictures to compare")
     parser.add_argument("--pictures", type=Path, metavar="FOLDER", help="write some of them")
-    options = parser.parse_args()
+    parser.add_argument("--splats", type=int, default=40_000, help="of the generated scene")
+
+
+def run(options, report):
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as work:
         folders = options.folders
         if not folders:
             folders = [Path(work, "tabletop")]
-            command = [sys.executable, "-m", "scenes", folders[0], "--kind", "tabletop", "--splats", "40000", "-q"]
-            subprocess.run(command, check=True, cwd=Path(__file__).resolve().parents[1])
+            command = [sys.executable, "-m", "scenes", folders[0], "--kind", "tabletop", "-q"]
+            subprocess.run([*command, "--splats", str(options.splats)], check=True, cwd=ROOT)
         for folder in folders:
-            measure(folder, options)
+            measure(folder, options, report)
 
 
-def measure(folder, options):
+def measure(folder, options, report):
     path = folder
     if folder.is_dir():
         path = next(p for p in (folder / "point_cloud.ply", folder / "splat.ply") if p.exists())
     splats = clean(read_splats(path))[0]
     name = folder.name.split(".")[0]
-    print(
-        f"{'scene':<12}{'faces':>7} {'colours':<9}{'texels':>6}{'unseen':>8}{'PSNR':>7}{'cpu s':>7}  truth", flush=True
-    )
+    columns = {"scene": "<12", "faces": "d", "colours": "<8", "texels": "d", "unseen": ".3f", "psnr": ".2f"}
+    table = report.table(**columns, cpu_s=".1f", truth=".3f")
     warm = convert(path, vertices=1000, detail="draft", up=options.up)
     bake(warm, splats, size=64)
     pictures = None
@@ -74,9 +75,8 @@ def measure(folder, options):
         captured = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
         light = capture(scene) if options.albedo else None
         truth = true_albedo(folder, scene) if options.albedo else None
-        stages, start = Stages(), time.process_time()
-        baked = bake(scene, splats, *((light.irradiance, light.prior) if light else ()), stages=stages)
-        seconds = time.process_time() - start
+        stages, given = Stages(), (light.irradiance, light.prior) if light else ()
+        baked, _, seconds = timed(lambda s=scene, g=given, t=stages: bake(s, splats, *g, stages=t))
         shades = {
             "vertex": of_vertices(scene, captured),
             "texture": of_texture(baked.atlas, baked.image(baked.captured)),
@@ -88,13 +88,13 @@ def measure(folder, options):
                 "texture": albedo_error(scene, of_texture(baked.atlas, baked.image(baked.albedo)), truth),
             }
         found = psnr(scene, pictures, shades, options.pictures and options.pictures / f"{name}_{count}")
-        told = {"vertex": ("", "", 0.0), "texture": (baked.atlas.size, baked.unseen / len(baked.captured), seconds)}
-        for way, (size, unseen, cost) in told.items():
-            unseen = f"{unseen:8.3f}" if size else f"{'':8}"
-            error = f"{albedos[way]:7.3f}" if way in albedos else ""
-            print(f"{name:<12}{len(scene.faces):>7} {way:<9}{size!s:>6}{unseen}{found[way]:7.2f}{cost:7.1f}{error}")
+        texels = {"texels": baked.atlas.size, "unseen": baked.unseen / len(baked.captured), "cpu_s": seconds}
+        for way, told in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
+            row = {"scene": name, "faces": len(scene.faces), "colours": way, "psnr": found[way]}
+            table.add(**row, **told, truth=albedos.get(way))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"  wall: {', '.join(f'{k} {v:.1f} s' for k, v in stages.seconds.items())}; peak so far {peak:.0f} MiB")
+        wall = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.seconds.items())
+        report.note(f"  wall: {wall}; peak so far {peak:.0f} MiB")
 
 
 def references(splats, scene, count):
@@ -184,13 +184,7 @@ def true_albedo(folder, scene):
     """Points of the true mesh in the scene frame and their albedo, or None."""
     for name, turn in (("truth.ply", np.eye(4)), ("gt_mesh.ply", scene.scene_from_splat)):
         if folder.is_dir() and (folder / name).exists():
-            header = (folder / name).read_bytes().split(b"end_header\n")[0].decode().split("\n")
-            count = next(int(line.split()[2]) for line in header if line.startswith("element vertex"))
-            kinds = {"float": "<f4", "uchar": "u1"}
-            fields = [line.split() for line in header if line.startswith("property") and "list" not in line]
-            layout = np.dtype([(field[2], kinds[field[1]]) for field in fields])
-            start = (folder / name).read_bytes().index(b"end_header\n") + 11
-            vertex = np.frombuffer((folder / name).read_bytes(), layout, count, start)
+            vertex = ply_vertices(folder / name)
             points = np.stack([vertex[axis] for axis in "xyz"], axis=1)
             albedo = np.stack([vertex[f"albedo_{color}"] for color in "rgb"], axis=1)
             return points @ turn[:3, :3].T + turn[:3, 3], albedo
@@ -205,7 +199,3 @@ def albedo_error(scene, shade, truth):
     found = shade(near["primitive_ids"].numpy().astype(int), weights_of(near["primitive_uvs"].numpy()))
     gain = (found * albedo).sum(axis=0) / (found**2).sum(axis=0)
     return float(np.linalg.norm(gain * found - albedo) / np.linalg.norm(albedo))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,5 +1,4 @@
-#!/usr/bin/env -S .venv/bin/python
-"""Latencies of the live engine. Arguments: [--vertices N ...] [--deform N ...] [--frames N] [--env FILE].
+"""Latencies of the engine that follows moving light, albedo and meshes, and what deforming meshes cost.
 
 1 product     one light times a transfer, against copying as many bytes in the same run, and BLAS
 2 latencies   median and 95% of: rotate (harmonics turned, product), swap (a light projected anew, product), albedo
@@ -9,26 +8,23 @@
 Times are wall-clock ms, in brackets processor ms: on a machine shared with others the second say more.
 """
 
-import argparse
 import sys
-import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.harness import relative_error, timed
 from relight import Environment
 from relight.animation.animation import face_normals
-from relight.transfer.apply import Product
 from relight.transfer.analytic import analytic
+from relight.transfer.apply import Product
 from relight.transfer.baked import BakedMotion
-from relight.transfer.moving import LiveTransfer
+from relight.transfer.dynamic import DynamicTransfer
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
 REFERENCE_RAYS = 512
 CHUNKS = 10
+QUICK = ["--vertices", "2000", "--deform", "1000", "--frames", "2"]
 TRIES = 60
 """Of which the quickest counts: both threads of a product must find a free core at once."""
 METHODS = (
@@ -44,13 +40,9 @@ DEFORMATIONS = "twist", "bend", "arm over a table"
 
 def measured(work, repeats):
     """Median and 95% of wall-clock ms, and the median of processor ms."""
-    wall, cpu = [], []
-    for step in range(repeats):
-        start, start_cpu = time.perf_counter(), time.process_time()
-        work(step)
-        wall.append(1e3 * (time.perf_counter() - start))
-        cpu.append(1e3 * (time.process_time() - start_cpu))
-    return np.median(wall), np.percentile(wall, 95), np.median(cpu)
+    runs = [timed(lambda s=step: work(s)) for step in range(repeats)]
+    wall, cpu = (1e3 * np.array([getattr(run, key) for run in runs]) for key in ("wall", "cpu"))
+    return float(np.median(wall)), float(np.percentile(wall, 95)), float(np.median(cpu))
 
 
 def shown(times, digits=1):
@@ -114,9 +106,12 @@ def swollen(chunk, step):
     return vertices, face_normals(vertices, chunk.faces)
 
 
-def products(counts):
-    print("product: ms, and times the copy; float16: the transfer stored in half")
-    print("| vertices | K | copy | float32 | float16 | with albedo | BLAS |\n|---|---|---|---|---|---|---|")
+def products(counts, report):
+    ways = "float32", "with_albedo", "BLAS"
+    columns = {"vertices": ",", "K": "d", "copy_ms": ".3f"}
+    for way in ways:
+        columns |= {f"{way}_ms": ".3f", f"{way}_x": ".1f"}
+    table = report.table("product: ms, and times the copy", **columns)
     rng = np.random.default_rng(0)
     for count in counts:
         for coefficients in (9, 25, 64):
@@ -125,11 +120,10 @@ def products(counts):
             out, albedo = np.zeros((count, 3), np.float32), rng.random((count, 3)).astype(np.float32)
             source = np.ones((transfer.nbytes + out.nbytes) // 8, np.float32)  # read and written: as many in all
             target = np.zeros_like(source)
-            whole, half = Product(transfer), Product(transfer, half=True)
+            whole = Product(transfer)
             works = [
                 lambda _, a=target, b=source: np.copyto(a, b),
                 lambda _, p=whole, c=light, o=out: p.radiance(c, o),
-                lambda _, p=half, c=light, o=out: p.radiance(c, o),
                 lambda _, p=whole, c=light, o=out, a=albedo: p.radiance(c, o, a),
                 lambda _, t=transfer, c=light, o=out: np.maximum(np.matmul(t, c, out=o), 0, out=o),
             ]
@@ -137,19 +131,21 @@ def products(counts):
             for _ in range(TRIES):  # in turns, so that a busy moment hits all alike
                 for i, work in enumerate(works):
                     best[i] = min(best[i], measured(work, 1)[0])
-            cells = [f"{best[0]:.3f}"] + [f"{time_ms:.3f} ({time_ms / best[0]:.1f})" for time_ms in best[1:]]
-            print(f"| {count:,} | {coefficients} |", " | ".join(cells), "|", flush=True)
+            row = {"vertices": count, "K": coefficients, "copy_ms": best[0]}
+            for way, time_ms in zip(ways, best[1:], strict=True):
+                row |= {f"{way}_ms": time_ms, f"{way}_x": time_ms / best[0]}
+            table.add(**row)
 
 
-def latencies(counts, frames, environment):
-    print("\nlatencies: median, 95% (median processor ms)")
-    print("| vertices | bands, rays | rotate | swap | albedo | one of ten chunks | rows new |")
-    print("|---|---|---|---|---|---|---|")
+def latencies(counts, frames, environment, report):
+    works = "rotate", "swap", "albedo", "one_of_ten_chunks"
+    columns = {"vertices": ",", "bands": "d", "rays": "d"} | dict.fromkeys(works, "<22")
+    table = report.table("latencies, ms: median, 95% (median processor ms)", **columns, rows_new=",.0f")
     rng = np.random.default_rng(1)
     for count in counts:
         scene = ground(count)
         for bands, rays in ((3, 32), (8, 128)) if count < 500_000 else ((3, 32),):
-            live = LiveTransfer(scene, [4], bands, rays)
+            live = DynamicTransfer(scene, [4], bands, rays)
             product, light = Product(live.transfer), environment.sh(bands)
             out = np.zeros((len(live.transfer), 3), np.float32)
             albedos = [rng.random(out.shape).astype(np.float32) for _ in range(2)]
@@ -175,7 +171,8 @@ def latencies(counts, frames, environment):
             live.update(4, *poses[-1])
             cells = [shown(measured(work, 3 * repeats), 2) for work in (rotate, swap, recolor)]
             cells.append(shown(measured(deform, repeats)))
-            print(f"| {len(out):,} | {bands}, {rays} |", " | ".join(cells), f"| {np.median(rows):,.0f} |", flush=True)
+            row = {"vertices": len(out), "bands": bands, "rays": rays} | dict(zip(works, cells, strict=True))
+            table.add(**row, rows_new=float(np.median(rows)))
 
 
 def pose(kind, rest, phase):
@@ -193,9 +190,11 @@ def pose(kind, rest, phase):
     return np.stack([reach * np.sin(curve * x), 1.0 / curve - reach * np.cos(curve * x), z], axis=1).astype(np.float32)
 
 
-def deforming(counts, frames, environment):
-    print("\ndeforming: median, 95% (median processor ms), error in % of the moving mesh, and of the rest")
-    print("| motion | vertices (moving) | method | bands, rays | ms a frame | error |\n|---|---|---|---|---|---|")
+def deforming(counts, frames, environment, report):
+    columns = {"motion": "<16", "vertices": ",", "moving": ",", "method": "<48", "bands": "d", "rays": "d"}
+    columns |= {"ms_a_frame": "<22", "error": ".1f", "error_rest": ".1f"}
+    title = "deforming: median, 95% (median processor ms), error in % of the moving mesh, and of the rest"
+    table = report.table(title, **columns)
     for kind in DEFORMATIONS:
         for count in counts:
             over = kind == "arm over a table"
@@ -215,11 +214,13 @@ def deforming(counts, frames, environment):
                 light = environment.sh(bands)
                 if bands not in references:
                     last = Scene([mesh(arms[-1][0], faces, arms[-1][1]), *chunks[1:]])
-                    references[bands] = np.maximum(LiveTransfer(last, [0], bands, REFERENCE_RAYS).transfer @ light, 0)
+                    references[bands] = np.maximum(
+                        DynamicTransfer(last, [0], bands, REFERENCE_RAYS).transfer @ light, 0
+                    )
                 times, transfer = frame_times(name, scene, arms, bands, rays)
-                report(kind, scene, name, bands, rays, times, np.maximum(transfer @ light, 0), references[bands])
-            baked(kind, scene, form, frames, environment, 5, 64)
-            gash(kind, scene, arms, environment, references[3])
+                add(table, kind, scene, name, bands, rays, times, np.maximum(transfer @ light, 0), references[bands])
+            baked(table, kind, scene, form, frames, environment, 5, 64)
+            gash(table, kind, scene, arms, environment, references[3])
 
 
 def frame_times(name, scene, arms, bands, rays):
@@ -229,7 +230,7 @@ def frame_times(name, scene, arms, bands, rays):
         rest = analytic(np.concatenate([chunk.normals for chunk in scene.chunks]), bands)[moving:]
         times = measured(lambda step: analytic(arms[step + 1][1], bands), len(arms) - 1)
         return times, np.concatenate([analytic(arms[-1][1], bands), rest])
-    live = LiveTransfer(scene, [0], bands, rays)
+    live = DynamicTransfer(scene, [0], bands, rays)
     live.update(0, *arms[0])
     if name == "carried":
         live.max_speed = 0.0
@@ -237,24 +238,23 @@ def frame_times(name, scene, arms, bands, rays):
     return times, live.transfer
 
 
-def baked(kind, scene, form, frames, environment, bands, rays):
+def baked(table, kind, scene, form, frames, environment, bands, rays):
     """The motion computed ahead in as many poses as 2% take, and shown frame by frame; judged between two poses."""
-    live, light = LiveTransfer(scene, [0], bands, rays), environment.sh(bands)
-    start = time.process_time()
-    motion = BakedMotion(live, lambda frame: {0: form(frame)}, float(frames), shortest_s=0.2, first_s=frames / 2)
-    seconds = time.process_time() - start
+    live, light = DynamicTransfer(scene, [0], bands, rays), environment.sh(bands)
+    poses = {"shortest_s": 0.2, "first_s": frames / 2}
+    motion, _, seconds = timed(lambda: BakedMotion(live, lambda frame: {0: form(frame)}, float(frames), **poses))
     out = np.zeros((len(live.transfer), 3), np.float32)
     times = measured(lambda step: motion.radiance(step + 0.5, light, out), frames)
     longest = int(np.argmax(np.diff(motion.times)))
     between = motion.times[longest] + 0.3 * (motion.times[longest + 1] - motion.times[longest])
     vertices, normals = form(between)
     exact = Scene([mesh(vertices, scene.chunks[0].faces, normals), *scene.chunks[1:]])
-    exact = np.maximum(LiveTransfer(exact, [0], bands, REFERENCE_RAYS).transfer @ light, 0)
+    exact = np.maximum(DynamicTransfer(exact, [0], bands, REFERENCE_RAYS).transfer @ light, 0)
     name = f"baked: {len(motion.times)} poses for {frames} frames, {seconds:.1f} s, {motion.nbytes / 2**20:.0f} MiB"
-    report(kind, scene, name, bands, rays, times, motion.radiance(between, light), exact)
+    add(table, kind, scene, name, bands, rays, times, motion.radiance(between, light), exact)
 
 
-def gash(kind, scene, arms, environment, reference):
+def gash(table, kind, scene, arms, environment, reference):
     """The paper's network, for the vertices that move."""
     try:
         from relight.transfer.neuralgash import neural_gash
@@ -267,33 +267,30 @@ def gash(kind, scene, arms, environment, reference):
     times = measured(lambda step: neural_gash(*arms[step + 1]), len(arms) - 1)
     rest = analytic(scene.normals, 3)[moving:]
     transfer = np.concatenate([neural_gash(*arms[-1]), rest])
-    report(kind, scene, "neural-gash", 3, 0, times, np.maximum(transfer @ environment.sh(3), 0), reference)
+    add(table, kind, scene, "neural-gash", 3, 0, times, np.maximum(transfer @ environment.sh(3), 0), reference)
 
 
-def report(kind, scene, name, bands, rays, times, radiance, reference):
+def add(table, kind, scene, name, bands, rays, times, radiance, reference):
+    """A row of one method; a mesh that is all there is has no rest."""
     moving = len(scene.chunks[0].vertices)
-    errors = []
-    for part in (slice(0, moving), slice(moving, None)):
-        if len(reference[part]):
-            errors.append(100 * np.linalg.norm(radiance[part] - reference[part]) / np.linalg.norm(reference[part]))
-    cells = f"{len(reference):,} ({moving:,}) | {name} | {bands}, {rays} | {shown(times)}"
-    print(f"| {kind} | {cells} | {', '.join(f'{error:.1f}' for error in errors)} |", flush=True)
+    parts = {"error": slice(0, moving), "error_rest": slice(moving, None)}
+    parts = {key: part for key, part in parts.items() if len(reference[part])}
+    errors = {key: 100 * relative_error(radiance[part], reference[part]) for key, part in parts.items()}
+    row = {"motion": kind, "vertices": len(reference), "moving": moving, "method": name, "bands": bands, "rays": rays}
+    table.add(**row, ms_a_frame=shown(times), **errors)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def arguments(parser):
     parser.add_argument("--vertices", nargs="*", type=int, default=[10_000, 100_000, 1_000_000], metavar="N")
     parser.add_argument("--deform", nargs="*", type=int, default=[1_000, 10_000, 50_000], metavar="N")
     parser.add_argument("--frames", type=int, default=16, metavar="N")
     parser.add_argument("--env", default="noon", metavar="FILE")
-    options = parser.parse_args()
+
+
+def run(options, report):
     environment = Environment.load(options.env)
     if options.vertices:
-        products(options.vertices)
-        latencies(options.vertices, options.frames, environment)
+        products(options.vertices, report)
+        latencies(options.vertices, options.frames, environment, report)
     if options.deform:
-        deforming(options.deform, options.frames, environment)
-
-
-if __name__ == "__main__":
-    main()
+        deforming(options.deform, options.frames, environment, report)

@@ -1,5 +1,4 @@
-#!/usr/bin/env -S .venv/bin/python
-"""Pictures per second of an interactive session while its light turns, and where the time goes. Arguments: [VERTICES].
+"""Pictures per second of an interactive session while its light turns, and where the time goes.
 
 Off screen, so that no monitor paces it; a tabletop of VERTICES (100,000) under the built-in lights. Each line is the
 median over frames, in milliseconds: the light and its bytes, the mixing of pixels that stands in for OpenGL where that
@@ -9,52 +8,52 @@ more. Then the same with every picture by OpenGL, and with the background at wor
 
 import os
 import platform
-import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 
+from benchmarks.shapes import shape
 from relight.viewer import view
-from scenes import build
-from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.mesh import Mesh
-from splat2mesh.scene.scene import Scene
 
 FRAMES = 60
 SIZES = (960, 720), (1280, 800), (1600, 1000)
 
 
-def main():
-    """Measure and print."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
-    truth = build("tabletop", 1, count)
-    colors = bytes_from_unit(srgb_from_linear(truth.albedo_linear))
-    scene = Scene.from_mesh(Mesh(truth.vertices, truth.normals, truth.faces, colors))
+QUICK = ["--vertices", "2000", "--frames", "3", "--sizes", "1"]
+
+
+def arguments(parser):
+    parser.add_argument("--vertices", type=int, default=100_000, help="of the tabletop")
+    parser.add_argument("--frames", type=int, default=FRAMES, help="that a line is the median of")
+    parser.add_argument(
+        "--sizes", type=int, default=len(SIZES), metavar="N", help="the first N sizes of the window only"
+    )
+
+
+def run(options, report):
+    scene, frames = shape("tabletop", options.vertices).scene, options.frames
     load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores"
-    print(f"{len(truth.vertices):,} vertices, {len(truth.faces):,} faces; {load}")
-    for size in SIZES:
+    report.note(f"{len(scene.vertices):,} vertices, {len(scene.faces):,} faces; {load}")
+    for size in SIZES[: options.sizes]:
         window = view(scene, "noon", off_screen=True, size=size)
         window.finish()
         window.picture()
         if size == SIZES[0]:
             lines = window.plotter.render_window.ReportCapabilities().splitlines()
-            print(next((line for line in lines if "renderer string" in line), platform.machine()))
+            report.note(next((line for line in lines if "renderer string" in line), platform.machine()))
         for sky in (True, False):
             window.session.change(sky=sky, turning=True)
-            print(f"{size[0]} x {size[1]}, {'with' if sky else 'without'} the sky: {measured(window)}")
+            report.note(f"{size[0]} x {size[1]}, {'with' if sky else 'without'} the sky: {measured(window, frames)}")
         software, window._software = window._software, False
-        print(f"{size[0]} x {size[1]}, every picture by OpenGL: {measured(window)}")
+        report.note(f"{size[0]} x {size[1]}, every picture by OpenGL: {measured(window, frames)}")
         window._software = software
         if size == SIZES[0]:
             window.session.change(tolerance=0.003)  # the background plans and traces for seconds
-            print(f"{size[0]} x {size[1]}, while the background works: {measured(window)}")
+            report.note(f"{size[0]} x {size[1]}, while the background works: {measured(window, frames)}")
         window.close()
 
 
-def measured(window):
+def measured(window, frames):
     """Rates and medians of some frames, as text."""
     stage, glass = window._stage, window.plotter.render_window
     parts = (
@@ -74,7 +73,7 @@ def measured(window):
     for times in spent.values():
         times.clear()
     start, cpu = time.perf_counter(), time.process_time()
-    for _ in range(FRAMES):
+    for _ in range(frames):
         before = time.perf_counter()
         window.tick()
         spent["all"].append(time.perf_counter() - before)
@@ -83,7 +82,7 @@ def measured(window):
         setattr(owner, name, plain)
     parts = ", ".join(f"{part} {1e3 * np.median(times):.1f}" for part, times in spent.items() if times)
     slowest, quick = 1e3 * max(spent["all"]), 1e3 * np.percentile(spent["all"], 10)
-    rate, each = f"{FRAMES / seconds:.0f} pictures/s", f"CPU {1e3 * cpu / FRAMES:.0f} a picture"
+    rate, each = f"{frames / seconds:.0f} pictures/s", f"CPU {1e3 * cpu / frames:.0f} a picture"
     return f"{rate}; ms: {parts}, a tenth within {quick:.0f}, slowest {slowest:.0f}; {each}"
 
 
@@ -96,7 +95,3 @@ def timed(work, times):
             times.append(time.perf_counter() - start)
 
     return run
-
-
-if __name__ == "__main__":
-    main()

@@ -1,13 +1,9 @@
-#!/usr/bin/env -S .venv/bin/python
 """Seconds and peak memory of splat2mesh as scenes grow, stage by stage.
 
 Each scene is generated and converted by a process of its own; its time and memory are what the system charged it.
 """
 
-import argparse
-import csv
 import json
-import math
 import os
 import subprocess
 import sys
@@ -19,61 +15,49 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
+from benchmarks.harness import ROOT, growth
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 from splat2mesh.splats.splats import DEGREE_OF_COEFFICIENTS
 
-ROOT = Path(__file__).resolve().parent.parent
 SIZES = (100_000, 500_000, 2_000_000, 5_800_000)  # the last one is the largest of the public trained scenes
 SHINE = 0.02  # spread of the coefficients that make the colours of a scene depend on the direction
 COEFFICIENTS = {degree: count for count, degree in DEGREE_OF_COEFFICIENTS.items()}
-UNIT = {"splats": "", "peak": "MiB"}  # all other figures are seconds
+QUICK = ["2000", "4000", "--detail", "draft", "--degree", "0"]
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def arguments(parser):
     add = parser.add_argument
     add("sizes", type=int, nargs="*", default=SIZES, metavar="SPLATS", help=f"scene sizes (default: {SIZES})")
     add("--kind", default="tabletop", help="kind of scene, see python -m scenes --help (default: %(default)s)")
     add("--degree", type=int, choices=COEFFICIENTS, default=3, help="of the colours (default: %(default)s)")
     add("--detail", default="normal", help="of the conversion (default: %(default)s)")
-    add(
-        "--repeats",
-        type=int,
-        default=1,
-        metavar="N",
-        help="conversions, the fastest counts (default: %(default)s)",
-    )
+    add("--repeats", type=int, default=1, metavar="N", help="conversions, the fastest counts (default: %(default)s)")
     add("--folder", type=Path, help="keep the scenes here, and take those that are (default: temporary)")
-    add("--json", type=Path, metavar="FILE", help="write the figures to FILE as well")
-    add("--csv", type=Path, metavar="FILE", help="write the figures to FILE as well, a row for each scene")
-    options = parser.parse_args()
-    if min(options.sizes) < 100 or options.repeats < 1:
-        parser.error("a scene has at least 100 splats, and is converted at least once")
 
+
+def run(options, report):
+    if min(options.sizes) < 100 or options.repeats < 1:
+        raise SystemExit("a scene has at least 100 splats, and is converted at least once")
+    results = []
     with tempfile.TemporaryDirectory(prefix="bench_scale.") as temporary:
         folder = options.folder or Path(temporary)
-        results = []
         for size in options.sizes:
             splat = scene(folder, options.kind, size, options.degree)
             runs = [convert(splat, Path(temporary) / "scene", options.detail) for _ in range(options.repeats)]
             results.append({"splats": size, **min(runs, key=lambda run: run["cpu"])})
-            print(" ".join(f"{key}={value:.7g}" for key, value in results[-1].items()), file=sys.stderr)
+            report.note(" ".join(f"{key}={value:.7g}" for key, value in results[-1].items()))
             if not options.folder:
                 splat.unlink()
-
-    rows = table(results)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)))
-    if options.csv:
-        with open(options.csv, "w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, results[0])
-            writer.writeheader()
-            writer.writerows(results)
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    sizes = [result["splats"] for result in results]
+    columns = {"figure": "<16"} | {f"{size:,}": ",.2f" for size in sizes} | {"exponent": ".2f"}
+    table = report.table("seconds, peak in MiB; exponent p of the growth, cost ~ splats^p, of the last step", **columns)
+    for key in dict.fromkeys(key for result in results for key in result if key != "splats"):
+        costs = [result.get(key, 0.0) for result in results]
+        table.add(
+            figure=key,
+            **{f"{size:,}": cost for size, cost in zip(sizes, costs, strict=True)},
+            exponent=growth(sizes, costs),
+        )
 
 
 def scene(folder, kind, size, degree):
@@ -136,26 +120,3 @@ def charged(command):
     if process.returncode:
         raise SystemExit(f"{command[2]} ended with exit code {process.returncode}")
     return output, time.perf_counter() - start, usage
-
-
-def table(results):
-    """Rows of text: a column for each scene, and the exponent p of the growth, cost ~ splats^p, of the last step."""
-    rows = []
-    for key in dict.fromkeys(key for result in results for key in result):
-        values = [result.get(key, 0.0) for result in results]
-        label = f"{key} [{UNIT.get(key, 's')}]" if UNIT.get(key, "s") else key
-        rows.append([label, *(f"{value:,.{0 if key in UNIT else 2}f}" for value in values), exponent(results, values)])
-    rows[0][-1] = "exponent"
-    return rows
-
-
-def exponent(results, values):
-    """log(cost ratio) / log(size ratio) of the two last scenes, as text: 1 is linear; blank where it means nothing."""
-    if len(values) < 2 or min(values[-2:]) <= 0 or results[-1]["splats"] == results[-2]["splats"]:
-        return ""
-    sizes = results[-1]["splats"] / results[-2]["splats"]
-    return f"{math.log(values[-1] / values[-2]) / math.log(sizes):.2f}"
-
-
-if __name__ == "__main__":
-    main()

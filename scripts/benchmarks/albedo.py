@@ -1,9 +1,8 @@
-#!/usr/bin/env -S .venv/bin/python
-"""Albedo and capture light against the truth, and what they do to relighting. Arguments: [DATA [SCENES]].
+"""Albedo and capture light against the truth, and what they do to relighting.
 
-DATA: a folder with groundtruth/NAME (gt_mesh.ply, env_train.exr, vertex_radiance.npz, meta.json) and env/LIGHT.exr, by
-default ../shared/data where it is there. SCENES: a folder with scenes that splat2mesh made of them, by the same names;
-without it the meshes are the true ones, coloured with the true radiance. Generated scenes are measured in any case.
+DATA is a folder with groundtruth/NAME (gt_mesh.ply, env_train.exr, vertex_radiance.npz, meta.json) and env/LIGHT.exr.
+SCENES is a folder with scenes that splat2mesh made of them, by the same names; without it the meshes are the true ones,
+coloured with the true radiance. Generated scenes are measured in any case.
 
 Errors are relative L2 norms over the vertices of the true mesh, each taking the value of the nearest vertex of the
 scene, after one gain for each colour (and, in brackets, after one gain in all). Light is compared by the direction of
@@ -11,17 +10,15 @@ its mean, in degrees.
 """
 
 import json
-import sys
-import time
 import warnings
 from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
+from benchmarks.harness import GROUND_TRUTH, relative_error, timed
+from benchmarks.shapes import light_of, ply_vertices
 from relight import Environment
 from relight.albedo import estimate, with_known_light
 from relight.light.sun_split import split
@@ -35,7 +32,7 @@ from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
 from splat2mesh.scene.scene import Scene
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 128, 64  # as relight has them by default
-VERTICES = 25_000  # of generated scenes
+QUICK = ["--data", "none", "--first", "1", "--vertices", "3000"]
 MIN_VISIBLE = 0.02  # of the sky: what sees less no camera saw
 NOISE = 0.015, 0.01  # of captured sRGB colours of generated scenes, by colour and in all
 
@@ -59,24 +56,30 @@ HELD_BACK = [  # and what they were not, but for the rule on light places, which
 ]
 
 
-def main():
-    """Measure and print."""
+def arguments(parser):
+    parser.add_argument("--data", type=Path, default=GROUND_TRUTH, help="folder with path-traced scenes")
+    parser.add_argument("--scenes", type=Path, help="folder with scenes that splat2mesh made of them")
+    parser.add_argument("--vertices", type=int, default=25_000, help="of generated scenes")
+    parser.add_argument("--first", type=int, metavar="N", help="the first N generated scenes of each set only")
+
+
+def run(options, report):
     warnings.simplefilter("ignore")
-    data = Path(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).resolve().parents[2] / "shared" / "data")
-    scenes = Path(sys.argv[2]) if len(sys.argv) > 2 else None
-    if (data / "groundtruth").is_dir():
-        for folder in sorted((data / "groundtruth").iterdir()):
-            trained(folder, data / "env", scenes)
-    for title, cases in (("generated scenes, used for tuning", TUNED), ("generated scenes, beside them", HELD_BACK)):
-        print(f"\n{title}: error of albedo; angle between lights")
-        print(f"  {'':30s} {'captured':>8s}   {'estimated':13s}  {'light known':13s} angle  evidence  cpu-s")
-        errors = [generated(*case) for case in cases]
-        print("  {:30s} {:8.3f}   {:.3f} ({:.3f})  {:.3f} ({:.3f})".format("mean", *np.mean(errors, axis=0)))
+    if (options.data / "groundtruth").is_dir():
+        for folder in sorted((options.data / "groundtruth").iterdir()):
+            trained(folder, options.data / "env", options.scenes, report)
+    errors = "captured", "estimated", "estimated_all", "known", "known_all"
+    columns = {"scene": "<30"} | dict.fromkeys(errors, ".3f") | {"angle": ".1f", "evidence": ".2f", "cpu_s": ".1f"}
+    for title, cases in (("used for tuning", TUNED), ("beside them", HELD_BACK)):
+        table = report.table(f"generated scenes, {title}: error of albedo; angle between lights", **columns, note="<12")
+        for case in cases[: options.first]:
+            generated(*case, options.vertices, table)
+        table.add(scene="mean", **{name: float(np.mean([row[name] for row in table.rows])) for name in errors})
 
 
-def trained(folder, lights, scenes):
-    """Print albedo and relighting of one scene with a path-traced truth."""
-    truth, meta = _read_ply(folder / "gt_mesh.ply"), json.loads((folder / "meta.json").read_text())
+def trained(folder, lights, scenes, report):
+    """Albedo and relighting of one scene with a path-traced truth."""
+    truth, meta = ply_vertices(folder / "gt_mesh.ply"), json.loads((folder / "meta.json").read_text())
     radiance = {name: values.astype(float) for name, values in np.load(folder / "vertex_radiance.npz").items()}
     place = np.stack([truth[axis] for axis in ("x", "y", "z")], axis=1).astype(float)
     albedo = np.stack([truth[f"albedo_{color}"] for color in "rgb"], axis=1).astype(float)
@@ -92,7 +95,7 @@ def trained(folder, lights, scenes):
     near, back = cKDTree(vertices).query(place)[1], cKDTree(place).query(vertices)[1]
     scene = Traced(vertices, normals, faces)
     capture = Environment.load(folder / "env_train.exr")
-    found, seconds = timed(lambda: estimate(scene.occluder, captured, **scene.given))
+    found, _, seconds = timed(lambda: estimate(scene.occluder, captured, **scene.given))
     known = with_known_light(scene.occluder, captured, capture, **scene.given)
     albedos = {
         "captured": captured,
@@ -100,23 +103,26 @@ def trained(folder, lights, scenes):
         "light known": known.albedo,
         "true": albedo[back].astype(np.float32),
     }
-    print(f"\n{folder.name}: {len(vertices):,} vertices, captured under {meta['lights']['train']}")
-    print(f"  evidence {found.evidence:.2f}, {seconds:.1f} cpu-s, light {angle(found, capture):.1f} degrees off")
-    for name, values in albedos.items():
-        print(f"  albedo {name:12s} {both(values[near], albedo)}")
-    print("  radiance of the mesh relit, one gain for each colour (one in all):")
+    report.note(f"\n{folder.name}: {len(vertices):,} vertices, captured under {meta['lights']['train']}")
+    off = f"light {angle(found, capture):.1f} degrees off"
+    report.note(f"  evidence {found.evidence:.2f}, {seconds:.1f} cpu-s, {off}")
     names = [name for name in radiance if name != meta["lights"]["train"]]
-    print(f"  {'':18s} " + "  ".join(f"{name:15s}" for name in names))
-    direct = {name: scene.direct(_light(lights, name)) for name in names}
+    columns = {"albedo": "<12", "error": ".3f", "in_all": ".3f"}
+    for name in names:
+        columns |= {name: ".3f", f"{name}_all": ".3f"}
+    table = report.table("errors of the albedo and of the mesh relit: one gain each colour, one in all", **columns)
+    direct = {name: scene.direct(light_of(lights, name)) for name in names}
     for name, values in albedos.items():
-        relit = [with_bounces(direct[light], np.clip(values, 0, 1), scene.bounces)[0][near] for light in names]
-        row = "  ".join(f"{both(image, radiance[light]):15s}" for image, light in zip(relit, names, strict=True))
-        print(f"  {name:18s} {row}")
+        row = dict(zip(("error", "in_all"), error(values[near], albedo), strict=True))
+        for light in names:
+            relit = with_bounces(direct[light], np.clip(values, 0, 1), scene.bounces)[0][near]
+            row |= dict(zip((light, f"{light}_all"), error(relit, radiance[light]), strict=True))
+        table.add(scene=folder.name, albedo=name, **row)
 
 
-def generated(kind, seed, pattern, light):
-    """Print one generated scene; returns its five errors."""
-    truth = build(kind, seed, VERTICES)
+def generated(kind, seed, pattern, light, vertices, table):
+    """Add one generated scene to the table."""
+    truth = build(kind, seed, vertices)
     albedo = painted(truth, pattern, np.random.default_rng(seed))
     environment = Environment.load(light.split()[-1])
     if light.startswith("red"):
@@ -127,16 +133,15 @@ def generated(kind, seed, pattern, light):
     radiance, _ = with_bounces(bake(white, environment), albedo, bounces)
     seen = visible_fraction(scene.transfer) > MIN_VISIBLE
     captured = photographed(radiance, truth.faces, seen, np.random.default_rng(100 + seed))
-    found, seconds = timed(lambda: estimate(scene.occluder, captured, **scene.given))
+    found, _, seconds = timed(lambda: estimate(scene.occluder, captured, **scene.given))
     known = with_known_light(scene.occluder, captured, environment, **scene.given)
     errors = [error(captured[seen], albedo[seen])[0]]
     for albedos in (found.albedo, known.albedo):
         errors += error(albedos[seen], albedo[seen])
-    numbers = "{:8.3f}   {:.3f} ({:.3f})  {:.3f} ({:.3f})".format(*errors)
-    told = f"{angle(found, environment):5.1f} {found.evidence:9.2f} {seconds:6.1f}"
-    told += "" if found.separable else "  as captured"
-    print(f"  {f'{kind} {seed}, {pattern}, {light}':30s} {numbers} {told}", flush=True)
-    return errors
+    names = "captured", "estimated", "estimated_all", "known", "known_all"
+    row = dict(zip(names, errors, strict=True)) | {"angle": angle(found, environment), "evidence": found.evidence}
+    note = None if found.separable else "as captured"
+    table.add(scene=f"{kind} {seed}, {pattern}, {light}", **row, cpu_s=seconds, note=note)
 
 
 class Traced:
@@ -190,44 +195,14 @@ def error(found, true):
     found = np.asarray(found, float)
     apart = found * ((found * true).sum(axis=0) / np.square(found).sum(axis=0))
     whole = found * ((found * true).sum() / np.square(found).sum())
-    return [np.linalg.norm(values - true) / np.linalg.norm(true) for values in (apart, whole)]
-
-
-def both(found, true):
-    return "{:.3f} ({:.3f})".format(*error(found, true))
+    return [relative_error(values, true) for values in (apart, whole)]
 
 
 def angle(found, environment):
     """Degrees between an Estimate's mean direction of light and an Environment's."""
     y, z, x = luminance(environment.sh(2)[1:4])
     mean = np.array([x, y, z])
-    return np.degrees(np.arccos(np.clip(mean @ found.direction / np.linalg.norm(mean), -1, 1)))
-
-
-def timed(work):
-    start = time.process_time()
-    result = work()
-    return result, time.process_time() - start
-
-
-def _light(folder, name):
-    """The Environment NAME.exr, or turned by D degrees where the name ends in _rotD."""
-    base, _, turn = name.partition("_rot")
-    return Environment.load(folder / f"{base}.exr").rotated(float(turn or 0))
-
-
-def _read_ply(path):
-    """Vertices of a binary PLY as a structured array."""
-    header, body = path.read_bytes().split(b"end_header\n", 1)
-    kinds = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4"}
-    layout, count, element = [], 0, ""
-    for words in (line.split() for line in header.decode("latin1").splitlines()):
-        if words[:1] == ["element"]:
-            element = words[1]
-            count = int(words[2]) if element == "vertex" else count
-        elif words[:1] == ["property"] and element == "vertex":
-            layout.append((words[2], kinds[words[1]]))
-    return np.frombuffer(body, np.dtype(layout), count)
+    return float(np.degrees(np.arccos(np.clip(mean @ found.direction / np.linalg.norm(mean), -1, 1))))
 
 
 def _faces(path, count):
@@ -237,7 +212,3 @@ def _faces(path, count):
     if faces.max() >= count:
         raise SystemExit(f"{path}: faces name vertices that are not there")
     return faces
-
-
-if __name__ == "__main__":
-    main()

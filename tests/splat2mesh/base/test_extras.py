@@ -1,0 +1,49 @@
+"""A package that is missing is named with the command that installs it."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.extras import EXTRAS, installed, needed
+
+
+def test_a_missing_package_is_one_line_with_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(InputError, match=r'^reading cameras needs pycolmap.*pip install "splat2mesh\[colmap\]"$'):
+        needed("pycolmap", "reading cameras")
+
+
+def test_whether_a_package_is_there(monkeypatch):
+    assert installed("numpy") and not installed("no_such_package")
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    assert not installed("onnxruntime")
+
+
+def test_every_extra_brings_its_package():
+    tomllib = pytest.importorskip("tomllib")  # of Python 3.11
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    for package, extra in EXTRAS.items():
+        assert any(line.startswith(package.replace("_", "-")) for line in extras[extra])
+
+
+def test_cameras_say_which_extra_they_need(tmp_path, monkeypatch):
+    from splat2mesh.views.cameras import read_colmap
+
+    (tmp_path / "cameras.txt").write_text("")
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(InputError, match=r"splat2mesh\[colmap\]"):
+        read_colmap(tmp_path)
+
+
+def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):
+    from relight.planning import decide
+
+    monkeypatch.setattr(decide, "installed", lambda package: False)
+    choice = decide._Choice.__new__(decide._Choice)
+    choice._method, choice._rays = None, None
+    choice.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": np.array([10])})})
+    assert "neural" not in choice._methods(3, None)
