@@ -76,7 +76,8 @@ class Relighter:
         self._planner: Any = None
         self._latest: Settings | None = None
         self._dynamic: Any = None
-        self._albedo = self._posed = None
+        self._albedo: Any = None
+        self._posed: Any = None
         self._max_speed = max_speed
         if self.options.is_planned:
             from ..planning.planner import Planner

@@ -1,7 +1,7 @@
 """Plans for the lights of one scene: made once for each, kept between runs, checked after the work and mended."""
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray

@@ -16,7 +16,7 @@ from benchmarks.harness import relative_error, timed
 from relight import Environment
 from relight.animation.animation import face_normals
 from relight.transfer.analytic import analytic
-from relight.transfer.apply import Product
+from relight.transfer.apply import BlockTransfer
 from relight.transfer.baked import BakedMotion
 from relight.transfer.dynamic import DynamicTransfer
 from splat2mesh.scene.mesh import Mesh
@@ -120,7 +120,7 @@ def products(counts, report):
             out, albedo = np.zeros((count, 3), np.float32), rng.random((count, 3)).astype(np.float32)
             source = np.ones((transfer.nbytes + out.nbytes) // 8, np.float32)  # read and written: as many in all
             target = np.zeros_like(source)
-            whole = Product(transfer)
+            whole = BlockTransfer(transfer)
             works = [
                 lambda _, a=target, b=source: np.copyto(a, b),
                 lambda _, p=whole, c=light, o=out: p.radiance(c, o),
@@ -146,7 +146,7 @@ def latencies(counts, frames, environment, report):
         scene = ground(count)
         for bands, rays in ((3, 32), (8, 128)) if count < 500_000 else ((3, 32),):
             live = DynamicTransfer(scene, [4], bands, rays)
-            product, light = Product(live.transfer), environment.sh(bands)
+            product, light = BlockTransfer(live.transfer), environment.sh(bands)
             out = np.zeros((len(live.transfer), 3), np.float32)
             albedos = [rng.random(out.shape).astype(np.float32) for _ in range(2)]
 

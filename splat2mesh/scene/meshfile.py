@@ -35,7 +35,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         check_whole(path)  # open3d hands over the part that it could read, and says so on stderr alone
     with silent, _triangulated_obj(path) as readable:
         try:
-            mesh = o3d.io.read_triangle_mesh(str(readable))
+            mesh = o3d.io.read_triangle_mesh(Path(readable))
         except RuntimeError as error:
             raise InputError(f"{path}: cannot be read as a mesh ({error})") from error
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
