@@ -1,7 +1,6 @@
 """The library in a line: names that can be seen, splats and scenes relit, meshes of other libraries, types shipped."""
 
 import ast
-import importlib
 import inspect
 from pathlib import Path
 
