@@ -19,6 +19,7 @@ from .static import Still
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..planning.plan import Plan
+    from ..transfer.bounces import Interreflection
     from ..transfer.store import Cache
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
@@ -106,13 +107,13 @@ class Relighter:
         """How many rays were shot for transfers and bounces so far; none for what was kept."""
         return self.precomputed.rays_traced
 
-    def interreflection(self, rays=BOUNCE_RAYS):
+    def interreflection(self, rays: int = BOUNCE_RAYS) -> "Interreflection":
         """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
         if self._posed is not None:
             return self._posed.interreflection(rays, self._live.lit.transfer)
         return self.precomputed.interreflection(rays, self.transfer)
 
-    def computed(self, settings):
+    def computed(self, settings: Settings) -> dict[str, Any]:
         """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
         transfer = self.precomputed.transfer(settings)[0]
         bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
