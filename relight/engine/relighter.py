@@ -21,6 +21,7 @@ from .static import StaticGeometry
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..planning.plan import Plan
+    from ..transfer.bounces import Interreflection
     from ..transfer.store import Cache
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
@@ -112,13 +113,13 @@ class Relighter:
         """How many rays were shot for transfers and bounces so far; none for what was kept."""
         return self.precomputed.rays_traced
 
-    def interreflection(self, rays=BOUNCE_RAYS):
+    def interreflection(self, rays: int = BOUNCE_RAYS) -> "Interreflection":
         """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
         if self._posed is not None:
             return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
 
-    def computed(self, settings):
+    def computed(self, settings: Settings) -> dict[str, Any]:
         """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
         transfer = self.precomputed.transfer(settings)[0]
         bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)

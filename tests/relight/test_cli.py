@@ -1,4 +1,4 @@
-"""The relight command at its wall: a plan writes nothing, options have the library's names, the host stays as is."""
+"""The relight command at its wall: a plan writes nothing, errors name options, the host stays as it was."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Job: no work before it is asked for, stage by stage, the same results for a scene in memory as for its folder."""
+"""Job: no work before it is asked for, stage after stage, and for a scene in memory what its folder gives."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""LightingOptions: what they refuse and keep, the same from the command line to the planner."""
+"""LightingOptions: what they refuse, what they keep, and that they are a value."""
 
 import dataclasses
 import math
