@@ -29,8 +29,7 @@ def checked_albedo(albedo: ArrayLike, count: int, name: str = "the albedo") -> N
 def check_mesh(vertices: NDArray, normals: ArrayLike) -> None:
     """Raise InputError unless arrays are vertices (V, 3), all finite, and as many normals."""
     check_vertices(vertices)
-    if np.shape(normals) != vertices.shape:
-        raise InputError(f"expected a normal for each vertex, {vertices.shape}, found {np.shape(normals)}")
+    check_shape("the normals", normals, vertices.shape)
 
 
 def check_vertices(vertices: NDArray) -> None:

@@ -43,7 +43,7 @@ def neural_gash(
     """
     points = unit_points(vertices)
     normals = np.asarray(normals)
-    check_shape("normals", normals, points.shape)
+    check_shape("the normals", normals, points.shape)
     normals = unit_normals(normals)
     session = open_session(MODEL, 1)
     transfer = np.zeros((len(points), BANDS**2), np.float32)

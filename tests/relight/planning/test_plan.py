@@ -210,7 +210,7 @@ def test_a_budget_is_spent_on_the_least_error(budget_s):
     "given,kept",
     [
         ({"method": "neural"}, {"method": "neural"}),
-        ({"method": "analytic"}, {"method": "analytic", "rays": 0, "suns": 0.0}),
+        ({"method": "analytic"}, {"method": "analytic", "rays": 0, "sun_tolerance": 0.0}),
         ({"bands": 7}, {"bands": 7}),
         ({"rays": 48}, {"rays": 48}),
         ({"effects": "shadows"}, {"effects": frozenset({SHADOWS})}),

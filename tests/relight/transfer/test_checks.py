@@ -24,7 +24,7 @@ def test_what_fits_comes_back_as_float32():
         (lambda: checks.checked_albedo(np.full((4, 3), np.nan), 4), r"in \[0, 1\], found nan"),
         (lambda: checks.checked_albedo(np.full((4, 3), "a"), 4), "must hold numbers"),
         (lambda: checks.check_shape("the light", 3.0, (9, 3)), r"the light must have shape \(9, 3\), found \(\)"),
-        (lambda: checks.check_mesh(POINTS, POINTS[:2]), r"a normal for each vertex, \(3, 3\), found \(2, 3\)"),
+        (lambda: checks.check_mesh(POINTS, POINTS[:2]), r"the normals must have shape \(3, 3\), found \(2, 3\)"),
         (lambda: checks.check_vertices(POINTS[:, :2]), r"shape \(V, 3\), found \(3, 2\)"),
         (lambda: checks.check_vertices(np.array([[0, np.inf, 0], [0, 0, 0]])), "1 of 2 vertices are not finite"),
         (lambda: checks.check_faces(FACES[:0], 3), "light needs a surface"),
