@@ -1,7 +1,7 @@
 """Direct light: what harmonics carry of a light, by one product with the transfer, and single suns beside it."""
 
 from ..transfer.apply import BlockTransfer
-from .split_light import split_light
+from ..transfer.split_light import split_light
 
 
 class DirectLight:

@@ -12,8 +12,8 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.foreign import AnyScene, as_scene
 
 from ..options import LightingOptions
-from ..precomputed import Precomputed
 from ..transfer.checks import checked_albedo
+from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings, everything
 from .direct import DirectLight
 from .static import StaticGeometry

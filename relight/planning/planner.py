@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.split_light import image_key
 from ..options import DEFAULT_TOLERANCE, LightingOptions
+from ..transfer.split_light import image_key
 from ..transfer.store import array_key
 from .decide import planned
 from .plan import Plan
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages
 
     from ..light.environment import Environment
-    from ..precomputed import Precomputed
+    from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
 
 MOST_DOUBLINGS = 4

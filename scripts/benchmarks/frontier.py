@@ -24,13 +24,13 @@ from benchmarks.frontier_plot import draw, label, print_frontier, print_plans
 from benchmarks.harness import relative_error, timed
 from benchmarks.shapes import shape
 from relight import Environment, Relighter
-from relight.engine.split_light import split_light
 from relight.planning import costs
 from relight.transfer import sampling
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
 from relight.transfer.settings import Settings
+from relight.transfer.split_light import split_light
 from relight.transfer.store import Cache
 
 SAMPLES = 1500

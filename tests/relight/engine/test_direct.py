@@ -9,7 +9,7 @@ from relight.engine.direct import DirectLight
 from relight.engine.dynamic import DynamicGeometry
 from relight.engine.static import StaticGeometry
 from relight.light.sun_split import split
-from relight.precomputed import Precomputed
+from relight.transfer.precomputed import Precomputed
 from relight.transfer.settings import Settings
 from relight.transfer.store import Cache
 from relight.transfer.sunlight import sunlight

@@ -5,7 +5,7 @@ import numpy as np
 from ..light.environment import turned_about_y
 from ..light.sun_split import split
 from ..light.suns import Suns
-from ..transfer.store import array_key
+from .store import array_key
 
 
 def image_key(environment):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from .transfer.analytic import analytic
-from .transfer.bounces import Interreflection, visible_fraction
-from .transfer.store import Cache, array_key
+from .analytic import analytic
+from .bounces import Interreflection, visible_fraction
+from .store import Cache, array_key
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
@@ -32,7 +32,7 @@ class Precomputed:
     def occluder(self):
         """The Occluder of the whole scene."""
         if self._occluder is None:
-            from .transfer.occluder import Occluder
+            from .occluder import Occluder
 
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
@@ -92,13 +92,13 @@ class Precomputed:
             rays = visibility.rays
             with self._stages.stage("transfer"):
                 if method == "neural":
-                    from .transfer.neural import from_visibility
+                    from .neural import from_visibility
 
                     transfer = from_visibility(visibility, bands)[0]
                 else:
                     transfer = visibility.transfer(bands)
         elif method == "neural-gash":
-            from .transfer.neuralgash import neural_gash
+            from .neuralgash import neural_gash
 
             with self._stages.stage("transfer", count) as advance:
                 guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
@@ -113,7 +113,7 @@ class Precomputed:
 
     def _seen(self, settings):
         """The Visibility with so many rays: what there is, grown if it can be."""
-        from .transfer.visibility import Visibility
+        from .visibility import Visibility
 
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
         traced = int(self.sizes.sum() if mask is None else mask.sum())
