@@ -148,7 +148,7 @@ def measure(name, scene, albedo, lights, options, found):
     for (light, settings), seconds in taken.items():
         low, middle, high = (float(value) for value in np.quantile(seconds, [0.25, 0.5, 0.75]) / unit)
         row = {"scene": name, "light": light, "method": settings.method, "bands": settings.bands}
-        row |= {"rays": settings.rays, "suns": settings.suns, "bounce_rays": settings.bounce_rays}
+        row |= {"rays": settings.rays, "suns": settings.sun_tolerance, "bounce_rays": settings.bounce_rays}
         row |= {"error": errors[light, settings], "work": middle, "work_q1": low, "work_q3": high}
         found["grid"].append(row | {"seconds": middle * unit, "vertices_per_s": count / (middle * unit)})
     for light, environment in lights.items():
@@ -158,11 +158,11 @@ def measure(name, scene, albedo, lights, options, found):
             settings = shading.settings
             traced = np.ones(len(scene.chunks)) if settings.shadowed is None else np.array(settings.shadowed)
             traced = int(traced @ [len(chunk.vertices) for chunk in scene.chunks])
-            foreseen = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.suns))
+            foreseen = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count))
             off = relative_error(shading.radiance[rows], expected[light])
             row = {"scene": name, "light": light, "tolerance": tolerance, "plan": str(settings)}
-            row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.suns}
-            row |= {"suns": shading.suns, "work_predicted": foreseen}
+            row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.sun_count}
+            row |= {"suns": shading.sun_count, "work_predicted": foreseen}
             row |= {
                 key: float(np.median([run[at] for run in runs])) / unit for key, at in (("work", 2), ("planning", 3))
             }
@@ -190,11 +190,11 @@ def lit(scene, albedo, lights, splits, transfer, options):
     relighter, once = Relighter(scene), 0.0
     even = Environment(np.ones((4, 8, 3), np.float32))
     for bounce_rays in options.bounces if transfer.rays and albedo is not None else (0,):
-        settings = transfer._replace(bounce_rays=bounce_rays, bounces=BOUNCE_TOLERANCE if bounce_rays else 0.0)
+        settings = transfer._replace(bounce_rays=bounce_rays, bounce_tolerance=BOUNCE_TOLERANCE if bounce_rays else 0.0)
         first, again = (seconds_of(lambda s=settings: relighter.shading(even, albedo, s))[0] for _ in range(2))
         geometry, once = once + max(0.0, first - again), once or max(0.0, first - again)
         for suns in options.suns if transfer.rays else (0.0,):
-            chosen = settings._replace(suns=suns)
+            chosen = settings._replace(sun_tolerance=suns)
             for light, environment in lights.items():
                 key = light, settings.bands, suns
                 if key not in splits and settings.method != "blinn-phong":
