@@ -13,6 +13,7 @@ EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
   splat2mesh bust.spz -o bust --vertices 20000 --detail fine
   splat2mesh garden.ply --cameras sparse/0     looks from the cameras it was trained with
+  splat2mesh plaza/lod-meta.json --lod 1       a streamed SOG, its second finest level
   splat2mesh robot/meta.json --plan            shows what would be done, does nothing
   splat2mesh room.json                         several splats, placed as the layout says, in one scene
 
@@ -31,7 +32,8 @@ def parser() -> argparse.ArgumentParser:
     add(
         "input",
         metavar="INPUT",
-        help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json; or a layout .json",
+        help="splat: .ply (INRIA, 2DGS), .compressed.ply, .splat, .spz, .sog or its meta.json, the lod-meta.json of a "
+        "streamed SOG, a folder of tiles; or a layout .json",
     )
     add(
         "-o",
@@ -39,14 +41,27 @@ def parser() -> argparse.ArgumentParser:
         metavar="SCENE",
         help="scene folder to write (default: the input's name, without its suffixes)",
     )
-    add("--cameras", metavar="DIR", help="COLMAP model of the capture, such as sparse/0 (default: virtual views)")
+    add(
+        "--cameras",
+        metavar="PATH",
+        help="cameras of the capture: a COLMAP folder such as sparse/0, a cameras.json of INRIA, a transforms.json of "
+        "nerfstudio, or none (default: the cameras.json of INRIA's output folder, else virtual views)",
+    )
+    add(
+        "--lod",
+        default="auto",
+        metavar="N",
+        help="level of a streamed SOG, 0 the finest; auto: the finest of at most 6 million splats "
+        "(default: %(default)s)",
+    )
     add("--vertices", type=int, default=50_000, metavar="N", help="size of the mesh (default: %(default)s)")
     add("--max-chunk-vertices", type=int, default=40_000, metavar="N", help="limit of a chunk (default: %(default)s)")
     add(
         "--up",
         default="auto",
         metavar="AXIS",
-        help="what is up in the splat: auto, +y, -y, +z, -z (default: %(default)s)",
+        help="what is up in the splat: +y, -y, +z, -z, or auto: told by the cameras, else by the floor of a place, "
+        "else -y (default: %(default)s)",
     )
     add("--detail", default="normal", metavar="LEVEL", help="draft, normal or fine (default: %(default)s)")
     add(
@@ -99,6 +114,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         scene = (convert_layout if is_layout(source) else convert)(
             source,
             cameras=options.cameras,
+            lod=options.lod,
             vertices=options.vertices,
             max_chunk_vertices=options.max_chunk_vertices,
             up=options.up,
@@ -116,8 +132,10 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     counts = scene.statistics
     lines = [
         f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
-        f"from {counts['splats']:,} splats, {seconds:.1f} s"
+        f"from {counts['splats']:,} splats{_level(scene)}, {seconds:.1f} s"
     ]
+    if scene.settings.get("up_from", "").startswith("the floor"):
+        lines.append(f"  up is told by {scene.settings['up_from']}; --up overrules")
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
     result = {
@@ -130,11 +148,15 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     return lines, result
 
 
+def _level(scene: Any) -> str:
+    return f" of level {scene.source['lod']}" if "lod" in scene.source else ""
+
+
 def _plan(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .layout import is_layout, plan_layout
     from .pipeline import plan
 
-    settings = {name: getattr(options, name) for name in ("cameras", "up", "detail", "surface", "background")}
+    settings = {name: getattr(options, name) for name in ("cameras", "lod", "up", "detail", "surface", "background")}
     if not is_layout(options.input):
         result = plan(options.input, **settings)
         return _listed(result), result
@@ -150,9 +172,12 @@ def _listed(result: dict[str, Any]) -> list[str]:
 
 
 def _default_output(source: Path) -> str:
-    if source.name == "meta.json":
-        return source.resolve().parent.name
-    return source.resolve().name.split(".")[0] or "scene"
+    """The input's name, in the current folder; never the folder that is the input."""
+    source = source.resolve()
+    if source.name in ("meta.json", "lod-meta.json"):
+        source = source.parent
+    name = source.name.split(".")[0] or "scene"
+    return f"{name}_scene" if Path(name).resolve() == source else name
 
 
 if __name__ == "__main__":

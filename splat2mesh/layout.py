@@ -23,8 +23,8 @@ from .scene.sources import describe
 from .splats.placing import placed_mesh, similarity
 from .views.upright import UP_CHOICES
 
-_SOG_META = "meta.json"
-_KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras")
+_SOG_METAS = ("meta.json", "lod-meta.json")
+_KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
 _CHECKED = {"detail": "normal", "surface": "field", "background": "cut"}
 _LARGEST = 1e6
 """Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
@@ -36,7 +36,7 @@ class Placement:
 
     name: its own within the layout. splat, cameras: absolute paths; no cameras: None.
     scene_from_upright: (4, 4) float64 similarity, from the frame of the object's own scene to that of the layout.
-    up, vertices: as for `convert`, or None for what all objects get.
+    up, vertices: as for `convert`, or None for what all objects get. lod: as for `read_splats`.
     """
 
     name: str
@@ -45,26 +45,35 @@ class Placement:
     up: str | None
     vertices: int | None
     cameras: Path | None
+    lod: int | str
 
 
 def is_layout(path):
     """Whether a path is meant as a layout: a .json file that does not describe a SOG."""
     path = Path(path)
-    if path.suffix.lower() != ".json" or path.name == _SOG_META or not path.is_file():
+    if path.suffix.lower() != ".json" or path.name in _SOG_METAS or not path.is_file():
         return False
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError):
         return True
-    return not (isinstance(content, dict) and "means" in content)
+    return not (isinstance(content, dict) and ("means" in content or "lodLevels" in content))
 
 
 def convert_layout(
-    path, *, cameras=None, vertices=None, max_chunk_vertices=DEFAULT_MAX_VERTICES, up="auto", stages=None, **settings
+    path,
+    *,
+    cameras=None,
+    lod="auto",
+    vertices=None,
+    max_chunk_vertices=DEFAULT_MAX_VERTICES,
+    up="auto",
+    stages=None,
+    **settings,
 ):
     """Make one scene of the splats that a layout places: each is converted as if alone, then placed.
 
-    path: JSON file. vertices, up: for each object that does not give its own. cameras: refused here, objects have
+    path: JSON file. vertices, up: for each object that does not give its own. cameras, lod: refused here, objects have
     theirs. The others: as for `pipeline.convert`. Returns a Scene, not yet saved, whose chunks are those of object
     after object; its scene_from_splat is the identity, source["objects"] tells what stands where.
     Raises InputError for a layout, or a splat in it, that cannot be used.
@@ -73,7 +82,7 @@ def convert_layout(
     from .pipeline import DEFAULT_VERTICES, check_settings, convert
 
     vertices = DEFAULT_VERTICES if vertices is None else vertices
-    placements = _placements(path, cameras)
+    placements = _placements(path, cameras, lod)
     own = [_own_settings(placement, vertices, up) for placement in placements]
     checked = [settings.get(name, default) for name, default in _CHECKED.items()]
     for each in own:  # all of them, before the first takes minutes
@@ -87,16 +96,16 @@ def convert_layout(
                 scene = convert(
                     placement.splat, **each, max_chunk_vertices=max_chunk_vertices, stages=stages, **settings
                 )
-            made[key] = scene, describe(placement.splat)
-        alone, source = made[key]
+            made[key] = scene
+        alone = made[key]
         first = len(chunks)
         chunks += [placed_mesh(chunk, placement.scene_from_upright) for chunk in alone.chunks]
         matrix = placement.scene_from_upright @ alone.scene_from_splat
         place = {"scene_from_splat": matrix.tolist(), "chunks": [first, len(chunks)]}
-        objects.append({"name": placement.name, **source, **place})
-        object_settings[placement.name] = {name: alone.settings[name] for name in each}
+        objects.append({"name": placement.name, **alone.source, **place})
+        object_settings[placement.name] = {name: alone.settings[name] for name in (*each, "up_from")}
         statistics.update(alone.statistics)
-    shared = {name: value for name, value in alone.settings.items() if name not in each}
+    shared = {name: value for name, value in alone.settings.items() if name not in object_settings[placement.name]}
     return Scene(
         chunks,
         source={**describe(path), "objects": objects},
@@ -105,14 +114,15 @@ def convert_layout(
     )
 
 
-def plan_layout(path, *, cameras=None, up="auto", **settings):
+def plan_layout(path, *, cameras=None, lod="auto", up="auto", **settings):
     """What `convert_layout` would do: a dict of the number of splats, and each object's own plan by its name."""
     from .pipeline import plan
 
     plans = {}
-    for placement in _placements(path, cameras):
+    for placement in _placements(path, cameras, lod):
         with _about(placement.name):
-            result = plan(placement.splat, cameras=placement.cameras, up=placement.up or up, **settings)
+            own = {"cameras": placement.cameras, "lod": placement.lod, "up": placement.up or up}
+            result = plan(placement.splat, **own, **settings)
         result["scene_from_splat"] = (placement.scene_from_upright @ np.array(result["scene_from_splat"])).tolist()
         plans[placement.name] = {"splat": str(placement.splat), **result}
     return {"splats": sum(result["splats"] for result in plans.values()), "objects": plans}
@@ -123,8 +133,8 @@ def read_layout(path):
 
     Paths in it are relative to the file. Keys of an object, all but the first optional: `splat`, its file; `name`,
     by default that of the file; `scale`, a factor; `rotation_deg`, an angle about +y, counter-clockwise from above,
-    or `quat_wxyz`, any rotation, of any length; `position`, where its own origin comes to stand; `up`, `vertices`
-    and `cameras` as on the command line. Raises InputError for anything else.
+    or `quat_wxyz`, any rotation, of any length; `position`, where its own origin comes to stand; `up`, `vertices`,
+    `cameras` and `lod` as on the command line. Raises InputError for anything else.
     """
     path = Path(path)
     try:
@@ -149,9 +159,11 @@ def read_layout(path):
     return placements
 
 
-def _placements(path, cameras):
+def _placements(path, cameras, lod):
     if cameras:
-        raise InputError(f'`cameras` {cameras}: in a layout, give each object its own: "cameras": DIR')
+        raise InputError(f'`cameras` {cameras}: in a layout, give each object its own: "cameras": PATH')
+    if lod != "auto":
+        raise InputError(f'`lod` {lod}: in a layout, give each object its own: "lod": N')
     return read_layout(path)
 
 
@@ -189,7 +201,15 @@ def _placement(path, where, entry, taken):
         up,
         vertices,
         _file(path, where, entry, "cameras"),
+        _lod(where, entry),
     )
+
+
+def _lod(where, entry):
+    lod = entry.get("lod", "auto")
+    if lod != "auto" and (type(lod) is not int or lod < 0):
+        raise InputError(f'{where}: lod must be "auto" or the number of a level, found {json.dumps(lod)}')
+    return lod
 
 
 def _rotation(where, entry):
@@ -232,7 +252,7 @@ def _file(path, where, entry, key):
 
 
 def _stem(splat):
-    splat = splat.parent if splat.name == _SOG_META else splat
+    splat = splat.parent if splat.name in _SOG_METAS else splat
     return splat.name.split(".")[0] or splat.name
 
 
@@ -255,6 +275,7 @@ def _own_settings(placement, vertices, up):
         "vertices": vertices if placement.vertices is None else placement.vertices,
         "up": placement.up or up,
         "cameras": placement.cameras,
+        "lod": placement.lod,
     }
 
 

@@ -10,12 +10,12 @@ from .scene.chunks import DEFAULT_MAX_VERTICES
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
-from .splats.formats import read_splats
+from .splats.formats import check_lod, read_splats
 from .splats.splats import clean
 from .surface.background import far_background, views_from_within
 from .surface.extract import EFFORTS, WAYS, as_trained, extract, training_pixel
-from .views.cameras import read_colmap, spread_out
-from .views.upright import UP_CHOICES, scene_from_splat
+from .views.cameras import spread_out, trained_views
+from .views.upright import UP_CHOICES, upright
 from .views.viewpoints import bounds_of, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
@@ -34,6 +34,7 @@ def convert(
     path,
     *,
     cameras=None,
+    lod="auto",
     vertices=DEFAULT_VERTICES,
     max_chunk_vertices=DEFAULT_MAX_VERTICES,
     up="auto",
@@ -45,18 +46,20 @@ def convert(
 ):
     """Make a scene from a trained splat.
 
-    path: splat file. cameras: folder of a COLMAP model, or None for virtual views. vertices: wanted size of the mesh.
+    path: splat file, folder of tiles, or streamed SOG. cameras: file or folder of the cameras it was trained with, None
+    for those that lie beside it, else virtual views, or "none". lod: level of a streamed SOG, as for `read_splats`.
+    vertices: wanted size of the mesh.
     max_chunk_vertices: limit of each sub-mesh. up: one of frames.UP_CHOICES. detail: a key of surface.EFFORTS.
     surface: one of surface.WAYS. background: one of BACKGROUNDS, for the far background of open scenes.
     seed: of the virtual views. stages: Stages that times the work.
     Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
     """
     check_settings(vertices, max_chunk_vertices, up, detail, surface, background)
-    stages = stages or Stages()
+    stages, lod = stages or Stages(), check_lod(lod)
     with stages.stage("read"):
-        splats, counts = clean(read_splats(path))
-        trained = read_colmap(cameras) if cameras else []
-    rotation = scene_from_splat(up, trained)
+        splats, counts = clean(read_splats(path, lod))
+        trained = trained_views(cameras, path, splats)
+        rotation, up_from = upright(up, trained, splats)
     total, splats = len(splats), splats.in_spatial_order()
     far = far_background(splats)
     parts, effort = [as_trained(splats.take(np.flatnonzero(~far)))], EFFORTS[detail]
@@ -99,6 +102,8 @@ def convert(
         "vertices": vertices,
         "max_chunk_vertices": max_chunk_vertices,
         "up": up,
+        "up_from": up_from,
+        "lod": lod,
         "seed": seed,
         "cameras": "trained" if trained else "virtual",
     }
@@ -108,7 +113,7 @@ def convert(
             max_chunk_vertices,
             scene_from_splat=rotation,
             preview_camera=camera,
-            source=describe(path),
+            source=describe(path, lod),
             settings=settings,
             statistics=statistics,
         )
@@ -190,11 +195,12 @@ def preview_camera(splats, rotation):
     }
 
 
-def plan(path, *, cameras=None, up="auto", detail="normal", surface="field", background="cut"):
+def plan(path, *, cameras=None, lod="auto", up="auto", detail="normal", surface="field", background="cut"):
     """What `convert` would do, from the file alone: a dict of counts, the foreground's bounds, frame and settings."""
     check_settings(DEFAULT_VERTICES, DEFAULT_MAX_VERTICES, up, detail, surface, background)
-    splats, counts = clean(read_splats(path))
-    trained = read_colmap(cameras) if cameras else []
+    splats, counts = clean(read_splats(path, lod))
+    trained = trained_views(cameras, path, splats)
+    rotation, up_from = upright(up, trained, splats)
     effort = EFFORTS[detail]
     views = min(len(trained), effort.views) if trained else effort.views
     total, far = len(splats), far_background(splats)
@@ -205,7 +211,8 @@ def plan(path, *, cameras=None, up="auto", detail="normal", surface="field", bac
         "splats_background": int(far.sum()),
         "sh_degree": splats.degree,
         "bounds_in_splat_frame": bounds_of(splats).tolist(),
-        "scene_from_splat": scene_from_splat(up, trained).tolist(),
+        "scene_from_splat": rotation.tolist(),
+        "up_from": up_from,
         "training_pixel": training_pixel(splats),
         "surface": surface,
         "background": background,

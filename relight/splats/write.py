@@ -1,5 +1,7 @@
 """relit_splat.ply: INRIA's layout, a row for each row of the source, in its order."""
 
+from pathlib import Path
+
 import numpy as np
 
 from splat2mesh.base.errors import InputError
@@ -63,7 +65,9 @@ def write_relit_ply(path, splats, source=None):
 
 
 def _inria_rows(path):
-    """The rows of an INRIA PLY, or None where the file is of another kind."""
+    """The rows of an INRIA PLY, or None where the source is of another kind."""
+    if Path(path).is_dir():
+        return None
     with open(path, "rb") as file:
         if file.readline(16).strip() != b"ply":
             return None

@@ -33,8 +33,9 @@ class Scene:
 
     chunks: list of Mesh. scene_from_splat: (4, 4) float64, from the splat file's frame to this one.
     preview_camera: dict of eye, target, up ((3,) in the scene frame) and fov_deg, or None.
-    source: dict of `file`, its name, `sha256` and `path`; for a layout also `objects`, each a dict of these and `name`,
-        `scene_from_splat` (4 x 4, rows first) and `chunks`, the range [first, last) of those made from it.
+    source: dict of `file`, its name, `sha256` and `path`, of a streamed SOG also `lod`, the level read; for a layout
+        also `objects`, each a dict of these and `name`, `scene_from_splat` (4 x 4, rows first) and `chunks`, the range
+        [first, last) of those made from it.
         Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
     settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
 

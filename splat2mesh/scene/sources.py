@@ -4,16 +4,20 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..base.errors import InputError
-from ..splats.formats import read_splats
-from ..splats.placing import joined, placed
+from ..splats.formats import parts_of, read_splats
+from ..splats.formats.sog import META
+from ..splats.joining import joined
+from ..splats.placing import placed
 from ..splats.splats import Splats
 from .scene import Scene, absolute
 
-_SOG_META = "meta.json"
+_SOG_METAS = ("meta.json", "lod-meta.json")
+"""Names that every SOG has, so that they tell none from another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,32 +65,38 @@ def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> li
         else:
             candidates = [Path(path)]
         found = _find(entry, candidates, path)
-        if found not in read:  # the same splat may stand in several places
-            read[found] = read_splats(found)
-        splats = placed(read[found], entry["scene_from_splat"]) if entries else read[found]
+        key = found, entry["lod"]
+        if key not in read:  # the same splat may stand in several places
+            read[key] = read_splats(*key)
+        splats = placed(read[key], entry["scene_from_splat"]) if entries else read[key]
         parts.append(SourcePart(splats, found, entry["name"], range(*entry["chunks"])))
     return parts
 
 
-def describe(path: str | os.PathLike[str]) -> dict[str, str]:
-    """What a scene keeps of its source file, so that it can be found again: dict of file, sha256 and path."""
-    found = absolute(path)
-    return {"file": Path(found).name, "sha256": fingerprint(found), "path": found}
+def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str, Any]:
+    """What a scene keeps of its source, so that it can be found again: dict of file, sha256 and path.
 
-
-def fingerprint(path: str | os.PathLike[str]) -> str:
-    """SHA-256, as a hex string, of a file, or of all files of a folder in the order of their names.
-
-    The meta.json of an unbundled .sog stands for its folder.
+    lod: level of detail, as for `read_splats`; of a streamed SOG the dict also has `lod`, the number of the level.
     """
-    path = Path(path)
-    path = path.parent if path.name == _SOG_META else path
+    found = absolute(path)
+    level = parts_of(found, lod).level
+    described = {"file": Path(found).name, "sha256": fingerprint(found, lod), "path": found}
+    return described if level is None else described | {"lod": level}
+
+
+def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
+    """SHA-256, as a hex string, of everything that `read_splats` reads of a path, in its order.
+
+    A tile that is an unbundled SOG counts with all files of its folder, in the order of their names.
+    """
     digest = hashlib.sha256()
-    for part in sorted(path.iterdir()) if path.is_dir() else [path]:
-        if part.is_file():
-            with open(part, "rb") as file:
-                while block := file.read(1 << 20):
-                    digest.update(block)
+    for part in parts_of(path, lod).files:
+        folder = part.parent if part.name == META else part
+        for file in sorted(folder.iterdir()) if folder.is_dir() else [part]:
+            if file.is_file():
+                with open(file, "rb") as content:
+                    while block := content.read(1 << 20):
+                        digest.update(block)
     return digest.hexdigest()
 
 
@@ -96,7 +106,8 @@ def _entries(scene):
     if "sha256" not in source:
         raise InputError(f"{scene.path or 'the scene'} is a plain mesh, which no splat belongs to: use a scene folder")
     try:
-        own = {**source, "file": str(source["file"]), "name": str(source["file"]), "chunks": (0, len(scene.chunks))}
+        file, lod = str(source["file"]), source.get("lod", "auto")
+        own = {**source, "file": file, "name": file, "lod": lod, "chunks": (0, len(scene.chunks))}
         entries = [_entry(entry, len(scene.chunks)) for entry in source.get("objects", [])]
         if entries:
             own["path"] = str(source["path"])
@@ -111,7 +122,7 @@ def _entry(entry, chunks):
         raise ValueError(f"chunks {first} to {last} of {chunks}")
     matrix = np.array(entry["scene_from_splat"], np.float64)
     texts = {name: str(entry[name]) for name in ("file", "name", "path", "sha256")}
-    return {**texts, "chunks": (first, last), "scene_from_splat": matrix}
+    return {**texts, "lod": entry.get("lod", "auto"), "chunks": (first, last), "scene_from_splat": matrix}
 
 
 def _usual_places(entry, scene):
@@ -130,18 +141,23 @@ def _in_folder(entry, folder, layout):
 
 
 def _own_name(entry):
-    """A relative path that tells the file from others: every unbundled SOG is called meta.json."""
-    if entry["file"] == _SOG_META and "path" in entry:
-        return Path(Path(entry["path"]).parent.name, _SOG_META)
+    """A relative path that tells the file from others: with its folder where every SOG has the same name."""
+    if entry["file"] in _SOG_METAS and "path" in entry:
+        return Path(Path(entry["path"]).parent.name, entry["file"])
     return Path(entry["file"])
 
 
 def _find(entry, candidates, given):
     """The first candidate that is the file of `entry`; InputError where none is."""
-    existing = [path for path in candidates if path.exists()]
+    existing, unreadable = [path for path in candidates if path.exists()], None
     for path in existing:
-        if fingerprint(path) == entry["sha256"]:
-            return path
+        try:
+            if fingerprint(path, entry["lod"]) == entry["sha256"]:
+                return path
+        except InputError as error:
+            unreadable = unreadable or error
+    if unreadable:
+        raise InputError(f"{unreadable}; or {_advice(given)}") from unreadable
     if existing:
         raise InputError(
             f"{existing[0]} is not the splat that this scene was made from (its SHA-256 differs): "

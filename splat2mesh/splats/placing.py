@@ -1,4 +1,4 @@
-"""Splats moved by similarity transforms, harmonics and all, and joined into one scene."""
+"""Splats moved by similarity transforms, harmonics and all."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..base.errors import InputError
-from .splats import Splats, sh_basis_3dgs
+from .splats import sh_basis_3dgs
 
 SAME = 1e-6
 """Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
@@ -72,14 +72,6 @@ def placed_mesh(mesh, matrix):
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
     normals = mesh.normals.astype(np.float64) @ rotation.T
     return replace(mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32))
-
-
-def joined(parts):
-    """One Splats of all rows of several, part after part; lower degrees get harmonics of zero. Needs at least one."""
-    coefficients = max(part.sh.shape[1] for part in parts)
-    padded = [np.pad(part.sh, ((0, 0), (0, coefficients - part.sh.shape[1]), (0, 0))) for part in parts]
-    names = ("means", "scales", "quats_wxyz", "opacities")
-    return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in names), np.concatenate(padded))
 
 
 def sh_rotation_3dgs(rotation, degree):

@@ -21,6 +21,9 @@ FLATTEST = 1e-4
 # the least from which a surface can be told from noise.
 MIN_SPLATS = 10
 
+NUMBERS = ("means", "scales", "quats_wxyz", "opacities", "sh")
+"""The fields of Splats that hold numbers, in their order."""
+
 _BLOCK = 65536
 
 
@@ -33,8 +36,10 @@ class Splats:
     quats_wxyz: (N, 4) rotations world_from_splat; brought to unit length here, all-zero rows stay zero.
     opacities: (N,) in [0, 1] (sigmoid already applied).
     sh: (N, K, 3) colour coefficients, K in 1, 4, 9, 16, display-referred sRGB, basis of `sh_basis_3dgs`.
+    environment: (N,) bool, which splats the capture itself keeps apart as its surroundings (the sky and the far
+    distance of a streamed SOG), or None where it does not tell.
 
-    All are stored as contiguous float32. Raises InputError for a wrong shape or an opacity outside [0, 1].
+    All others are stored as contiguous float32. Raises InputError for a wrong shape or an opacity outside [0, 1].
     """
 
     means: np.ndarray
@@ -42,10 +47,11 @@ class Splats:
     quats_wxyz: np.ndarray
     opacities: np.ndarray
     sh: np.ndarray
+    environment: np.ndarray | None = None
 
     def __post_init__(self):
-        for field in fields(self):
-            object.__setattr__(self, field.name, np.ascontiguousarray(getattr(self, field.name), np.float32))
+        for name in NUMBERS:
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
         n = self.opacities.shape[0] if self.opacities.ndim == 1 else "N"
         expected = {"means": (n, 3), "scales": (n, 3), "quats_wxyz": (n, 4), "opacities": (n,)}
         for name, shape in expected.items():
@@ -53,6 +59,10 @@ class Splats:
                 raise InputError(f"splats need {name} of shape {_text(shape)}, found {getattr(self, name).shape}")
         if self.sh.ndim != 3 or self.sh.shape[::2] != (n, 3) or self.sh.shape[1] not in DEGREE_OF_COEFFICIENTS:
             raise InputError(f"splats need sh of shape ({n}, K, 3) with K = 1, 4, 9 or 16, found {self.sh.shape}")
+        if self.environment is not None:
+            object.__setattr__(self, "environment", np.ascontiguousarray(self.environment, bool))
+            if self.environment.shape != (n,):
+                raise InputError(f"splats need environment of shape ({n},), found {self.environment.shape}")
         outside = (self.opacities < 0) | (self.opacities > 1)
         if outside.any():
             raise InputError(
@@ -70,7 +80,10 @@ class Splats:
 
     def take(self, rows):
         """The splats at `rows`: indices, a slice, or an (N,) boolean mask."""
-        return Splats(*(getattr(self, field.name)[rows] for field in fields(self)))
+        return Splats(*(None if value is None else value[rows] for value in self._values()))
+
+    def _values(self):
+        return [getattr(self, field.name) for field in fields(self)]
 
     def in_spatial_order(self):
         """The same splats along a Z-order curve: neighbours in space are neighbours in memory. Needs finite means.
@@ -151,7 +164,7 @@ def clean(splats):
     (opacity below 1/255: normal in trained files). A zero scale beside a positive one is raised by FLATTEST.
     Warns with a DataWarning about all but the invisible. Raises InputError when fewer than MIN_SPLATS remain.
     """
-    values = [getattr(splats, field.name).reshape(len(splats), -1) for field in fields(splats)]
+    values = [getattr(splats, name).reshape(len(splats), -1) for name in NUMBERS]
     finite = np.logical_and.reduce([np.isfinite(value).all(axis=1) for value in values])
     with np.errstate(invalid="ignore"):
         largest = splats.scales.max(axis=1)

@@ -1,34 +1,116 @@
-"""Where to look from: the trained cameras of a COLMAP model, or virtual views that see all of a splat."""
+"""The cameras that a capture was taken with: found, read whatever their kind, and checked against the splat."""
 
+import json
+import os
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ..base.errors import InputError
-from ..base.extras import needed
-from ..render.view import View
+from ..base.errors import DataWarning, InputError
+from .cameras_json import views_of_cameras_json
+from .colmap import is_colmap, read_colmap
+from .nerfstudio import candidates_of_transforms
+
+KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transforms.json of nerfstudio"
+
+NONE = "none"
+"""For `cameras`: virtual views, even where cameras would be found."""
+
+SOLID = 0.3
+"""Opacity above which a splat counts as solid here."""
+
+LOOKED_AT = 20_000
+"""Solid splats by which cameras are checked."""
+
+SEES = 0.001
+"""Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
+
+JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
+"""Views, their longer side and the splats they look at, by which one of several frames is chosen."""
+
+CLEARLY = 0.95
+"""Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it around
+places and a table, but around a single object nothing tells them apart."""
+
+SHARP = 0.02
+"""Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
 
 
-def read_colmap(folder):
-    """Views of a COLMAP model (text or binary), in the order of their image ids.
+def trained_views(given, splat_path, splats):
+    """The cameras of a capture: a list of View in the frame of the splat, empty where there are none.
 
-    folder: holds cameras, images and points3D files. Lens distortion is ignored: the focal lengths and the principal
-    point of each camera are kept. Raises InputError for a folder that pycolmap cannot read or that holds no image.
+    given: path of a camera file or folder, one of KINDS; None: those that lie beside the splat; NONE: no cameras.
+    splat_path: of the splat. splats: cleaned Splats of it.
+    Raises InputError when they cannot be read, and when none of them sees the splat; warns with a DataWarning about
+    those that were dropped.
     """
-    folder = Path(folder)
-    if not any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin")):
-        raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
-    pycolmap = needed("pycolmap", "reading the cameras of a COLMAP model")
+    path = cameras_beside(splat_path) if given is None else None if str(given) == NONE else Path(given)
+    if path is None:
+        return []
+    candidates = read_cameras(path, splat_path)
+    solid = _solid(splats)
+    frames = [(views, [view for view in views if view is not None and _sees(view, solid)]) for views in candidates]
+    most = max(len(seeing) for _, seeing in frames)
+    if most == 0:
+        advice = "`cameras` none does without" if given is None else "give those of this capture"
+        raise InputError(
+            f"{path}: none of its {len(frames[0][0])} cameras sees a solid splat of {splat_path}: "
+            f"they are of another scene, or the splat was moved; {advice}"
+        )
+    likely = [frame for frame in frames if len(frame[1]) > most / 2]
+    if len(likely) > 1:
+        sharpness = [_sharpness(seeing, splats) for _, seeing in likely]
+        likely = [frame for frame, sharp in zip(likely, sharpness, strict=True) if sharp > CLEARLY * max(sharpness)]
+    views, seeing = likely[0]
+    if len(seeing) < len(views):
+        lost = sum(view is None for view in views)
+        reasons = {"have no finite pose": lost, "see no solid splat": len(views) - lost - len(seeing)}
+        text = " and ".join(f"{count} that {reason}" for reason, count in reasons.items() if count)
+        warnings.warn(f"{path}: dropped, of {len(views)} cameras, {text}", DataWarning, stacklevel=2)
+    return seeing
+
+
+def read_cameras(path, splat_path="."):
+    """The cameras of a path, in every frame that the splat may be in: a list of lists of View or None (no finite pose).
+
+    path: a file or folder, its kind told from what it holds. splat_path: of the splat that they belong to.
+    Raises InputError for any other, and for one without cameras.
+    """
+    path = Path(path)
+    if path.is_dir():
+        if is_colmap(path):
+            return [read_colmap(path)]
+        inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
+        if not inside:
+            raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
+        path = inside[0]
     try:
-        model = pycolmap.Reconstruction(str(folder))
-        views = [_view(model, model.images[key]) for key in sorted(model.images)]
-    except (ValueError, RuntimeError, KeyError, IndexError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{folder}: pycolmap cannot read this model ({reason})") from error
-    views = [view for view in views if np.isfinite(view.camera_from_world).all()]
-    if not views:
-        raise InputError(f"{folder}: the COLMAP model holds no posed image")
-    return views
+        content = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}; expected {KINDS}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path} is no JSON ({error}); expected {KINDS}") from error
+    if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
+        found = [views_of_cameras_json(path, content)]
+    elif isinstance(content, dict) and isinstance(content.get("frames"), list):
+        found = candidates_of_transforms(path, content, splat_path)
+    else:
+        raise InputError(f"{path} holds no cameras; expected {KINDS}")
+    if not found[0]:
+        raise InputError(f"{path} holds no cameras: its list is empty")
+    return found
+
+
+def cameras_beside(splat_path):
+    """The cameras.json that INRIA's training keeps two folders above point_cloud/iteration_N, or None."""
+    path = Path(os.path.abspath(splat_path))
+    folder = path if path.is_dir() else path.parent
+    if not folder.name.startswith("iteration_") or folder.parent.name != "point_cloud":
+        return None
+    file = folder.parent.parent / "cameras.json"
+    return file if file.is_file() else None
 
 
 def spread_out(views, count):
@@ -45,11 +127,33 @@ def spread_out(views, count):
     return [views[index] for index in sorted(chosen)]
 
 
-def _view(model, image):
-    camera = model.cameras[image.camera_id]
-    matrix = np.eye(4)
-    pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
-    matrix[:3] = pose.matrix()
-    focal = camera.focal_length_x, camera.focal_length_y
-    principal = camera.principal_point_x, camera.principal_point_y
-    return View(camera.width, camera.height, *focal, *principal, matrix)
+def _sees(view, points):
+    """Whether a camera has points in its picture, SEES of them at least: (N, 3) world."""
+    pixels, depth = view.project(points)
+    with np.errstate(invalid="ignore"):
+        inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
+    return np.count_nonzero(inside) >= max(1, SEES * len(points))
+
+
+def _solid(splats):
+    """Centres of solid splats, evenly picked where there are many: (N, 3)."""
+    rows = np.flatnonzero(splats.opacities > SOLID)
+    rows = rows if len(rows) else np.arange(len(splats))
+    return splats.means[rows[:: 1 + len(rows) // LOOKED_AT]]
+
+
+def _sharpness(views, splats):
+    """Mean over pictures of how much sharp surface they show, 0 to 1: cameras in the right frame show most."""
+    from ..render.opacityfield import field_depth
+    from .viewpoints import bounds_of, near_plane
+
+    near, step = near_plane(bounds_of(splats)), 1 + len(splats) // SKETCH_SPLATS
+    sketch = splats.take(slice(None, None, step))
+    sketch = replace(sketch, scales=sketch.scales * np.float32(np.sqrt(step)))  # so that they cover the same area
+    shown = []
+    for view in spread_out(views, JUDGES):
+        surface = field_depth(sketch, view.resized(JUDGE_PIXELS), near)
+        seen = np.isfinite(surface.depth)
+        blur = surface.spread[seen] / surface.depth[seen] / SHARP
+        shown.append(np.sum(1 / (1 + blur**2)) / seen.size)
+    return float(np.mean(shown))

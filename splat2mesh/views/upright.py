@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..base.errors import InputError
+from .ground import ground_of
 
 UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
 
@@ -17,11 +18,25 @@ LEVEL_DISAGREEMENT = np.radians(30.0)
 """How far the level direction of the cameras may lie from their mean up before the mean is trusted instead."""
 
 
-def scene_from_splat(up="auto", views=()):
+def upright(up, views, splats):
+    """The rotation of `scene_from_splat`, and what told it: one phrase.
+
+    up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
+    assumes the usual frame of trained files. Raises InputError for another `up`.
+    """
+    if up != "auto" or len(views):
+        return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"
+    ground = ground_of(splats)
+    told = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
+    return scene_from_splat(up, floor_up=ground.up), told
+
+
+def scene_from_splat(up="auto", views=(), floor_up=None):
     """The (4, 4) float64 rotation that takes the splat's frame to the scene frame (right-handed, y up).
 
     up: one of UP_CHOICES, the direction in the splat's frame that points up. "auto" takes it from the trained
-    cameras `views` where there are any, else assumes the usual frame of trained files, -y up, that is Rx(180).
+    cameras `views` where there are any, else from the floor where that is known, `floor_up`, (3,) unit, else assumes
+    the usual frame of trained files, -y up, that is Rx(180).
     Raises InputError for another `up`.
     """
     if up not in UP_CHOICES:
@@ -29,6 +44,8 @@ def scene_from_splat(up="auto", views=()):
     matrix = np.eye(4)
     if up == "auto" and len(views):
         matrix[:3, :3] = _upright(up_from_cameras(views))
+    elif up == "auto" and floor_up is not None:
+        matrix[:3, :3] = _upright(floor_up)
     else:
         matrix[:3, :3] = _QUARTER_TURNS["-y" if up == "auto" else up]
     return matrix
@@ -57,4 +74,4 @@ def _upright(up):
     axis = np.cross(source, [0.0, 1.0, 0.0])
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     tilt = np.eye(3) + cross + cross @ cross / max(1.0 + source[1], 1e-12)
-    return tilt @ turn
+    return tilt @ turn + 0.0  # no zero is negative

@@ -22,7 +22,7 @@ from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.scene.meshfile import read_mesh
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.views.cameras import read_colmap
+from splat2mesh.views.colmap import read_colmap
 from splat2mesh.views.upright import scene_from_splat
 
 ROOT = Path(__file__).parents[2]

@@ -8,12 +8,14 @@ import sys
 import numpy as np
 import pytest
 from ball_splats import GREEN, RADIUS, RED, solid_ball
+from sog_samples import sog_parts, store_folder
 
 from splat2mesh import __version__
 from splat2mesh.cli import main
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.formats import write_inria_ply
 
 
@@ -130,7 +132,7 @@ BAD_FILES = {
     "all NaN": (lambda path: write_splat(path, all_nan), "0 of 3000 splats are usable"),
     "one splat": (lambda path: write_splat(path, count=1), "1 of 1 splats are usable"),
     "all transparent": (lambda path: write_splat(path, transparent), "3000 invisible"),
-    "a folder": (lambda path: path.mkdir(), ""),
+    "a folder": (lambda path: path.mkdir(), "no splat file lies in it"),
 }
 
 
@@ -175,7 +177,10 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--vertices", "0"], "--vertices 0"),
         (["--vertices", "-5"], "--vertices -5"),
         (["--max-chunk-vertices", "2"], "--max-chunk-vertices 2"),
-        (["--cameras", "nowhere"], "nowhere: not a COLMAP model"),
+        (["--cameras", "nowhere"], "cannot read nowhere: No such file .* expected a COLMAP folder"),
+        (["--cameras", "ball.ply"], r"ball\.ply is no JSON .* expected a COLMAP folder"),
+        (["--lod", "fine"], "--lod fine: expected auto or the number of a level"),
+        (["--lod", "0"], r"--lod 0: ball\.ply has no levels of detail"),
     ],
 )
 def test_a_bad_setting_is_one_line_and_code_2_and_nothing_is_written(tmp_path, monkeypatch, capsys, arguments, message):
@@ -271,3 +276,60 @@ def test_no_input_is_a_usage_error():
     process = run()
     assert (process.returncode, process.stdout) == (2, "")
     assert "INPUT" in process.stderr
+
+
+def streamed_ball(folder):
+    """The ball as a streamed SOG of two levels, the finer one in two tiles."""
+    ball = solid_ball()
+    tiles = {"0_0": ball.take(slice(1500)), "0_1": ball.take(slice(1500, 3000)), "1_0": ball.take(slice(0, 3000, 2))}
+    for name, splats in tiles.items():
+        (folder / name).mkdir(parents=True)
+        store_folder(folder / name, sog_parts(splats, 2))
+    lods = [{"0": {"file": 0, "offset": 0, "count": 1500}, "1": {"file": 2, "offset": 0, "count": 1500}}]
+    lods.append({"0": {"file": 1, "offset": 0, "count": 1500}})
+    names = [f"{name}/meta.json" for name in tiles]
+    tree = {"children": [{"lods": each} for each in lods]}
+    (folder / "lod-meta.json").write_text(json.dumps({"lodLevels": 2, "filenames": names, "tree": tree}))
+    return folder / "lod-meta.json"
+
+
+def test_a_streamed_sog_becomes_a_scene_that_finds_its_splats_again(tmp_path, monkeypatch, capsys):
+    source = streamed_ball(tmp_path / "ball")
+    monkeypatch.chdir(tmp_path)
+    assert main(["ball/lod-meta.json", *SETTINGS]) == 0
+    assert "from 3,000 splats of level 0" in capsys.readouterr().out
+    scene = Scene.load("ball_scene")  # never the folder that is read
+    assert scene.source["lod"] == 0 and scene.source["path"] == str(source)
+    splats, paths = source_splats(scene)
+    assert paths == [source] and len(splats) == 3000
+    assert main(["ball", "--lod", "1", "-o", "coarse", *SETTINGS, "-q"]) == 0
+    assert len(source_splats(Scene.load("coarse"))[0]) == 1500
+    assert main(["ball", "--plan", "--lod", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["splats"] == 1500
+
+
+def test_a_streamed_sog_with_a_missing_tile_is_one_line_and_code_2(tmp_path, monkeypatch, capsys):
+    source = streamed_ball(tmp_path / "ball")
+    (source.parent / "0_1" / "meta.json").unlink()
+    monkeypatch.chdir(tmp_path)
+    before = files_below(tmp_path)
+    expect_refusal(capsys, main(["ball/lod-meta.json", *SETTINGS]), r"0_1/meta\.json is missing")
+    assert files_below(tmp_path) == before
+
+
+def test_cameras_of_another_scene_are_one_line_and_code_2(tmp_path, monkeypatch, capsys):
+    folder = tmp_path / "garden" / "point_cloud" / "iteration_7000"
+    folder.mkdir(parents=True)
+    write_splat(folder / "point_cloud.ply")
+    camera = {"width": 64, "height": 64, "fx": 80.0, "fy": 80.0, "rotation": np.eye(3).tolist()}
+    (tmp_path / "garden" / "cameras.json").write_text(json.dumps([camera | {"position": [0, 0, 9.0]}]))
+    monkeypatch.chdir(tmp_path)
+    before = files_below(tmp_path)
+    expect_refusal(
+        capsys, main([str(folder / "point_cloud.ply"), *SETTINGS]), "none of its 1 cameras sees a solid splat"
+    )
+    assert files_below(tmp_path) == before
+    (tmp_path / "garden" / "cameras.json").write_text(json.dumps([camera | {"position": [0, 0, -9.0]}]))
+    assert main([str(folder / "point_cloud.ply"), "--plan", "--json"]) == 0
+    planned = json.loads(capsys.readouterr().out)
+    assert planned["views"] == "1 of 1 trained" and planned["up_from"] == "the cameras"

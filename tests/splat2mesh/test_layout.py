@@ -16,7 +16,8 @@ from splat2mesh.layout import convert_layout, is_layout, plan_layout, read_layou
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_parts, source_splats
 from splat2mesh.splats.formats import read_splats, write_splats
-from splat2mesh.splats.placing import joined, placed, similarity
+from splat2mesh.splats.joining import joined
+from splat2mesh.splats.placing import placed, similarity
 from splat2mesh.surface.extract import EFFORTS, Effort
 
 QUICK = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
@@ -114,7 +115,13 @@ def test_the_scene_tells_what_it_holds(room, alone, folder):
     for name in ("splats", "vertices", "faces", "views"):
         assert room.statistics[name] == sum(by_itself.statistics[name] for by_itself in alone)
     assert room.settings["detail"] == "draft" and room.settings["max_chunk_vertices"] == 1000
-    assert room.settings["objects"]["bust"] == {"vertices": 1500, "up": "auto", "cameras": "virtual"}
+    assert room.settings["objects"]["bust"] == {
+        "vertices": 1500,
+        "up": "auto",
+        "cameras": "virtual",
+        "lod": "auto",
+        "up_from": "assumed -y, since no plane stands out as a floor",
+    }
 
 
 def distances(splats, chunks):

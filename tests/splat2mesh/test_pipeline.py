@@ -106,6 +106,8 @@ def test_what_was_done_is_recorded(converted, files):
         "vertices": VERTICES,
         "max_chunk_vertices": LIMIT,
         "up": "auto",
+        "up_from": "assumed -y, since no plane stands out as a floor",
+        "lod": "auto",
         "seed": 0,
         "cameras": "virtual",
     }

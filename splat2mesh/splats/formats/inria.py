@@ -11,6 +11,7 @@ from ...base.errors import InputError
 from ...base.outputs import staged_file
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import logit, sigmoid
+from .ply import blocks
 
 # A 2DGS surfel has no thickness. This share of its shorter axis looks flat and keeps its covariance well
 # inside float32: the variances differ by a factor of 1e-4, the rounding is 6e-8.
@@ -79,12 +80,11 @@ def rest_columns(sh):
 def gather(rows, columns):
     """Copy fields of a structured array into float32 columns, block by block.
 
-    rows: (N,) structured, possibly memory-mapped. columns: dict of field name -> (N,) array to fill.
+    rows: (N,) structured, as `Ply.rows` gives them. columns: dict of field name -> (N,) array to fill.
     """
-    for start in range(0, len(rows), _BLOCK):
-        block = np.array(rows[start : start + _BLOCK])
+    for start, block in blocks(rows, _BLOCK):
         for name, column in columns.items():
-            column[start : start + _BLOCK] = block[name]
+            column[start : start + len(block)] = block[name]
 
 
 def _packed(splats):

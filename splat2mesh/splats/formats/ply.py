@@ -145,3 +145,17 @@ class Ply:
                 f"{self.path} is cut short: its header promises {promised} rows of '{name}', "
                 f"there is room for {found}: copy or export it again"
             )
+
+
+def blocks(rows, size):
+    """Rows of a Ply, at most `size` at a time: yields the index of the first and a structured array.
+
+    Mapped rows are read from their file instead: a file of many gigabytes would count as memory once gone through.
+    """
+    if not isinstance(rows, np.memmap):
+        yield from ((start, rows[start : start + size]) for start in range(0, len(rows), size))
+        return
+    with open(rows.filename, "rb") as file:
+        file.seek(rows.offset)
+        for start in range(0, len(rows), size):
+            yield start, np.fromfile(file, rows.dtype, min(size, len(rows) - start))

@@ -1,43 +1,75 @@
 """Which reader a splat file needs, decided by what the file holds rather than by its name."""
 
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import InputError
-from . import compressed_ply, dotsplat, inria, sog, spz
+from ...base.errors import DataWarning, InputError
+from ..joining import joined
+from . import compressed_ply, dotsplat, inria, sog, spz, streamed
+from .parts import parts_of
 from .ply import Ply
 
-KINDS = "an INRIA or compressed .ply, a .splat, a .spz, or a .sog (also as a folder with meta.json)"
+KINDS = (
+    "an INRIA or compressed .ply, a .splat, a .spz, a .sog (also as a folder with meta.json), "
+    "the lod-meta.json of a streamed SOG, or a folder of tiles"
+)
 _ZIP = b"PK\x03\x04"
 
 
-def read_splats(path):
-    """Read any supported splat file: INRIA PLY (also 2DGS), PlayCanvas compressed PLY, .splat, .spz, .sog.
+def read_splats(path, lod="auto"):
+    """Read any supported splat: INRIA PLY (also 2DGS), PlayCanvas compressed PLY, .splat, .spz, .sog, or many tiles.
 
-    path: a file; for SOG also the folder that holds meta.json, or that meta.json.
-    Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or be invisible.
-    Raises InputError when the file is missing, empty, cut short, or of another kind.
+    path: a file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG,
+    or its folder; a folder of splat files, which are joined in the order of their names. lod: level of a streamed SOG,
+    0 being the finest, or "auto", the finest of at most streamed.SPLAT_BUDGET splats.
+    Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or be invisible. Rows stand in the
+    order of the tiles; the environment of a streamed SOG comes last and is marked so.
+    Raises InputError when a file is missing, empty, cut short, or of another kind: no tile is skipped. Warns with a
+    DataWarning when "auto" passes over a finer level.
     """
     path = Path(path)
     try:
         # Values beyond float32 become infinite or NaN here, and `clean` drops and counts them.
         with np.errstate(over="ignore", invalid="ignore"):
-            return _read(path, _kind(path))
+            found, splats = parts_of(path, lod), []
+            if lod == "auto" and found.level:
+                _say_coarser(path, found)
+            for tile, count in zip(found.tiles, found.counts, strict=True):
+                splats.append(_read(tile, _kind(tile)))
+                if count is not None:
+                    streamed.check_count(tile, len(splats[-1]), count, found.described_by)
+            if found.environment is not None:
+                far = _read(found.environment, _kind(found.environment))
+                splats.append(replace(far, environment=np.ones(len(far), bool)))
+            return joined(splats)
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
+
+
+def _say_coarser(path, found):
+    counts, level = found.level_counts, found.level
+    warnings.warn(
+        f"{path}: took level {level} with {counts[level]:,} splats; level 0 holds {counts[0]:,}, "
+        f"over the {streamed.SPLAT_BUDGET:,} that auto takes: `lod` 0 reads it",
+        DataWarning,
+        stacklevel=3,
+    )
 
 
 def kind_of(path):
-    """What a splat file is, by what it holds: "ply" (INRIA, 2DGS), "compressed.ply", "splat", "spz" or "sog".
+    """What a splat is, by what it holds: "ply" (INRIA, 2DGS), "compressed.ply", "splat", "spz", "sog" or "tiles".
 
     Raises InputError for what is none of them.
     """
     path = Path(path)
     try:
-        return _kind(path)
+        found = parts_of(path)
+        return "tiles" if found.described_by or found.tiles != (path,) else _kind(path)
     except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
 
 
 def _read(path, kind):

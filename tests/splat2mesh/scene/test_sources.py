@@ -141,7 +141,7 @@ def test_an_unbundled_sog_is_found_by_the_name_of_its_folder(work, monkeypatch):
     (folder / "means.webp").write_bytes(b"picture")
     save_scene(work / "a" / "out" / "robot", folder / "meta.json")
     folder.rename(work / "a" / "out" / "lod3")
-    monkeypatch.setattr("splat2mesh.scene.sources.read_splats", lambda path: make_splats(9, 0))
+    monkeypatch.setattr("splat2mesh.scene.sources.read_splats", lambda path, lod: make_splats(9, 0))
     scene = Scene.load(work / "a" / "out" / "robot")
     assert source_splats(scene)[1] == [work / "a" / "out" / "lod3" / "meta.json"]
     assert source_splats(scene, work / "a" / "out" / "lod3")[1] == [work / "a" / "out" / "lod3"]
@@ -256,3 +256,27 @@ def test_a_source_that_is_none_is_refused_when_the_scene_is_loaded(work, source)
     path.write_text(json.dumps({**json.loads(path.read_text()), "source": source}))
     with pytest.raises(InputError, match="damaged"):
         Scene.load(path.parent)
+
+
+def tile_folder(folder):
+    """A folder of two tiles, and the path of the second."""
+    write_ply(folder / "a.ply", 20)
+    return write_ply(folder / "b.ply", 30, degree=2)
+
+
+def test_a_folder_of_tiles_is_one_source_whose_every_file_counts(tmp_path, monkeypatch):
+    last = tile_folder(tmp_path / "tiles")
+    save_scene(tmp_path / "out", tmp_path / "tiles")
+    scene = Scene.load(tmp_path / "out")
+    splats, paths = source_splats(scene)
+    assert paths == [tmp_path / "tiles"] and len(splats) == 50
+    assert_same(splats, read_splats(tmp_path / "tiles"))
+    (tmp_path / "tiles").rename(tmp_path / "moved")
+    assert source_splats(scene, tmp_path / "moved")[1] == [tmp_path / "moved"]
+    write_ply(tmp_path / "moved" / "b.ply", 30, degree=2, seed=9)
+    with pytest.raises(InputError, match="its SHA-256 differs"):
+        source_splats(scene, tmp_path / "moved")
+    (tmp_path / "moved" / last.name).unlink()
+    (tmp_path / "moved" / "a.ply").unlink()
+    with pytest.raises(InputError, match=r"no splat file lies in it.* --splat must name the unchanged one"):
+        source_splats(scene, tmp_path / "moved")

@@ -13,7 +13,8 @@ from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.splats.formats.spz import _FLIPPED
-from splat2mesh.splats.placing import joined, parts_of, placed, placed_mesh, sh_rotation_3dgs, similarity
+from splat2mesh.splats.joining import joined
+from splat2mesh.splats.placing import parts_of, placed, placed_mesh, sh_rotation_3dgs, similarity
 from splat2mesh.views.upright import scene_from_splat
 
 ROTATION = Rotation.from_euler("zyx", [20, -130, 65], degrees=True).as_matrix()
@@ -115,7 +116,7 @@ def test_broken_rows_stay_broken_and_alone():
 
 def test_joining_keeps_every_row_in_order_and_pads_harmonics():
     parts = [make_splats(n, degree, n) for n, degree in ((5, 1), (7, 0), (3, 3))]
-    whole = joined(parts)
+    whole = joined(list(parts))
     assert len(whole) == 15 and whole.degree == 3
     for rows, part in zip((slice(0, 5), slice(5, 12), slice(12, 15)), parts, strict=True):
         k = part.sh.shape[1]

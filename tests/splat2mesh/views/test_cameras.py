@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View
-from splat2mesh.views.cameras import read_colmap, spread_out
+from splat2mesh.views.cameras import spread_out
+from splat2mesh.views.colmap import read_colmap
 
 PINHOLE = "7 PINHOLE 640 480 500.25 510.5 320.125 241.75"
 POSED = "1 1 0 0 0 0.5 -0.25 2 7 a.png"

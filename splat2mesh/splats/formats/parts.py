@@ -1,0 +1,87 @@
+"""What a splat path stands for: one file, a folder of tiles, or one level of a streamed SOG."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...base.errors import InputError
+from . import sog, streamed
+
+SUFFIXES = (".ply", ".splat", ".spz", ".sog")
+"""By which the tiles in a folder are told from what else lies there."""
+
+_LEVEL_AND_TILE = re.compile(r"(\d+)_\d+")
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The splat files that make up one capture.
+
+    tiles: tuple of Path, in the order in which their rows stand. counts: tuple of the rows that each must have, or
+    None where nothing says it. environment: Path of the splats that the capture keeps apart as its surroundings, whose
+    rows come last, or None. described_by: the lod-meta.json, or None. level: of detail, 0 the finest, and level_counts,
+    the splats of every level; None and () where there are no levels.
+    """
+
+    tiles: tuple
+    counts: tuple
+    environment: Path | None = None
+    described_by: Path | None = None
+    level: int | None = None
+    level_counts: tuple = ()
+
+    @property
+    def files(self):
+        """Everything that is read, in its order."""
+        described, surroundings = (() if path is None else (path,) for path in (self.described_by, self.environment))
+        return (*described, *self.tiles, *surroundings)
+
+
+def parts_of(path, lod="auto"):
+    """The Parts of a splat path.
+
+    path: a splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, or of tiles, which are its
+    splat files and unbundled SOGs in the order of their names. lod: level of a streamed SOG, its number or "auto".
+    Raises InputError when there is nothing, when a tile that is named is missing, or when `lod` has no meaning here.
+    """
+    path = Path(path)
+    lod = check_lod(lod)
+    if path.is_dir() and (path / streamed.META).is_file():
+        path = path / streamed.META
+    if path.suffix.lower() == ".json" and path.is_file() and streamed.is_streamed(path):
+        capture = streamed.open_streamed(path)
+        level = capture.level(lod)
+        capture.check_tiles(level)
+        tiles = capture.tiles[level]
+        return Parts(tuple(tiles), tuple(tiles.values()), capture.environment, path, level, capture.counts)
+    if lod != "auto":
+        raise InputError(f"`lod` {lod}: {path} has no levels of detail, which only a streamed SOG has")
+    tiles = (path,) if not path.is_dir() or (path / sog.META).is_file() else _tiles_in(path)
+    return Parts(tiles, (None,) * len(tiles))
+
+
+def check_lod(lod):
+    """A `lod` as "auto" or a number; InputError for anything else."""
+    if lod == "auto" or (type(lod) is int and lod >= 0):
+        return lod
+    if isinstance(lod, str) and lod.isdecimal():
+        return int(lod)
+    raise InputError(f"`lod` {lod}: expected auto or the number of a level, 0 being the finest")
+
+
+def _tiles_in(folder):
+    found = sorted(folder.iterdir(), key=lambda entry: entry.name)
+    tiles = [entry for entry in found if entry.suffix.lower() in SUFFIXES and entry.is_file()]
+    bundles = [entry for entry in found if entry.is_dir() and (entry / sog.META).is_file()]
+    if not tiles and not bundles:
+        raise InputError(
+            f"{folder} is a folder without {sog.META} or {streamed.META}, and no splat file lies in it: "
+            "expected a splat file, an unbundled SOG folder, a streamed SOG or a folder of tiles"
+        )
+    levels = {match[1] for entry in bundles if (match := _LEVEL_AND_TILE.fullmatch(entry.name))}
+    if len(levels) > 1:
+        raise InputError(
+            f"{folder} holds the tiles of {len(levels)} levels of detail but no {streamed.META}, "
+            "which tells them apart: copy the whole folder"
+        )
+    return tuple(sorted(tiles + bundles, key=lambda entry: entry.name))

@@ -1,0 +1,154 @@
+"""Streamed SOG: a lod-meta.json beside tiles of SOG, as large captures are published.
+
+{"lodLevels": 4, "filenames": ["0_0/meta.json", ...], "environment": "env/meta.json", "counts": [...], "tree": ...}
+
+Each level of detail holds the whole capture, 0 the finest. The leaves of the tree say which rows of which tile a level
+draws there: "lods": {"0": {"file": index into filenames, "offset": first row, "count": rows}}. The environment, sky and
+far surroundings, is drawn with every level. Files before version 1 have no `version`, `count` and `counts`.
+Source: playcanvas/splat-transform, src/lib/writers/write-lod.ts and src/lib/readers/read-lod.ts.
+"""
+
+import json
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from ...base.errors import InputError
+
+META = "lod-meta.json"
+
+SPLAT_BUDGET = 6_000_000
+"""Splats up to which `auto` takes a level: the largest captures that this project converts on a small machine."""
+
+
+@dataclass(frozen=True)
+class Streamed:
+    """What a lod-meta.json says, checked.
+
+    path: of the lod-meta.json. counts: tuple of the splats of each level. tiles: tuple, for each level a dict of the
+    tile's path -> its count of splats, in the order of `filenames`. environment: path of its SOG, or None.
+    """
+
+    path: Path
+    counts: tuple
+    tiles: tuple
+    environment: Path | None
+
+    def level(self, lod="auto"):
+        """The level that `lod` names: its number, or "auto", the finest of at most SPLAT_BUDGET splats.
+
+        Where every level is over the budget, "auto" is the coarsest. Raises InputError for a level without splats.
+        """
+        filled = [level for level, count in enumerate(self.counts) if count]
+        if lod == "auto":
+            return next((level for level in filled if self.counts[level] <= SPLAT_BUDGET), filled[-1])
+        if lod not in filled:
+            sizes = ", ".join(f"{level} ({self.counts[level]:,} splats)" for level in filled)
+            raise InputError(f"`lod` {lod}: {self.path} has the levels {sizes}")
+        return lod
+
+    def check_tiles(self, level):
+        """Raise InputError unless every tile of a level is there and says that it holds the splats it should."""
+        tiles = self.tiles[level]
+        lost = [path for path in [*tiles, *([self.environment] if self.environment else [])] if not path.is_file()]
+        if lost:
+            which = f"{lost[0]} is" if len(lost) == 1 else f"{lost[0]} and {len(lost) - 1} more are"
+            raise InputError(f"{which} missing, named by {self.path} for level {level}: copy the whole folder")
+        for path, count in tiles.items():
+            check_count(path, _announced(path), count, self.path)
+
+
+def check_count(path, found, expected, meta_path):
+    """Raise InputError when a tile holds another number of splats than its lod-meta.json says; None: not known yet."""
+    if found is not None and found != expected:
+        raise InputError(
+            f"{path} holds {found:,} splats, {meta_path.name} says {expected:,}: copy or export the folder again"
+        )
+
+
+def is_streamed(path):
+    """Whether a path is the lod-meta.json of a streamed SOG, by what it holds."""
+    try:
+        with open(path, encoding="utf-8") as file:
+            content = json.load(file)
+    except (OSError, ValueError, RecursionError):
+        return Path(path).name == META
+    return isinstance(content, dict) and ("lodLevels" in content or Path(path).name == META)
+
+
+def open_streamed(path):
+    """The Streamed of a lod-meta.json. Raises InputError where it is damaged or contradicts itself."""
+    path = Path(path)
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+        version = meta.get("version", 1)
+        if version != 1:
+            raise InputError(f"{path}: version {version} of {META} is not known here: expected 1")
+        levels, names = int(meta["lodLevels"]), [_inside(path, name) for name in meta["filenames"]]
+        if levels <= 0:
+            raise InputError(f"{path}: lodLevels must be positive, found {levels}")
+        tiles = _tiles(path, meta["tree"], levels, names)
+        environment = _inside(path, meta["environment"]) if meta.get("environment") else None
+        counts = tuple(sum(tile.values()) for tile in tiles)
+        promised = tuple(meta.get("counts", counts))
+    except InputError:
+        raise
+    except RecursionError as error:
+        raise InputError(f"{path}: its tree is nested too deeply") from error
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+        raise InputError(f"{path} does not describe a streamed SOG ({type(error).__name__}: {error})") from error
+    if promised != counts:
+        raise InputError(f"{path}: its counts are {list(promised)}, its tree holds {list(counts)} splats by level")
+    if not any(counts):
+        raise InputError(f"{path} holds no splats: every level of its tree is empty")
+    return Streamed(path, counts, tiles, environment)
+
+
+def _tiles(path, tree, levels, names):
+    """For each level, a dict of tile -> count; the leaves must cover every tile once, without gaps."""
+    ranges, nodes = defaultdict(list), [tree]
+    while nodes:
+        node = nodes.pop()
+        nodes.extend(node.get("children", ()))
+        for key, reference in node.get("lods", {}).items():
+            level, file = int(key), _whole(reference["file"])
+            start, count = _whole(reference["offset"]), _whole(reference["count"])
+            if not (0 <= level < levels and file < len(names)):
+                raise ValueError(f"a leaf names level {key} and file {file} of {levels} and {len(names)}")
+            if count:
+                ranges[level, file].append((start, start + count))
+    tiles = [{} for _ in range(levels)]
+    for level, file in sorted(ranges):
+        end = 0
+        for start, stop in sorted(ranges[level, file]):
+            if start != end:
+                fault = "overlap" if start < end else "leave a gap"
+                raise InputError(f"{path}: its leaves {fault} at row {min(start, end)} of {names[file].name}")
+            end = stop
+        tiles[level][names[file]] = end
+    return tuple(tiles)
+
+
+def _whole(value):
+    if type(value) is not int or value < 0:
+        raise ValueError(f"expected a whole number, found {value!r}")
+    return value
+
+
+def _inside(path, name):
+    """The path of a tile; InputError for a name that leads out of the folder of the lod-meta.json."""
+    parts = PurePosixPath(str(name))
+    if parts.is_absolute() or ".." in parts.parts or "://" in str(name):
+        raise InputError(f"{path} names {name}, which lies outside its folder: download the capture as a whole")
+    return path.parent / parts
+
+
+def _announced(path):
+    """How many splats an unbundled SOG tile says it holds; None for any other tile, and where it does not say."""
+    if path.suffix.lower() != ".json":
+        return None
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+        return int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
+    except (OSError, ValueError, KeyError, IndexError, TypeError):
+        return None  # what is wrong with it, its reader says better

@@ -1,0 +1,32 @@
+"""Several splats as one, in little more memory than the whole takes."""
+
+import numpy as np
+
+from .splats import Splats
+
+
+def joined(parts):
+    """One Splats of all rows of several, part after part; lower degrees get harmonics of zero.
+
+    parts: list of Splats, at least one. It is emptied on the way, so that the memory of a part which nobody else
+    holds is free again once its rows are copied: at the peak there are the whole and one part of the largest field.
+    Rows are marked as environment where their part marks them; where no part does, there is no mark.
+    """
+    if len(parts) == 1:
+        return parts.pop()
+    starts = np.cumsum([0, *map(len, parts)])
+    total, coefficients = int(starts[-1]), max(part.sh.shape[1] for part in parts)
+    # Pages of zeros are taken as they are written to: the whole grows while the parts go.
+    whole = Splats(
+        *(np.zeros((total, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (coefficients, 3))),
+        np.zeros(total, bool) if any(part.environment is not None for part in parts) else None,
+    )
+    while parts:
+        part = parts.pop()
+        rows = slice(int(starts[len(parts)]), int(starts[len(parts) + 1]))
+        for name in ("means", "scales", "quats_wxyz", "opacities"):
+            getattr(whole, name)[rows] = getattr(part, name)
+        whole.sh[rows, : part.sh.shape[1]] = part.sh
+        if part.environment is not None:
+            whole.environment[rows] = part.environment
+    return whole

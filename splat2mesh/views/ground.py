@@ -1,0 +1,201 @@
+"""Up from the place itself: the floor that a capture stands on, where a splat clearly has one.
+
+The largest plane of a place is its floor or its ceiling: of what was tried (normals of splats, walls about the upright,
+weight near the floor, brightness) the area of planes alone told it in every capture, real and trained. Walls have half
+of its area, objects no plane that stands out. Which of its sides is up shows where things stand on one side alone;
+between a floor and a ceiling it does not show, and the usual frame of trained files decides.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .viewpoints import fibonacci_sphere
+
+SOLID = 0.3
+"""Opacity above which a splat is solid enough to be counted here."""
+
+REACH, CELLS = 3.0, 40
+"""Radii, each holding half of the detail, that are looked at, and the cells of one: all that a cell holds counts once,
+so that a thing of many small splats outweighs no floor of few large ones."""
+
+DIRECTIONS, SAMPLE = 2400, 25_000
+"""Directions (3.7 degrees apart) in which planes are looked for, and the cells that are looked at."""
+
+THICK = 3.0
+"""Of a plane, in cells: floors are no flatter, trained over several metres."""
+
+LEAST_COVER = 0.5
+"""Share of the outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an object."""
+
+LEAST_LEAD = 1.6
+"""How much larger than any plane that leans away by 30 degrees: 2 to 35 in places, 1.25 in an object."""
+
+LEAST_SIDED = 3.0
+"""Cells on its upper side for each one below: 6.8 and more in places; floaters are what lies below."""
+
+CLOSED = 0.42
+"""Share of the floor's area from which a plane opposite is a ceiling: .57 and .63 in rooms, .3 in a blurred one."""
+
+SURROUNDINGS, FAR = 0.01, 5.0
+"""Share of the solid splats, and radii beyond which they lie, that only a capture with surroundings has: .04 to .08 in
+places, 0 in objects, whose flat top must not be taken for a floor."""
+
+LEANS_DEG, LEANS_IN_PLACE_DEG, STRAIGHT_DEG = 15.0, 35.0, 1.0
+"""How far from an axis a floor may lie, unless surroundings or a ceiling show that it is one, and how near to it the
+capture is upright already."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Up as the place shows it.
+
+    up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
+    """
+
+    up: np.ndarray | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The largest plane of a splat and what speaks for its being a floor.
+
+    normal: (3,) unit float64, towards the side with more on it. cover, lead, sided, opposite, far: what LEAST_COVER,
+    LEAST_LEAD, LEAST_SIDED, CLOSED and SURROUNDINGS are compared with.
+    """
+
+    normal: np.ndarray
+    cover: float
+    lead: float
+    sided: float
+    opposite: float
+    far: float
+
+
+def ground_of(splats):
+    """Up from the floor of a place: a Ground. splats: cleaned Splats. The same whatever the number of threads."""
+    floor = largest_plane(splats)
+    if floor is None or floor.cover < LEAST_COVER or floor.lead < LEAST_LEAD:
+        return Ground(None, "no plane stands out as a floor")
+    axis = int(np.abs(floor.normal).argmax())
+    if axis == 0:
+        return Ground(None, "the largest plane faces sideways")
+    open_above, place = floor.opposite < CLOSED, floor.far >= SURROUNDINGS
+    up = floor.normal
+    if not open_above or (axis == 1 and up[1] > 0 and not place):
+        # Either side could be up: the usual one, where the plane lies so; else nothing is known.
+        up = -up if axis == 1 and up[1] > 0 else up
+        if axis != 1:
+            return Ground(None, "between two planes either side could be up")
+    elif floor.sided < LEAST_SIDED:
+        return Ground(None, "things stand on both sides of the largest plane")
+    if axis == 2 and not (place and up[2] > 0):
+        return Ground(None, "the largest plane may be a wall")
+    leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
+    if leans > (LEANS_IN_PLACE_DEG if place or not open_above else LEANS_DEG):
+        return Ground(None, f"the largest plane leans by {leans:.0f} degrees")
+    if leans < STRAIGHT_DEG:
+        up = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
+    name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
+    return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
+
+
+def largest_plane(splats):
+    """The Floor of a splat, judged by nobody yet; None where too little is solid."""
+    cells, far = _cells(splats)
+    if len(cells) < CELLS:
+        return None
+    sample = cells[:: 1 + len(cells) // SAMPLE]
+    directions = fibonacci_sphere(DIRECTIONS)
+    directions = directions[directions[:, 2] >= 0]
+    counts, heights = _fullest_slabs(sample, directions)
+    best = int(counts.argmax())
+    normal, height = _fitted(cells, directions[best], heights[best])
+    above = _along(cells, normal) - height
+    if (above > THICK).sum() < (above < -THICK).sum():
+        normal, above = -normal, -above
+    on = np.abs(above) < THICK / 2
+    upper = above[above > THICK]
+    if not on.any() or len(upper) == 0:
+        return None
+    off = np.abs(above[:: 1 + len(cells) // SAMPLE]) >= THICK
+    others = directions[np.abs(_along(directions, normal)) < np.cos(np.radians(30.0))]
+    second = _fullest_slabs(sample[off], others)[0].max() if off.any() else 0
+    beyond = above[above > 0.3 * np.percentile(upper, 98)]
+    return Floor(
+        normal,
+        cover=_outline(cells[on], normal) / _outline(cells, normal),
+        lead=float(on.sum() * len(sample) / len(cells) / max(second, 1)),
+        sided=float(len(upper) / max((above < -THICK).sum(), 1)),
+        opposite=float(_fullest_slab(beyond)[0] / on.sum()),
+        far=far,
+    )
+
+
+def _cells(splats):
+    """Centres of the cells that solid splats near the middle of the detail lie in, (C, 3) in cells; the far share."""
+    solid = np.flatnonzero(splats.opacities > SOLID)
+    if len(solid) < CELLS:
+        return np.zeros((0, 3)), 0.0
+    size = splats.scales[solid].max(axis=1)
+    detail = 1.0 / np.maximum(size, np.percentile(size, 5) + 1e-30).astype(np.float64) ** 2
+    means = splats.means[solid].astype(np.float64)
+    middle = np.array([_weighted_median(means[:, axis], detail) for axis in range(3)])
+    means -= middle
+    distance = np.sqrt(_along(means**2, np.ones(3)))
+    radius = _weighted_median(distance, detail) + 1e-30
+    index = np.floor(means[distance < REACH * radius] * (CELLS / radius)).astype(np.int64)
+    wide = 2 * round(REACH) * CELLS
+    keys = np.unique(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
+    cells = np.stack([keys // (4 * wide * wide), keys // (2 * wide) % (2 * wide), keys % (2 * wide)], axis=1)
+    return cells - wide + 0.5, float((distance > FAR * radius).mean())
+
+
+def _fullest_slabs(points, directions):
+    """Across each direction the slab of THICK that holds most points: counts (D,), heights of their middles (D,)."""
+    found = [_fullest_slab(_along(points, direction)) for direction in directions]
+    return np.array([count for count, _ in found]), np.array([height for _, height in found])
+
+
+def _fullest_slab(heights):
+    if len(heights) == 0:
+        return 0, 0.0
+    steps = np.floor(heights).astype(np.int64)
+    low, width = steps.min(), round(THICK)
+    counts = np.convolve(np.bincount(steps - low), np.ones(width, np.int64))
+    fullest = int(counts.argmax())
+    return int(counts[fullest]), float(low + fullest + 1 - width / 2)
+
+
+def _fitted(points, normal, height):
+    """The plane through the points of a slab, fitted again and again: its normal and height."""
+    for _ in range(8):
+        near = points[np.abs(_along(points, normal) - height) < THICK / 2]
+        if len(near) < 3:
+            break
+        middle = near.mean(axis=0)
+        away = near - middle
+        spread = np.array([[(away[:, i] * away[:, j]).sum() for j in range(3)] for i in range(3)])
+        fitted = np.linalg.eigh(spread)[1][:, 0]
+        normal = fitted * (1.0 if fitted @ normal >= 0 else -1.0)
+        height = float(middle @ normal)
+    return normal, height
+
+
+def _outline(points, normal):
+    """Area of points seen along a normal, in squares of two cells."""
+    side = np.linalg.svd(normal[None])[2][1]
+    squares = [np.floor(_along(points, axis) / 2).astype(np.int64) for axis in (side, np.cross(normal, side))]
+    return len(np.unique(squares[0] * 65536 + squares[1]))
+
+
+def _along(points, direction):
+    """Dot products, (N,): term by term, for what a matrix product rounds depends on how threads share it."""
+    return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
+
+
+def _weighted_median(values, weights):
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

@@ -1,0 +1,35 @@
+"""A camera as files give it, checked and made a View."""
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..render.view import View
+
+SLACK = 0.01
+"""How far a rotation's columns may be from unit and square, as files with few digits have them."""
+
+
+def view_of(where, size, focal, principal, world_from_camera):
+    """A View of numbers from a file, or None where its pose is not finite, as poses that were not found are.
+
+    where: what a message begins with. size: width and height, pixels. focal, principal: pairs in pixels; a principal
+    point of None is the middle. world_from_camera: (4, 4), camera x right, y down, z forward.
+    Raises InputError for a size or focal length that is none, and for a rotation that is none.
+    """
+    try:
+        (width, height), (fx, fy) = (int(side) for side in size), (float(length) for length in focal)
+        cx, cy = (width / 2, height / 2) if principal is None else (float(place) for place in principal)
+        pose = np.array(world_from_camera, np.float64).reshape(4, 4)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{where} holds no numbers ({error})") from error
+    if not (width > 0 and height > 0 and 0 < fx < np.inf and 0 < fy < np.inf and np.isfinite([cx, cy]).all()):
+        raise InputError(f"{where} has no usable picture: {width} x {height} pixels, focal lengths {fx:g} and {fy:g}")
+    if not np.isfinite(pose).all():
+        return None
+    left, stretch, right = np.linalg.svd(pose[:3, :3])
+    if np.abs(stretch - 1).max() > SLACK or np.linalg.det(pose[:3, :3]) < 0:
+        raise InputError(f"{where}: its rotation is none: the columns of a rotation are unit, square and right-handed")
+    camera_from_world = np.eye(4)
+    camera_from_world[:3, :3] = (left @ right).T
+    camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ pose[:3, 3]
+    return View(width, height, fx, fy, cx, cy, camera_from_world)
