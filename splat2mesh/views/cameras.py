@@ -31,8 +31,8 @@ JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
 """Views, their longer side and the splats they look at, by which one of several frames is chosen."""
 
 CLEARLY = 0.95
-"""Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it around
-places and a table, but around a single object nothing tells them apart."""
+"""Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
+around places and a table, but around a single object nothing tells them apart."""
 
 SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""

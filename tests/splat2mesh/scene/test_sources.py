@@ -278,5 +278,5 @@ def test_a_folder_of_tiles_is_one_source_whose_every_file_counts(tmp_path, monke
         source_splats(scene, tmp_path / "moved")
     (tmp_path / "moved" / last.name).unlink()
     (tmp_path / "moved" / "a.ply").unlink()
-    with pytest.raises(InputError, match=r"no splat file lies in it.* --splat must name the unchanged one"):
+    with pytest.raises(InputError, match=r"no splat file lies in it.* `splat` must name the unchanged one"):
         source_splats(scene, tmp_path / "moved")

@@ -168,7 +168,8 @@ def bumpy():
 
 
 @pytest.mark.parametrize("beside", ["splat", "transforms"])
-def test_nerfstudios_training_frame_is_applied_where_the_splat_is_in_it(tmp_path, beside):
+def test_nerfstudios_training_frame_is_applied_where_the_splat_is_in_it(tmp_path, monkeypatch, beside):
+    monkeypatch.setattr("splat2mesh.views.cameras.CLEARLY", 0.999)  # two balls look much alike from everywhere
     scale = 0.4
     rigid = TURN.copy()
     rigid[:3] /= scale
@@ -182,7 +183,8 @@ def test_nerfstudios_training_frame_is_applied_where_the_splat_is_in_it(tmp_path
     assert_same_views(trained_views(path, splat, bumpy()), orbit())
 
 
-def test_a_splat_in_colmaps_frame_undoes_what_nerfstudio_applied(tmp_path):
+def test_a_splat_in_colmaps_frame_undoes_what_nerfstudio_applied(tmp_path, monkeypatch):
+    monkeypatch.setattr("splat2mesh.views.cameras.CLEARLY", 0.999)  # two balls look much alike from everywhere
     applied = similarity(rotation=[[1, 0, 0], [0, 0, 1], [0, -1, 0]], translation=[0.5, 0, -2.0])
     content = transforms(moved_views(orbit(), applied), applied_transform=applied[:3].tolist())
     path = store(tmp_path / "transforms.json", content)
