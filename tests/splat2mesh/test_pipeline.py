@@ -258,7 +258,7 @@ def test_fog_is_refused(tmp_path, quick):
         ({"up": "+x"}, "expected one of auto"),
         ({"detail": "finest"}, "expected one of draft"),
         ({"surface": "magic"}, "expected one of field"),
-        ({"background": "blur"}, "--background blur: expected one of cut keep"),
+        ({"background": "blur"}, "`background` blur: expected one of cut keep"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_before_the_file_is_read(setting, message):

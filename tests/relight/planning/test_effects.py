@@ -6,12 +6,12 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from relight import Environment, Relighter, cli, precomputed
+from relight import Environment, Relighter, cli
 from relight.engine.blinnphong import blinn_phong
 from relight.light.sun_split import split
 from relight.options import LightingOptions
 from relight.planning.effects import EFFECTS
-from relight.transfer import occluder, visibility
+from relight.transfer import occluder, precomputed, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene

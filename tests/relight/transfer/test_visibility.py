@@ -185,5 +185,5 @@ def test_a_vertex_on_a_seam_is_traced_if_either_copy_asks():
 
 @pytest.mark.parametrize("rays", [0, -3, 2.5, MAX_RAYS + 1])
 def test_rays_must_be_a_whole_number(occluder, rays):
-    with pytest.raises(InputError, match="rays per vertex must be a whole number from 1 to 65536"):
+    with pytest.raises(InputError, match="`rays` per vertex must be a whole number from 1 to 65536"):
         Visibility(occluder, rays)
