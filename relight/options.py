@@ -7,8 +7,8 @@ from typing import Any
 
 from splat2mesh.base.errors import InputError
 
-from .transfer import METHODS, SHADOWING, check_rays
-from .transfer.settings import EFFECTS, SHADOWS
+from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
+from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, Settings
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
@@ -89,6 +89,19 @@ class LightingOptions:
     def fixed_method(self) -> str | None:
         """The method that is given; None where it is to be chosen."""
         return None if self.method == "auto" else self.method
+
+    @property
+    def unplanned(self) -> Settings:
+        """The Settings where nothing is planned: all that the chosen effects do not rule out."""
+        method, effects = self.method, self.chosen_effects
+        if method == "auto":
+            method = "raytraced" if effects else "analytic"
+        bands = DEFAULT_BANDS if self.bands is None else self.bands
+        if method not in SHADOWING:
+            return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
+        rays = self.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
+        bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
+        return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)
 
 
 def _able(method: str) -> frozenset[str]:

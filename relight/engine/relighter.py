@@ -14,7 +14,7 @@ from splat2mesh.scene.foreign import AnyScene, as_scene
 from ..options import LightingOptions
 from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
-from ..transfer.settings import BOUNCE_RAYS, Settings, everything
+from ..transfer.settings import BOUNCE_RAYS, Settings
 from .direct import DirectLight
 from .static import StaticGeometry
 
@@ -73,7 +73,7 @@ class Relighter:
         self.stages = Stages() if stages is None else stages
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
-        self._everything = everything(self.options)
+        self._everything = self.options.unplanned
         self._planner: Any = None
         self._latest: Settings | None = None
         self._dynamic: Any = None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import luminance
 
@@ -199,7 +200,7 @@ def _read_exr(path):
     import OpenEXR
 
     try:
-        with _silenced():
+        with quiet_libraries(), contextlib.redirect_stdout(io.StringIO()):
             parts = OpenEXR.File(str(path), separate_channels=True).parts
     except Exception as error:  # the binding raises several types, each with a text of its own
         raise InputError(f"{path} is a damaged OpenEXR file ({error}): copy or export it again") from None
@@ -251,18 +252,3 @@ def _decode_hdr(data, path):
         raise InputError(
             f"{path} is a damaged or unusual Radiance HDR file ({error}): export it again, or as OpenEXR"
         ) from None
-
-
-@contextlib.contextmanager
-def _silenced():
-    """Keep the OpenEXR library's own messages off stdout and stderr: the error raised says what matters."""
-    stderr = os.dup(2)
-    null = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(null)

@@ -1,11 +1,6 @@
 """How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
 
-from typing import TYPE_CHECKING, NamedTuple
-
-from . import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, NEURAL_RAYS, SHADOWING
-
-if TYPE_CHECKING:
-    from ..options import LightingOptions
+from typing import NamedTuple
 
 SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
@@ -49,16 +44,3 @@ class Settings(NamedTuple):
         if self.bounce_rays:
             parts.append(f"bounces ({self.bounce_rays} rays)")
         return ", ".join(parts)
-
-
-def everything(options: "LightingOptions") -> Settings:
-    """The Settings of options where nothing is planned: all that their effects do not rule out."""
-    method, effects = options.method, options.chosen_effects
-    if method == "auto":
-        method = "raytraced" if effects else "analytic"
-    bands = DEFAULT_BANDS if options.bands is None else options.bands
-    if method not in SHADOWING:
-        return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
-    rays = options.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
-    bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
-    return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)

@@ -23,6 +23,9 @@ THREADS = {
 """Environment variables of a process that belongs to this toolkit alone; both are read as the libraries load."""
 
 
+_owns_process = False  # whether a command runs in this process, rather than somebody who uses the library
+
+
 def run(
     command: Callable[[Namespace], tuple[list[str], Any]],
     options: Namespace,
@@ -34,6 +37,8 @@ def run(
     `.quiet`, `.verbose`. The result goes to stdout, everything else to stderr. Settings that messages name are shown
     as options: `up` as --up; renamed: setting -> option, where that is not its name.
     """
+    global _owns_process
+    _owns_process = True
     for name, value in THREADS.items():
         os.environ.setdefault(name, value)
     names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
@@ -61,6 +66,25 @@ def run(
     except BrokenPipeError:  # whoever read along has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return EXIT_DONE
+
+
+@contextmanager
+def quiet_libraries() -> Iterator[None]:
+    """Within a command, keep what native libraries print of their own off stderr; elsewhere stderr is the host's.
+
+    They print to the file descriptor, which all threads of a process share: so only a process that is a command's.
+    """
+    if not _owns_process:
+        yield
+        return
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
 
 
 @contextmanager

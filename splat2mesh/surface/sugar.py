@@ -84,7 +84,8 @@ def poisson(surface, depth):
         raise InputError("no surface points were found: is this a splat of a solid object?")
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(surface.points.astype(np.float64)))
     cloud.normals = o3d.utility.Vector3dVector(surface.normals.astype(np.float64))
-    mesh, density = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth)
+    # One thread: several sum in any order, and the surface differs from run to run.
+    mesh, density = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
     density = np.asarray(density)
     if len(density) == 0:
         raise InputError(f"{len(surface.points)} surface points make no surface: is this a splat of a solid object?")

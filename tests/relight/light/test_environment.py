@@ -7,8 +7,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from relight import Environment
+from relight import Environment, cli
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import write_mesh_ply
 
 
 def _texel_direction(row, column, height, width):
@@ -320,14 +322,24 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_unusable_files_are_refused_in_one_line(kind, tmp_path, capfd):
+def test_unusable_files_are_refused_in_one_line(kind, tmp_path):
     content, message = REFUSED[kind]
     path = tmp_path / "bad.hdr"
     path.write_bytes(content(tmp_path))
     with pytest.raises(InputError, match=message) as error:
         Environment.load(path)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
-    assert capfd.readouterr() == ("", "")  # the libraries' own complaints stay away from both streams
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_a_command_says_nothing_else_of_an_unusable_file(kind, tmp_path, capfd):
+    path = tmp_path / "bad.hdr"
+    path.write_bytes(REFUSED[kind][0](tmp_path))
+    mesh = tmp_path / "mesh.ply"
+    write_mesh_ply(mesh, Mesh(*(np.eye(3, dtype=np.float32),) * 2, np.int32([[0, 1, 2]]), np.zeros((3, 3), np.uint8)))
+    assert cli.main([str(mesh), "--env", str(path), "-o", str(tmp_path / "out")]) == 2
+    said = capfd.readouterr()
+    assert said.out == "" and len(said.err.splitlines()) == 1  # the libraries' own complaints stay away
 
 
 @pytest.mark.parametrize("channels", [{"Z": RED}, {"R": RED, "G": GREEN}, {"id": RED.astype(np.uint32)}])
