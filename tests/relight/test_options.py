@@ -10,7 +10,7 @@ import pytest
 
 from relight import LightingOptions
 from relight.options import DEFAULT_TOLERANCE
-from relight.transfer.settings import EFFECTS, everything
+from relight.transfer.settings import EFFECTS
 from splat2mesh.base.errors import InputError
 
 HEAVY = ("numpy", "scipy", "numba", "open3d")
@@ -71,10 +71,10 @@ def test_what_is_not_planned_becomes_planned_within_the_default():
 
 
 def test_without_a_plan_everything_that_is_not_ruled_out_is_done():
-    assert everything(LightingOptions(effects="none")).method == "analytic"
-    assert everything(LightingOptions(rays=7)).rays == 7
-    assert everything(LightingOptions()).effects == frozenset(EFFECTS)
-    assert everything(LightingOptions("neural-gash", bands=8)).bands == 3
+    assert LightingOptions(effects="none").unplanned.method == "analytic"
+    assert LightingOptions(rays=7).unplanned.rays == 7
+    assert LightingOptions().unplanned.effects == frozenset(EFFECTS)
+    assert LightingOptions("neural-gash", bands=8).unplanned.bands == 3
 
 
 def test_importing_them_loads_nothing_heavy():
