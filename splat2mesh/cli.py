@@ -1,6 +1,7 @@
 """The splat2mesh command: arguments in, scene folder out. Holds no mathematics and imports nothing heavy."""
 
 import argparse
+import math
 import sys
 import time
 from pathlib import Path
@@ -54,7 +55,13 @@ def parser() -> argparse.ArgumentParser:
         help="level of a streamed SOG, 0 the finest; auto: the finest of at most 6 million splats "
         "(default: %(default)s)",
     )
-    add("--vertices", type=int, default=50_000, metavar="N", help="size of the mesh (default: %(default)s)")
+    add(
+        "--vertices",
+        type=_count,
+        default=None,
+        metavar="N",
+        help="size of the mesh; auto: 50,000 for an object, up to 400,000 for a place (default: auto)",
+    )
     add("--max-chunk-vertices", type=int, default=40_000, metavar="N", help="limit of a chunk (default: %(default)s)")
     add(
         "--up",
@@ -76,6 +83,21 @@ def parser() -> argparse.ArgumentParser:
         metavar="WHAT",
         help="far background of an open scene: cut, or keep, which hides the light's sky (default: %(default)s)",
     )
+    add(
+        "--from",
+        dest="stand",
+        default="auto",
+        metavar="WHERE",
+        help="where the capture stood: auto, inside, outside (default: %(default)s)",
+    )
+    add(
+        "--eye",
+        action="append",
+        type=_point,
+        default=[],
+        metavar="X,Y,Z",
+        help="a place where the capture stood, in the splat's own frame; may be given several times",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
     add("--plan", action="store_true", help="print what would be done, and do nothing")
@@ -88,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    return run(_command, parser().parse_args(arguments))
+    return run(_command, parser().parse_args(arguments), {"stand": "--from", "eyes": "--eye"})
 
 
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
@@ -121,6 +143,8 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
             detail=options.detail,
             surface=options.surface,
             background=options.background,
+            stand=options.stand,
+            eyes=options.eye,
             seed=options.seed,
             stages=stages,
         )
@@ -156,7 +180,8 @@ def _plan(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .layout import is_layout, plan_layout
     from .pipeline import plan
 
-    settings = {name: getattr(options, name) for name in ("cameras", "lod", "up", "detail", "surface", "background")}
+    names = ("cameras", "lod", "up", "detail", "surface", "background", "stand")
+    settings = {name: getattr(options, name) for name in names} | {"eyes": options.eye}
     if not is_layout(options.input):
         result = plan(options.input, **settings)
         return _listed(result), result
@@ -169,6 +194,19 @@ def _plan(options: argparse.Namespace) -> tuple[list[str], Any]:
 
 def _listed(result: dict[str, Any]) -> list[str]:
     return [f"{label:<24}{value}" for label, value in result.items()]
+
+
+def _count(text: str) -> int | None:
+    """A number of vertices, or None for auto."""
+    return None if text == "auto" else int(text)
+
+
+def _point(text: str) -> tuple[float, ...]:
+    """Three numbers with commas between them."""
+    point = tuple(float(part) for part in text.split(","))
+    if len(point) != 3 or not all(map(math.isfinite, point)):
+        raise ValueError(text)
+    return point
 
 
 def _default_output(source: Path) -> str:

@@ -25,7 +25,7 @@ from .views.upright import UP_CHOICES
 
 _SOG_METAS = ("meta.json", "lod-meta.json")
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
-_CHECKED = {"detail": "normal", "surface": "field", "background": "cut"}
+_CHECKED = {"detail": "normal", "surface": "field", "background": "cut", "stand": "auto"}
 _LARGEST = 1e6
 """Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
 

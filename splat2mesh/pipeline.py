@@ -6,19 +6,29 @@ import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
-from .scene.chunks import DEFAULT_MAX_VERTICES
+from .scene.chunks import DEFAULT_MAX_VERTICES, split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.formats import check_lod, read_splats
-from .splats.splats import clean
-from .surface.background import far_background, views_from_within
-from .surface.extract import EFFORTS, WAYS, as_trained, extract, training_pixel
+from .splats.splats import clean, usable
+from .surface.background import far_background, foreground_ball, views_from_within
+from .surface.extract import EFFORTS, WAYS, as_trained, dilated, extract, training_pixel
+from .surface.place import parted, reconstruct_place
 from .views.cameras import spread_out, trained_views
+from .views.eyes import around
+from .views.standpoints import CHOICES, standpoints
 from .views.upright import UP_CHOICES, upright
-from .views.viewpoints import bounds_of, picture_view, virtual_views
+from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
+"""Of an object. A place gets as many as it asks for."""
+
+AROUND = 40
+"""Views from around that join those of the standpoints where a capture looked from within and from around."""
+
+TRAINED = 2
+"""Trained views for one virtual one, of a place: each of them shows a small part."""
 
 BACKGROUNDS = ("cut", "keep")
 """What becomes of a far background: a shell of it around the scene would keep all new light out."""
@@ -35,12 +45,14 @@ def convert(
     *,
     cameras=None,
     lod="auto",
-    vertices=DEFAULT_VERTICES,
+    vertices=None,
     max_chunk_vertices=DEFAULT_MAX_VERTICES,
     up="auto",
     detail="normal",
     surface="field",
     background="cut",
+    stand="auto",
+    eyes=(),
     seed=0,
     stages=None,
 ):
@@ -48,49 +60,57 @@ def convert(
 
     path: splat file, folder of tiles, or streamed SOG. cameras: file or folder of the cameras it was trained with, None
     for those that lie beside it, else virtual views, or "none". lod: level of a streamed SOG, as for `read_splats`.
-    vertices: wanted size of the mesh.
+    vertices: wanted size of the mesh, or None: DEFAULT_VERTICES for an object, as many as it asks for, at most
+    place.MOST_VERTICES, for a place.
     max_chunk_vertices: limit of each sub-mesh. up: one of frames.UP_CHOICES. detail: a key of surface.EFFORTS.
     surface: one of surface.WAYS. background: one of BACKGROUNDS, for the far background of open scenes.
+    stand: one of standpoints.CHOICES, from where the scene was captured. eyes: (3,) places in the splat's frame where
+    the capture stood for certain.
     seed: of the virtual views. stages: Stages that times the work.
     Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
     """
-    check_settings(vertices, max_chunk_vertices, up, detail, surface, background)
+    check_settings(vertices, max_chunk_vertices, up, detail, surface, background, stand)
     stages, lod = stages or Stages(), check_lod(lod)
     with stages.stage("read"):
-        splats, counts = clean(read_splats(path, lod))
+        loaded = read_splats(path, lod)
+        splats, counts = clean(loaded)
+        rows = np.flatnonzero(usable(loaded)[0])
         trained = trained_views(cameras, path, splats)
         rotation, up_from = upright(up, trained, splats)
-    total, splats = len(splats), splats.in_spatial_order()
-    far = far_background(splats)
-    parts, effort = [as_trained(splats.take(np.flatnonzero(~far)))], EFFORTS[detail]
-    views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, seed, stages)]
-    shares = [vertices]
+    order = splats.spatial_order()
+    splats, rows = splats.take(order), rows[order]
+    center, radius, far = foreground_ball(splats)
+    foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[detail]
+    with stages.stage("standpoints"):
+        standing = _standing(foreground, splats, surface, stand, eyes, seed)
+    statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
+    backdrop = None
+    if standing.kind == "outside":
+        parts = [as_trained(foreground)]
+        views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, seed, stages)]
+        if far.any() and background == "keep":
+            parts.append(as_trained(splats.take(np.flatnonzero(far))))
+            views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
+        mesh = _object(parts, views, surface, effort, vertices or DEFAULT_VERTICES, stages, statistics)
+        seen_from = sum(map(len, views))
+    else:
+        views, near = place_views(standing, foreground, trained, rotation[1, :3], effort, seed, stages)
+        mesh, seen_from = reconstruct_place(splats, views, near, vertices, stages, statistics), len(views)
+        if background == "cut":
+            mesh, backdrop = parted(mesh, center, radius)
     if far.any() and background == "cut":
-        message = f"{far.sum()} of {total} splats are far background and were cut; `background` keep meshes them too"
+        count = f"{far.sum()} of {len(splats)} splats"
+        message = f"{count} are far background and were cut; `background` keep meshes them too"
         warnings.warn(message, DataWarning, stacklevel=2)
-    elif far.any():
-        parts.append(as_trained(splats.take(np.flatnonzero(far))))
-        views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
-        shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
-    meshes, statistics = [], dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
-    for part, seen_from, share in zip(parts, views, shares, strict=True):
-        try:
-            meshes.append(_reconstruct(part, seen_from, surface, effort, share, stages, statistics))
-        except InputError:
-            if part is parts[0]:
-                raise
-            warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=2)
-    mesh = _joined(meshes)
     if len(mesh.faces) == 0:
         raise InputError(f"{path}: no surface is left after cleaning: is this a splat of a solid object?")
     with stages.stage("picture"):
-        camera = preview_camera(parts[0].splats, rotation)
-    turn = rotation[:3, :3].astype(np.float32)
+        camera = preview_camera(dilated(foreground, training_pixel(foreground)), rotation, standing.eyes)
     statistics = {
-        "splats": total + sum(counts.values()),
+        "splats": len(splats) + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
         "splats_background": int(far.sum()),
-        "views": sum(map(len, views)),
+        "views": seen_from,
         **statistics,
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
@@ -99,24 +119,64 @@ def convert(
         "detail": detail,
         "surface": surface,
         "background": background,
-        "vertices": vertices,
+        "vertices": vertices or ("auto" if standing.eyes else DEFAULT_VERTICES),
         "max_chunk_vertices": max_chunk_vertices,
         "up": up,
         "up_from": up_from,
         "lod": lod,
+        "from": stand,
         "seed": seed,
         "cameras": "trained" if trained else "virtual",
     }
     with stages.stage("chunks"):
         return Scene.from_mesh(
-            Mesh(mesh.vertices @ turn.T, mesh.normals @ turn.T, mesh.faces, mesh.colors_srgb),
+            _turned(mesh, rotation),
             max_chunk_vertices,
+            background=split(_turned(backdrop, rotation), max_chunk_vertices) if backdrop else [],
+            background_splats=np.sort(rows[far]),
             scene_from_splat=rotation,
             preview_camera=camera,
+            capture=_capture(standing, rotation),
             source=describe(path, lod),
             settings=settings,
             statistics=statistics,
         )
+
+
+def _standing(foreground, splats, surface, stand, eyes, seed):
+    """The Standpoints of a capture; the sugar way knows objects only."""
+    if surface != "field":
+        return standpoints(splats, bounds_of(foreground), "outside")
+    return standpoints(splats, bounds_of(foreground), stand, eyes, seed)
+
+
+def _object(parts, views, surface, effort, vertices, stages, statistics):
+    """The Mesh of an object, parts[0] (Trained), and of its far background where it is among the parts."""
+    shares = [vertices]
+    if len(parts) > 1:
+        shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
+    meshes = []
+    for part, seen_from, share in zip(parts, views, shares, strict=True):
+        try:
+            meshes.append(_reconstruct(part, seen_from, surface, effort, share, stages, statistics))
+        except InputError:
+            if part is parts[0]:
+                raise
+            warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=3)
+    return _joined(meshes)
+
+
+def _turned(mesh, rotation):
+    turn = rotation[:3, :3].astype(np.float32)
+    return Mesh(mesh.vertices @ turn.T, mesh.normals @ turn.T, mesh.faces, mesh.colors_srgb)
+
+
+def _capture(standing, rotation):
+    """What scene.json keeps of Standpoints: `from`, and of a place `eyes` in the scene frame and `focal_px`."""
+    if not standing.eyes:
+        return {"from": standing.kind}
+    eyes = [(rotation[:3, :3] @ eye.center).tolist() for eye in standing.eyes]
+    return {"from": standing.kind, "eyes": eyes, "focal_px": standing.focal}
 
 
 def _reconstruct(part, views, surface, effort, vertices, stages, statistics):
@@ -159,9 +219,9 @@ def _joined(meshes):
     )
 
 
-def check_settings(vertices, max_chunk_vertices, up, detail, surface, background="cut"):
+def check_settings(vertices, max_chunk_vertices, up, detail, surface, background="cut", stand="auto"):
     """Raise InputError for a setting that makes no sense."""
-    if vertices < 4:
+    if vertices is not None and vertices < 4:
         raise InputError(f"`vertices` {vertices}: a mesh needs at least 4")
     if max_chunk_vertices < 3:
         raise InputError(f"`max_chunk_vertices` {max_chunk_vertices}: a chunk needs at least 3")
@@ -173,6 +233,8 @@ def check_settings(vertices, max_chunk_vertices, up, detail, surface, background
         raise InputError(f"`surface` {surface}: expected one of {' '.join(WAYS)}")
     if background not in BACKGROUNDS:
         raise InputError(f"`background` {background}: expected one of {' '.join(BACKGROUNDS)}")
+    if stand not in CHOICES:
+        raise InputError(f"`stand` {stand}: expected one of {' '.join(CHOICES)}")
 
 
 def choose_views(splats, trained, up, effort, seed, stages):
@@ -183,9 +245,26 @@ def choose_views(splats, trained, up, effort, seed, stages):
         return virtual_views(splats, effort.views, effort.pixels, up, seed)
 
 
-def preview_camera(splats, rotation):
-    """The camera of the scene's pictures, as scene.json keeps it: eye, target, up in the scene frame and fov_deg."""
-    turn, view = rotation[:3, :3], picture_view(splats, rotation[1, :3])
+def place_views(standing, foreground, trained, up, effort, seed, stages):
+    """The views of a place and their near planes: trained ones, or from its standpoints and, in the open, around it."""
+    plane = near_plane(bounds_of(foreground))
+    with stages.stage("views"):
+        if trained:
+            views = [view.resized(effort.pixels) for view in spread_out(trained, TRAINED * effort.views)]
+            return views, np.full(len(views), plane)
+        views, near = around(standing.eyes, effort.pixels, up)
+        if standing.kind == "both":
+            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed)
+            views, near = views + more, np.append(near, np.full(len(more), plane))
+        return views, near
+
+
+def preview_camera(splats, rotation, eyes=()):
+    """The camera of the scene's pictures, as scene.json keeps it: eye, target, up in the scene frame and fov_deg.
+
+    splats: dilated. eyes: list of standpoints.Eye, where visitors of a place stand.
+    """
+    turn, view = rotation[:3, :3], picture_view(splats, rotation[1, :3], eyes)
     distance = np.linalg.norm(view.center - bounds_of(splats).mean(axis=0))
     return {
         "eye": (turn @ view.center).tolist(),
@@ -195,16 +274,37 @@ def preview_camera(splats, rotation):
     }
 
 
-def plan(path, *, cameras=None, lod="auto", up="auto", detail="normal", surface="field", background="cut"):
+def plan(
+    path,
+    *,
+    cameras=None,
+    lod="auto",
+    up="auto",
+    detail="normal",
+    surface="field",
+    background="cut",
+    stand="auto",
+    eyes=(),
+    seed=0,
+):
     """What `convert` would do, from the file alone: a dict of counts, the foreground's bounds, frame and settings."""
-    check_settings(DEFAULT_VERTICES, DEFAULT_MAX_VERTICES, up, detail, surface, background)
+    check_settings(None, DEFAULT_MAX_VERTICES, up, detail, surface, background, stand)
     splats, counts = clean(read_splats(path, lod))
     trained = trained_views(cameras, path, splats)
     rotation, up_from = upright(up, trained, splats)
     effort = EFFORTS[detail]
-    views = min(len(trained), effort.views) if trained else effort.views
     total, far = len(splats), far_background(splats)
-    splats = splats.take(np.flatnonzero(~far))
+    foreground = splats.take(np.flatnonzero(~far))
+    standing = _standing(foreground, splats, surface, stand, eyes, seed)
+    splats = foreground
+    if trained:
+        wanted = effort.views * (TRAINED if standing.eyes else 1)
+        views = f"{min(len(trained), wanted)} of {len(trained)} trained"
+    elif standing.eyes:
+        views = f"{6 * len(standing.eyes)} from {len(standing.eyes)} standpoints"
+        views += f", {AROUND} or more from around" if standing.kind == "both" else ""
+    else:
+        views = f"{effort.views} virtual"
     return {
         "splats": total + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
@@ -216,6 +316,7 @@ def plan(path, *, cameras=None, lod="auto", up="auto", detail="normal", surface=
         "training_pixel": training_pixel(splats),
         "surface": surface,
         "background": background,
-        "views": f"{views} of {len(trained)} trained" if trained else f"{views} virtual",
+        "from": standing.kind,
+        "views": views,
         "view_pixels": effort.pixels,
     }

@@ -2,6 +2,7 @@
 
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
+background.npy      rows of the source's splats that are far background, where there are any
 """
 
 import json
@@ -25,6 +26,7 @@ from .meshfile import read_mesh, write_mesh_ply
 
 SCHEMA_VERSION = 1
 META = "scene.json"
+BACKGROUND = "background.npy"
 
 
 @dataclass
@@ -38,6 +40,10 @@ class Scene:
         [first, last) of those made from it.
         Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
     settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
+    background: list of Mesh, what the capture shows far away: drawn, never lit, and no shadow falls from it.
+    background_splats: (M,) int64 rows of the source's splats that are far background; of a layout none are kept.
+    capture: dict of what the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes`
+        ((3,) places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
 
     A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
     `colors_linear` are put together on first use, kept, and read-only.
@@ -50,6 +56,9 @@ class Scene:
     settings: dict[str, Any] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
     path: Path | None = None
+    background: list[Mesh] = field(default_factory=list)
+    background_splats: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    capture: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
@@ -68,8 +77,8 @@ class Scene:
         if path.is_file():
             return cls([read_mesh(path)], path=path)
         entries, fields = _read_meta(path / META)
-        chunks = []
-        for name, *expected in entries:
+        chunks, background = [], []
+        for name, is_background, *expected in entries:
             mesh = read_mesh(path / "chunks" / name)
             found = [len(mesh.vertices), len(mesh.faces)]
             if found != expected:
@@ -77,8 +86,10 @@ class Scene:
                     f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
                     f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
                 )
-            chunks.append(mesh)
-        return cls(chunks, path=path, **fields)
+            (background if is_background else chunks).append(mesh)
+        if (path / BACKGROUND).is_file():
+            fields["background_splats"] = _read_rows(path / BACKGROUND)
+        return cls(chunks, path=path, background=background, **fields)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the scene folder; it appears complete or not at all.
@@ -89,11 +100,15 @@ class Scene:
         with staged_folder(path) as folder:
             (folder / "chunks").mkdir()
             entries = []
-            for index, chunk in enumerate(self.chunks):
+            for index, chunk in enumerate([*self.chunks, *self.background]):
                 name = f"{index:04d}.ply"
                 write_mesh_ply(folder / "chunks" / name, chunk)
                 counts = {"vertices": len(chunk.vertices), "faces": len(chunk.faces)}
                 entries.append({"file": name, **counts, "bounds": _bounds(chunk.vertices).tolist()})
+                if index >= len(self.chunks):
+                    entries[-1]["background"] = True
+            if len(self.background_splats):
+                np.save(folder / BACKGROUND, self.background_splats.astype(np.int64))
             meta = {
                 "schema_version": SCHEMA_VERSION,
                 "version": __version__,
@@ -101,6 +116,7 @@ class Scene:
                 "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
                 "bounds": self.bounds.tolist(),
                 "preview_camera": self.preview_camera,
+                "capture": self.capture,
                 "settings": self.settings,
                 "statistics": self.statistics,
                 "chunks": entries,
@@ -160,6 +176,16 @@ def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     return array
 
 
+def _read_rows(path: Path) -> NDArray[np.int64]:
+    try:
+        rows = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
+    if rows.ndim != 1 or rows.dtype != np.int64:
+        raise InputError(f"{path}: expected a list of int64 rows, found {rows.dtype} of shape {rows.shape}")
+    return rows
+
+
 def _bounds(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
@@ -190,7 +216,7 @@ def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".")
 
 
 def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
-    """Of scene.json: [file, vertices, faces] of each chunk, and the Scene's other fields."""
+    """Of scene.json: [file, whether background, vertices, faces] of each chunk, and the Scene's other fields."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
@@ -207,8 +233,13 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
     if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
     try:
-        entries = [[str(entry["file"]), entry["vertices"], entry["faces"]] for entry in meta["chunks"]]
-        fields = {name: meta[name] for name in required[2:]}
+        entries = [
+            [str(entry["file"]), bool(entry.get("background")), entry["vertices"], entry["faces"]]
+            for entry in meta["chunks"]
+        ]
+        if all(is_background for _, is_background, *_ in entries):
+            raise ValueError("only background chunks")
+        fields = {"capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
         fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
         fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
     except (KeyError, TypeError, ValueError) as error:

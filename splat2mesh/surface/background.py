@@ -24,19 +24,26 @@ EYES, FOV_DEG = 4, 95.0
 
 def far_background(splats):
     """Which splats are the far background of an open scene, (N,) bool: none, unless it clearly has one."""
+    return foreground_ball(splats)[2]
+
+
+def foreground_ball(splats):
+    """The ball beyond which the far background of an open scene lies: its centre (3,) and radius, inf unless there
+    clearly is one, and which splats lie out there, (N,) bool."""
     none = np.zeros(len(splats), bool)
     solid = splats.opacities > SOLID
     if solid.sum() < 100:
-        return none
+        return np.zeros(3), np.inf, none
     size = splats.scales.max(axis=1)
     detail = 1.0 / np.maximum(size[solid], np.percentile(size[solid], 5) + 1e-30).astype(np.float64) ** 2
     center = np.array([_weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
     distance = np.linalg.norm(splats.means - center, axis=1)
-    far = distance > REACH * _weighted_median(distance[solid], detail)
+    radius = REACH * _weighted_median(distance[solid], detail)
+    far = distance > radius
     out, here = solid & far, solid & ~far
     if out.sum() < LEAST_SHARE * solid.sum() or np.median(size[out]) < COARSER * np.median(size[here]):
-        return none
-    return far
+        return center, np.inf, none
+    return center, radius, far
 
 
 def views_from_within(foreground, pixels, up):

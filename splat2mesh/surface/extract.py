@@ -99,7 +99,7 @@ def surface_level(splats, views, pixel, near):
     thickness = [np.zeros(0)]
     for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
         view = view.resized(LEVEL_PROBE_PIXELS)
-        thickness.append(_thickness(field_depth(splats, view, near), view).ravel() / pixel)
+        thickness.append(thickness_of(field_depth(splats, view, near), view).ravel() / pixel)
     thickness = np.concatenate(thickness)
     thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
@@ -107,7 +107,7 @@ def surface_level(splats, views, pixel, near):
     return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
 
 
-def _thickness(seen, view):
+def thickness_of(seen, view):
     """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
     return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
@@ -133,7 +133,7 @@ def _field(splats, views, pixel, effort, vertices, stages):
         for view in views:
             seen = field_depth(splats, view, near, level)
             maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
-            pictures.append(Picture.of(view, seen.color, seen.depth, _thickness(seen, view)))
+            pictures.append(Picture.of(view, seen.color, seen.depth, thickness_of(seen, view)))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
     voxel = diagonal / effort.cells

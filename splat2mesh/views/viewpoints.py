@@ -19,6 +19,9 @@ CANDIDATE_PIXELS = 80
 PICTURE_ASPECT, PICTURE_ELEVATION = 4 / 3, np.radians(18.0)
 """Shape of the picture that a scene is shown with, and the angle from which it looks down."""
 
+PICTURE_EYES, PICTURE_FOV_DEG = 4, 75.0
+"""Of a place: eyes among which the picture's is chosen, and its angle."""
+
 SKETCH_SPLATS = 40_000
 """Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
 
@@ -108,10 +111,11 @@ def candidate_views(splats, count, up, seed=0):
     return views
 
 
-def picture_view(splats, up):
+def picture_view(splats, up, eyes=()):
     """A view that makes a good picture of a splat: from slightly above and the side with most to see, or from inside.
 
-    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
+    splats: dilated Splats. up: (3,) unit. eyes: places (objects with center and near) of which one is to be looked
+    from, where there are any. Returns a View with the aspect PICTURE_ASPECT.
     """
     rng = np.random.default_rng(0)
     bounds = bounds_of(splats)
@@ -122,27 +126,45 @@ def picture_view(splats, up):
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
     turns = np.arange(12) * np.pi / 6
     backwards = [np.cos(a) * ahead + np.sin(a) * side + np.tan(PICTURE_ELEVATION) * up for a in turns]
+    if len(eyes):
+        return _picture_from(sketch, eyes[:PICTURE_EYES], backwards, up, size, bounds)
     outside = [View.holding(corners, backward, up, OUTER_FOV_DEG, *size, margin=1.05) for backward in backwards]
     inside = [
-        View.look_at(eye, eye - backward, up, 75.0, *size)
+        View.look_at(eye, eye - backward, up, PICTURE_FOV_DEG, *size)
         for eye in _free_places(splats, bounds, 3, rng)
         for backward in backwards[::2]
     ]
 
-    def judge(view):
-        surface = field_depth(sketch, view, near)
-        _, fuzz = _what_is_seen(surface, view, bounds)
-        edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
-        return fuzz, edges
-
-    outside = [(view, *judge(view)) for view in outside]
-    inside = [(view, *judge(view)) for view in inside]
+    outside = [(view, *_judge(sketch, view, near, bounds)) for view in outside]
+    inside = [(view, *_judge(sketch, view, near, bounds)) for view in inside]
     sharpest = min(fuzz for _, fuzz, _ in outside)
     # What is seen from inside a room is much sharper than what is seen of it from outside.
     from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
-    pool = inside if from_inside else outside
+    return _best_picture(inside if from_inside else outside)
+
+
+def _judge(sketch, view, near, bounds):
+    """How fuzzy what a view shows is, and how much there is to see: its edges."""
+    surface = field_depth(sketch, view, near)
+    _, fuzz = _what_is_seen(surface, view, bounds)
+    edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()
+    return fuzz, edges
+
+
+def _best_picture(pool):
     sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
     return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
+
+
+def _picture_from(sketch, eyes, backwards, up, size, bounds):
+    """The best of the level views around from some eyes."""
+    pool = []
+    for eye in eyes:
+        for backward in backwards[::2]:
+            level = backward - (backward @ up) * up
+            view = View.look_at(eye.center, eye.center - level, up, PICTURE_FOV_DEG, *size)
+            pool.append((view, *_judge(sketch, view, eye.near, bounds)))
+    return _best_picture(pool)
 
 
 def fibonacci_sphere(count):

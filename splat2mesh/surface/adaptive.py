@@ -1,0 +1,250 @@
+"""Depth maps of a place fused into a signed distance field whose cells are as large as the pixels that saw the surface.
+
+As `fusion` does for objects, with an octree in place of equal voxels: what is kept on either side of a surface is as
+thick as it looks in each pixel, and what a view cannot see is passed over.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from ..render.view import View
+from .octree import corners_of, dual_mesh, leaves_of, requested_cells
+
+NARROW, WIDE = 2.0, 8.0
+"""Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
+
+LEAST_COSINE = 0.05
+"""Weight of a surface that is seen at a grazing angle: floors far away are seen no other way."""
+
+SHARP = 0.03
+"""Spread of a surface, in units of its distance, at which its weight is halved."""
+
+ENOUGH_WEIGHT = 0.003
+"""Sum of weights that a corner needs before it takes part in the surface."""
+
+COARSE = 8
+"""Pixels along the side of the tiles by whose deepest pixel hidden points are told."""
+
+CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
+"""Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
+the cells over what they are elsewhere at its distance."""
+
+MOST_CELLS = 3_000_000
+"""Cells that the pixels may ask for; more make all of them larger. Each takes about 150 bytes on the way."""
+
+BATCH = 512
+"""Points that are tested against a view's pyramid and depth together."""
+
+SLABS = 24
+"""Parts into which the points are cut to report progress."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """One view's surface, ready for fusion. H, W are the view's size.
+
+    plane: (H, W, 4) float32: unit normal in the world towards the camera, and camera z (NaN where there is none).
+    weight: (H, W) float32 in [0, 1]. spread: (H, W) float32 in world units along z. step: (H, W) float32 wanted side
+    of the cells, world units.
+    """
+
+    view: View
+    plane: np.ndarray
+    weight: np.ndarray
+    spread: np.ndarray
+    step: np.ndarray
+
+    @classmethod
+    def of(cls, view, seen, thickness, distance, finest, fog):
+        """From a FieldDepth and its thickness (H, W) along the normal.
+
+        distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
+        cell, world units. fog: typical thickness of the surfaces over their distance.
+        """
+        rays = view.ray_directions().astype(np.float32)
+        cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
+        weight = np.maximum(cosine, LEAST_COSINE)
+        with np.errstate(invalid="ignore"):
+            weight = weight / (1 + (seen.spread / (SHARP * seen.depth)) ** 2) / (1 + (seen.depth / (2 * distance)) ** 2)
+            pixel = np.float32(max(CELL_PIXELS / view.fx, fog / THICK_CELLS)) * seen.depth
+            step = np.maximum(np.clip(thickness / THICK_CELLS, pixel, MOST_THICK * pixel), finest)
+        known = np.isfinite(seen.depth) & np.isfinite(seen.spread) & np.isfinite(step)
+        plane = np.concatenate([seen.normal, np.where(known, seen.depth, np.nan)[..., None]], axis=-1)
+        weight = np.where(known, weight, 0).astype(np.float32)
+        return cls(view, plane.astype(np.float32), weight, seen.spread, step.astype(np.float32))
+
+
+def fuse_adaptively(sights, origin, stage=lambda count: None):
+    """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
+
+    origin: (3,) float64 in the middle of the place: numbers stay small around it.
+    """
+    finest = min(float(sight.step[sight.weight > 0].min()) for sight in sights if (sight.weight > 0).any())
+    larger = 1.0
+    while True:
+        steps = [sight.step * np.float32(larger) for sight in sights]
+        requested = requested_cells(sights, steps, origin, finest * larger, NARROW, WIDE, MOST_CELLS)
+        if requested is not None:
+            break
+        larger *= 1.2
+    finest *= larger
+    leaves = leaves_of(requested)
+    corners = corners_of(leaves)
+    packed = _packed(sights, origin)
+    values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
+    batches = -(-len(values) // BATCH)
+    dealt = np.random.default_rng(0).permutation(batches)
+    for part in np.array_split(dealt, SLABS):
+        _integrate(corners.positions, corners.levels, part, finest, NARROW, WIDE, *packed, values, weights)
+        stage(1)
+    vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
+    return vertices * finest + origin, faces, finest * 2.0**levels
+
+
+def _packed(sights, origin):
+    """All maps in one array each, for the kernel: poses, lenses, sizes, where each begins, pixels, deepest tiles."""
+    poses, lenses, sizes, starts, tile_starts, pixels, tiles = [], [], [], [], [], [], []
+    start = tile_start = 0
+    for sight in sights:
+        view = sight.view
+        pose = view.camera_from_world[:3].copy()
+        pose[:, 3] += pose[:, :3] @ origin
+        poses.append(pose)
+        lenses.append([view.fx, view.fy, view.cx, view.cy])
+        sizes.append([view.height, view.width])
+        starts.append(start)
+        tile_starts.append(tile_start)
+        seen = sight.weight > 0
+        row = np.concatenate([sight.plane, np.stack([sight.weight, sight.spread, sight.step], axis=-1)], axis=-1)
+        pixels.append(np.where(seen[..., None], row, 0).astype(np.float32).reshape(-1, 7))
+        rows, columns = -(-view.height // COARSE), -(-view.width // COARSE)
+        deepest = np.zeros((rows * COARSE, columns * COARSE), np.float32)
+        deepest[: view.height, : view.width] = np.where(seen, sight.plane[..., 3] + 3 * sight.spread, 0)
+        tiles.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
+        start += view.height * view.width
+        tile_start += rows * columns
+    return (
+        *(np.array(part) for part in (poses, lenses, sizes, starts, tile_starts)),
+        np.concatenate(pixels),
+        np.concatenate(tiles),
+    )
+
+
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+def _integrate(
+    positions,
+    levels,
+    batches,
+    finest,
+    narrow,
+    wide,
+    poses,
+    lenses,
+    sizes,
+    starts,
+    tile_starts,
+    pixels,
+    tiles,
+    values,
+    weights,
+):
+    """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`."""
+    for n in numba.prange(len(batches)):
+        first = batches[n] * BATCH
+        last = min(first + BATCH, len(positions))
+        low, high, step = np.full(3, np.inf), np.full(3, -np.inf), 0.0
+        points, steps = np.empty((last - first, 3)), np.empty(last - first)
+        for i in range(last - first):
+            steps[i] = finest * 2.0 ** levels[first + i]
+            step = max(step, steps[i])
+            for a in range(3):
+                points[i, a] = positions[first + i, a] * finest
+                low[a], high[a] = min(low[a], points[i, a]), max(high[a], points[i, a])
+        middle = (low + high) / 2
+        ball = np.sqrt(((high - low) ** 2).sum()) / 2
+        total, weight = values[first:last], weights[first:last]
+        for v in range(len(poses)):
+            camera = (lenses[v, 0], lenses[v, 1], lenses[v, 2], lenses[v, 3], sizes[v, 0], sizes[v, 1])
+            center = np.empty(3)
+            for a in range(3):
+                center[a] = (
+                    poses[v, a, 0] * middle[0]
+                    + poses[v, a, 1] * middle[1]
+                    + poses[v, a, 2] * middle[2]
+                    + poses[v, a, 3]
+                )
+            if _unseen(center, ball, 3 * narrow * step, camera, tiles, tile_starts[v]):
+                continue
+            _blend(points, steps, narrow, wide, poses[v], camera, starts[v], pixels, total, weight)
+        for i in range(last - first):
+            if weight[i] > 0:
+                total[i] *= steps[i] / weight[i]
+
+
+@_function
+def _unseen(center, ball, margin, camera, tiles, start):
+    """Whether a ball at `center` (camera frame) lies outside a view's pyramid, or behind all that it sees there."""
+    fx, fy, px, py, height, width = camera
+    x, y, z = center
+    if z < -ball:
+        return True
+    left, right, top, base = -px / fx, (width - px) / fx, -py / fy, (height - py) / fy
+    if x - right * z > ball * np.sqrt(1 + right * right) or left * z - x > ball * np.sqrt(1 + left * left):
+        return True
+    if y - base * z > ball * np.sqrt(1 + base * base) or top * z - y > ball * np.sqrt(1 + top * top):
+        return True
+    nearest = z - ball
+    if nearest <= ball:
+        return False
+    # The ball's image: its directions lie within the box x +- ball, y +- ball at the depths z +- ball.
+    u0, u1 = min((x - ball) / nearest, (x - ball) / (z + ball)), max((x + ball) / nearest, (x + ball) / (z + ball))
+    v0, v1 = min((y - ball) / nearest, (y - ball) / (z + ball)), max((y + ball) / nearest, (y + ball) / (z + ball))
+    rows, columns = (height + COARSE - 1) // COARSE, (width + COARSE - 1) // COARSE
+    first, last = int(max(fx * u0 + px, 0)) // COARSE, int(min(max(fx * u1 + px, 0), width - 1)) // COARSE
+    for row in range(int(max(fy * v0 + py, 0)) // COARSE, int(min(max(fy * v1 + py, 0), height - 1)) // COARSE + 1):
+        for column in range(first, min(last, columns - 1) + 1):
+            if row < rows and tiles[start + row * columns + column] + margin > nearest:
+                return False
+    return True
+
+
+@_function
+def _blend(points, steps, narrow, wide, pose, camera, start, pixels, values, weights):
+    """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,)."""
+    fx, fy, px, py, height, width = camera
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        cz = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+        if cz <= 0:
+            continue
+        cx = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+        cy = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+        u, v = fx * cx / cz + px, fy * cy / cz + py
+        if not (0 <= u < width and 0 <= v < height):
+            continue
+        column, row = int(u), int(v)
+        at = start + row * width + column
+        surface, trusted = pixels[at, 3], pixels[at, 4]
+        if not (surface > 0 and trusted > 0):
+            continue
+        limit = min(max(pixels[at, 5], narrow * steps[i]), wide * max(pixels[at, 6], steps[i]))
+        ahead = surface - cz
+        if ahead < -3 * limit:
+            continue
+        distance = limit
+        if ahead <= 3 * limit:
+            # The pixel's surface point, and the point's distance to the tangent plane there.
+            dx = cx - (column + 0.5 - px) / fx * surface
+            dy = cy - (row + 0.5 - py) / fy * surface
+            distance = 0.0
+            for a in range(3):
+                distance += (pose[0, a] * dx + pose[1, a] * dy - pose[2, a] * ahead) * pixels[at, a]
+        if distance < -limit:
+            continue
+        values[i] += trusted * min(distance / limit, 1.0)
+        weights[i] += trusted

@@ -1,0 +1,316 @@
+"""Cells of a surface, each as large as the pixels that saw it: the leaves of a sparse octree.
+
+A cell of level l has the side finest * 2^l. What lies near the eyes gets small cells, what lies far away large ones,
+and there are none where no view saw a surface. Keys pack a level and three whole coordinates, in units of the cell.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+BITS = 19
+"""Of each coordinate in a key; the level has what is left of 63."""
+
+HALF = 1 << (BITS - 1)
+MASK = (1 << BITS) - 1
+LEVELS = 16
+"""Levels at most: from a millimetre to 30 m."""
+
+EMPTY = -1
+
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_function
+def pack(level, x, y, z):
+    """The key of a cell; coordinates in [-HALF, HALF)."""
+    return (((np.int64(level) << BITS | (x + HALF)) << BITS) | (y + HALF)) << BITS | (z + HALF)
+
+
+@_function
+def unpack(key):
+    """Level and coordinates of a key."""
+    z = (key & MASK) - HALF
+    y = ((key >> BITS) & MASK) - HALF
+    x = ((key >> (2 * BITS)) & MASK) - HALF
+    return key >> (3 * BITS), x, y, z
+
+
+@_function
+def _slot(table, key):
+    """Where a key is in the table, or the empty slot where it belongs."""
+    h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    at = np.int64(h >> np.uint64(20)) & (len(table) - 1)
+    while table[at] != EMPTY and table[at] != key:
+        at = (at + 1) & (len(table) - 1)
+    return at
+
+
+@_function
+def _insert_all(table, keys, count):
+    """Put keys into a table; returns how many it holds then, or -1 when it is too full."""
+    for key in keys:
+        at = _slot(table, key)
+        if table[at] == EMPTY:
+            table[at] = key
+            count += 1
+            if 2 * count > len(table):
+                return -1
+    return count
+
+
+@_function
+def _mark(table, count, rays, depth, spread, eye, steps, finest, narrow, wide, levels):
+    """Put the cells along each pixel's ray, within its truncation, into the table; -1 when it is too full."""
+    for p in range(len(depth)):
+        level = min(max(int(np.floor(np.log2(steps[p] / finest) + 0.5)), 0), levels - 1)
+        side = finest * 2.0**level
+        length = np.sqrt(rays[p, 0] ** 2 + rays[p, 1] ** 2 + rays[p, 2] ** 2)
+        reach = int(min(max(np.ceil(spread[p] / side), narrow), wide))
+        last = np.int64(EMPTY)
+        for k in range(-2 * reach, 2 * reach + 1):
+            t = depth[p] + 0.5 * k * side / length
+            x = np.int64(np.floor((eye[0] + t * rays[p, 0]) / side))
+            y = np.int64(np.floor((eye[1] + t * rays[p, 1]) / side))
+            z = np.int64(np.floor((eye[2] + t * rays[p, 2]) / side))
+            if max(abs(x), abs(y), abs(z)) >= (HALF >> level) - 2:  # its corners would not fit into a key
+                continue
+            key = pack(level, x, y, z)
+            if key == last:
+                continue
+            last = key
+            at = _slot(table, key)
+            if table[at] == EMPTY:
+                table[at] = key
+                count += 1
+                if 2 * count > len(table):
+                    return -1
+    return count
+
+
+def requested_cells(sights, steps, origin, finest, narrow, wide, most):
+    """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
+
+    sights: as `adaptive.Sight`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
+    finest: side of the smallest cell. narrow, wide: cells to mark on either side of the surface, least and most.
+    """
+    size = 1 << int(np.ceil(np.log2(2.1 * most)))
+    table, count = np.full(size, EMPTY, np.int64), 0
+    for sight, step in zip(sights, steps, strict=True):
+        use = sight.weight > 0
+        rays = sight.view.ray_directions()[use]
+        arrays = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
+        count = _mark(table, count, rays, *arrays, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS)
+        if count < 0 or count > most:
+            return None
+    return np.sort(table[table != EMPTY])
+
+
+def leaves_of(requested):
+    """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys.
+
+    Where coarse and fine cells overlap the coarse ones are split, and keep their other children.
+    """
+    by_level = [np.zeros(0, np.int64)] * LEVELS
+    levels = requested >> (3 * BITS)
+    for level in range(LEVELS):
+        by_level[level] = requested[levels == level]
+    ancestors = [np.zeros(0, np.int64)]
+    for level in range(1, LEVELS):
+        below = np.concatenate([by_level[level - 1], ancestors[level - 1]])
+        ancestors.append(np.unique(_parents(below)))
+    leaves, nodes = [], np.zeros(0, np.int64)
+    for level in range(LEVELS - 1, -1, -1):
+        nodes = np.unique(np.concatenate([by_level[level], nodes]))
+        internal = np.isin(nodes, ancestors[level], assume_unique=True)
+        leaves.append(nodes[~internal])
+        nodes = _children(nodes[internal])
+    return np.sort(np.concatenate(leaves))
+
+
+@_function
+def _parents(keys):
+    out = np.empty_like(keys)
+    for i in range(len(keys)):
+        level, x, y, z = unpack(keys[i])
+        out[i] = pack(level + 1, x >> 1, y >> 1, z >> 1)
+    return out
+
+
+@_function
+def _children(keys):
+    out = np.empty(8 * len(keys), np.int64)
+    for i in range(len(keys)):
+        level, x, y, z = unpack(keys[i])
+        for c in range(8):
+            out[8 * i + c] = pack(level - 1, 2 * x + (c >> 2), 2 * y + (c >> 1 & 1), 2 * z + (c & 1))
+    return out
+
+
+@dataclass(frozen=True)
+class Corners:
+    """The corners of leaves, each once, neighbours in space near one another.
+
+    positions: (P, 3) int32 in units of the finest cell. levels: (P,) int8, of the smallest leaf at each.
+    of_leaf: (L, 8) int32, corner c of a leaf lies at + (c >> 2, c >> 1 & 1, c & 1).
+    """
+
+    positions: np.ndarray
+    levels: np.ndarray
+    of_leaf: np.ndarray
+
+
+def corners_of(leaves):
+    """The Corners of leaves, (L,) int64 keys."""
+    size = 1 << int(np.ceil(np.log2(max(16, 8 * len(leaves)))))
+    table, values = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
+    positions, levels = (
+        np.zeros((min(8 * len(leaves), size), 3), np.int32),
+        np.zeros(min(8 * len(leaves), size), np.int8),
+    )
+    of_leaf = np.zeros((len(leaves), 8), np.int32)
+    count = _number_corners(leaves, table, values, positions, levels, of_leaf)
+    positions, levels = positions[:count], levels[:count]
+    order = np.argsort(_morton(positions), kind="stable")
+    rank = np.empty(count, np.int32)
+    rank[order] = np.arange(count, dtype=np.int32)
+    return Corners(positions[order], levels[order], rank[of_leaf])
+
+
+@_function
+def _number_corners(leaves, table, values, positions, levels, of_leaf):
+    count = 0
+    for i in range(len(leaves)):
+        level, x, y, z = unpack(leaves[i])
+        for c in range(8):
+            px, py, pz = (x + (c >> 2)) << level, (y + (c >> 1 & 1)) << level, (z + (c & 1)) << level
+            key = pack(0, px, py, pz)
+            at = _slot(table, key)
+            if table[at] == EMPTY:
+                table[at], values[at] = key, count
+                positions[count, 0], positions[count, 1], positions[count, 2] = px, py, pz
+                levels[count] = level
+                count += 1
+            n = values[at]
+            of_leaf[i, c] = n
+            levels[n] = min(levels[n], level)
+    return count
+
+
+@_function
+def _morton(positions):
+    out = np.empty(len(positions), np.int64)
+    for i in range(len(positions)):
+        key = np.int64(0)
+        for a in range(3):
+            value, spread = np.int64(positions[i, a] + HALF), np.int64(0)
+            for bit in range(20):
+                spread |= (value >> bit & 1) << (3 * bit)
+            key |= spread << a
+        out[i] = key
+    return out
+
+
+def dual_mesh(leaves, corners, values, weights, enough):
+    """The zero surface: a vertex in each leaf it passes, a face across each edge of the finest cells whose ends differ.
+
+    leaves: sorted keys. values, weights: (P,) at the corners; those of less weight than `enough` take no part.
+    Returns vertices (V, 3) float64 in units of the finest cell, faces (F, 3) int32, and the level of each vertex (V,).
+    Source: Ju et al., "Dual Contouring of Hermite Data" (2002), with the mean of the crossings as vertex.
+    """
+    size = 1 << int(np.ceil(np.log2(max(16, 2.2 * len(leaves)))))
+    table, index = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
+    _index_leaves(table, index, leaves)
+    present = np.bincount(leaves >> (3 * BITS), minlength=LEVELS) > 0
+    coarsest, finest = np.flatnonzero(present).max(), np.flatnonzero(present).min()
+    sums, counts = np.zeros((len(leaves), 3)), np.zeros(len(leaves), np.int32)
+    arrays = leaves, corners.of_leaf, corners.positions, values, weights, np.float32(enough), table, index
+    quads = np.zeros((0, 4), np.int32)
+    total = _cross(*arrays, finest, coarsest, quads, sums, counts)
+    quads = np.zeros((total, 4), np.int32)
+    sums[:], counts[:] = 0, 0
+    _cross(*arrays, finest, coarsest, quads, sums, counts)
+    used = counts > 0
+    number = np.cumsum(used) - 1
+    vertices = sums[used] / counts[used, None]
+    quads = number[quads]
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return vertices, faces[distinct].astype(np.int32), (leaves[used] >> (3 * BITS)).astype(np.int8)
+
+
+@_function
+def _index_leaves(table, index, leaves):
+    for i in range(len(leaves)):
+        at = _slot(table, leaves[i])
+        table[at], index[at] = leaves[i], i
+
+
+@_function
+def _leaf_at(table, index, level, finest, coarsest, x, y, z):
+    """The leaf that holds a point, given in half units of the finest cell, tried from `level` outwards; -1: none."""
+    for far in range(coarsest - finest + 1):
+        for sign in range(2):
+            tried = level + far if sign == 0 else level - far
+            if tried < finest or tried > coarsest or (sign == 1 and far == 0):
+                continue
+            shift = tried + 1
+            key = pack(tried, x >> shift, y >> shift, z >> shift)
+            at = _slot(table, key)
+            if table[at] == key:
+                return index[at]
+    return -1
+
+
+@_function
+def _cross(leaves, of_leaf, positions, values, weights, enough, table, index, finest, coarsest, quads, sums, counts):
+    """Find every edge across which the field changes its sign; returns their number. Writes where there is room."""
+    total, found, at = 0, np.zeros(4, np.int64), np.zeros(3, np.int64)
+    for i in range(len(leaves)):
+        signs = 0
+        for c in range(8):
+            signs += values[of_leaf[i, c]] < 0
+        if signs == 0 or signs == 8:
+            continue
+        level = leaves[i] >> (3 * BITS)
+        for axis in range(3):
+            step, u, v = 4 >> axis, (axis + 1) % 3, (axis + 2) % 3
+            for c in range(8):
+                if c & step:
+                    continue
+                a, b = of_leaf[i, c], of_leaf[i, c + step]
+                if (values[a] < 0) == (values[b] < 0) or weights[a] <= enough or weights[b] <= enough:
+                    continue
+                for k in range(3):
+                    at[k] = 2 * np.int64(positions[a, k])
+                at[axis] += np.int64(1) << level
+                owner, whole = i, True
+                for q in range(4):
+                    at[u] += 1 if q == 1 or q == 2 else -1
+                    at[v] += 1 if q >= 2 else -1
+                    other = _leaf_at(table, index, level, finest, coarsest, at[0], at[1], at[2])
+                    at[u] -= 1 if q == 1 or q == 2 else -1
+                    at[v] -= 1 if q >= 2 else -1
+                    found[q] = other
+                    if other < 0:
+                        whole = False
+                        break
+                    theirs = leaves[other] >> (3 * BITS)
+                    if theirs < level:
+                        whole = False
+                        break
+                    if theirs == level and other < owner:
+                        owner = other
+                if not whole or owner != i:
+                    continue
+                if total < len(quads):
+                    share = values[a] / (values[a] - values[b])
+                    for q in range(4):
+                        leaf = found[q]
+                        counts[leaf] += 1
+                        for k in range(3):
+                            sums[leaf, k] += positions[a, k] + share * (positions[b, k] - positions[a, k])
+                        quads[total, q if values[a] < 0 else 3 - q] = leaf
+                total += 1
+    return total

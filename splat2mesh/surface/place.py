@@ -1,0 +1,144 @@
+"""The surface of a place as its standpoints see it: depth maps, adaptive fusion, and a mesh with the size field of the
+capture, fine where cameras came near.
+"""
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..render.opacityfield import field_depth
+from ..scene.mesh import Mesh, vertex_normals
+from .adaptive import SLABS, Sight, fuse_adaptively
+from .album import Album, filled_in
+from .clean import fill_holes
+from .contraction import Contraction
+from .decimate import decimate
+from .extract import dilated, thickness_of, training_pixel
+from .fair import fair
+from .refine import refine_by_color
+
+SMALLEST_FACES = 100
+"""Faces of the raw surface below which a part that hangs on nothing is a floater, however large the whole is."""
+
+FOGS, LEVELS = (0.06, 0.16), (0.65, 0.45)
+"""Typical thickness of a place's surfaces over their distance, and the opacity at which they lie; held outside. True
+meshes ask for a late level where surfaces are thin. In fog there is no surface to find: there it is put where the mean
+of what is seen lies. See docs/surface.md."""
+
+DILATION = 0.35
+"""Share of the training pixel by which a place's splats are dilated: cameras among its surfaces see them frontally,
+where the dilation on screen moves nothing."""
+
+PROBES, PROBE_PIXELS = 12, 128
+"""Views, and their pixels, in which the fog is measured."""
+
+FINEST_CELL = 0.7
+"""Least side of a cell in training pixels: there is nothing finer in a splat."""
+
+SPARE, LEAST_VERTICES, MOST_VERTICES, SHAPE = 4.0, 50_000, 400_000, 0.6
+"""Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at least and at
+most, and the part of the most that the shape may take, before colours ask for theirs."""
+
+SAMPLED, LEAST_POINTS = 17, 100
+"""Every so many pixels of a depth map count for the typical distance, and how many of these there are at least."""
+
+HOLE_CELLS = 40.0
+"""Border of the largest hole that is closed, in cells of its surroundings."""
+
+
+def reconstruct_place(splats, views, near, vertices, stages, statistics):
+    """The mesh of a place in the splats' frame, as views see it: a Mesh; counts are added to `statistics`.
+
+    splats: Splats as the file has them. views: list of View; near: (M,) their near planes. vertices: wanted, or None
+    for as many as the capture asks for. Raises InputError when hardly any surface is found.
+    """
+    pixel = training_pixel(splats)
+    splats, seen = dilated(splats, DILATION * pixel), []
+    fog = _fog(splats, views, near)
+    level = float(np.interp(fog, FOGS, LEVELS))
+    statistics["fog"] = round(fog, 4)
+    with stages.stage("depth maps", total=len(views)) as advance:
+        for view, plane in zip(views, near, strict=True):
+            seen.append(field_depth(splats, view, float(plane), level))
+            advance()
+    depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
+    if len(depths) < LEAST_POINTS:
+        raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
+    distance, centers = float(np.median(depths)), np.array([view.center for view in views])
+    middle = np.median(centers, axis=0)
+    thickness = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
+    sights = [
+        Sight.of(view, each, thick, distance, FINEST_CELL * pixel, fog)
+        for view, each, thick in zip(views, seen, thickness, strict=True)
+    ]
+    album = Album.of(views, seen, thickness)
+    del seen, thickness
+    with stages.stage("fusion", total=SLABS) as advance:
+        points, faces, cells = fuse_adaptively(sights, middle, advance)
+    del sights
+    if len(faces) == 0:
+        raise InputError("no surface is left after fusion: is this a splat of a place?")
+    with stages.stage("clean"):
+        points, faces, dropped = without_floaters(points, faces)
+    statistics["components_dropped"] += dropped
+    statistics["vertices_found"] = len(points)
+    wanted = int(np.clip(len(points) / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
+    spread = float(np.percentile(np.linalg.norm(centers - middle, axis=1), 90))
+    space = Contraction(middle, max(spread, distance))
+    with stages.stage("decimate"):
+        points, faces = decimate(space.contracted(points), faces, wanted)
+    with stages.stage("fair"):
+        points, faces, filled = fill_holes(points, faces, HOLE_CELLS * float(np.median(cells)))
+        statistics["holes_filled"] += filled
+        world = space.world(points)
+        thickness = album.look_up(world, vertex_normals(world, faces))[1]
+        points = fair(points, faces, thickness / (pixel * space.stretch(world)), pixel)
+        points = space.world(points).astype(np.float32)
+    with stages.stage("color"):
+        if vertices is None:
+            points, faces = refine_by_color(points, faces, album, MOST_VERTICES)
+        normals = vertex_normals(points, faces)
+        colors, unseen = filled_in(album.look_up(points, normals)[0], points)
+        statistics["vertices_unseen"] += unseen
+    return Mesh(points, normals, faces, colors)
+
+
+def _fog(splats, views, near):
+    """Median thickness of the surfaces that views see, over their distance."""
+    ratios = [np.zeros(0)]
+    step = max(1, len(views) // PROBES)
+    for view, plane in zip(views[::step], near[::step], strict=True):
+        small = view.resized(PROBE_PIXELS)
+        seen = field_depth(splats, small, float(plane))
+        ratios.append((thickness_of(seen, small) / seen.depth).ravel())
+    ratios = np.concatenate(ratios)
+    ratios = ratios[np.isfinite(ratios)]
+    return float(np.median(ratios)) if len(ratios) else 0.0
+
+
+def parted(mesh, center, radius):
+    """A Mesh as two: what reaches into the ball around `center`, and the rest of it, the far background, or None."""
+    outside = (np.linalg.norm(mesh.vertices - center, axis=1) > radius)[mesh.faces].all(axis=1)
+    if not outside.any() or outside.all():
+        return mesh, None
+    return _of_faces(mesh, ~outside), _of_faces(mesh, outside)
+
+
+def _of_faces(mesh, chosen):
+    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
+    faces = faces.reshape(-1, 3).astype(np.int32)
+    return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])
+
+
+def without_floaters(points, faces):
+    """The mesh without parts of less than SMALLEST_FACES faces, and how many they were."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(points), len(points)))
+    count, part = connected_components(graph, directed=False)
+    sizes = np.bincount(part[faces[:, 0]], minlength=count)
+    small = sizes < SMALLEST_FACES
+    kept = faces[~small[part[faces[:, 0]]]]
+    used, kept = np.unique(kept, return_inverse=True)
+    return points[used], kept.reshape(-1, 3).astype(np.int32), int((small & (sizes > 0)).sum())

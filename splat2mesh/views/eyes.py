@@ -1,0 +1,25 @@
+"""Views all around from the places where a capture stood."""
+
+import numpy as np
+
+from ..render.view import View
+
+FOV_DEG = 92.0
+"""Angle of each of the six views: a little over a cube's face, so that they overlap."""
+
+GOLDEN = np.pi * (3 - np.sqrt(5))
+"""Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
+
+
+def around(eyes, pixels, up):
+    """Six views from each Eye, and their near planes: list of View, (6 E,) float64. up: (3,) unit."""
+    ahead = np.linalg.svd(np.asarray(up, np.float64)[None])[2][1]
+    side = np.cross(up, ahead)
+    views, near = [], []
+    for turn, eye in enumerate(eyes):
+        a = turn * GOLDEN
+        front, right = np.cos(a) * ahead + np.sin(a) * side, np.cos(a) * side - np.sin(a) * ahead
+        for direction, top in ((front, up), (-front, up), (right, up), (-right, up), (up, front), (-up, front)):
+            views.append(View.look_at(eye.center, eye.center + direction, top, FOV_DEG, pixels))
+            near.append(eye.near)
+    return views, np.array(near)

@@ -1,0 +1,247 @@
+"""Where a capture stood, told from the splat alone: in a room, in the middle of a garden, or around an object.
+
+Free places are tried: from each, rays go out in all directions through a grid of opacity. A place from which most of
+them meet surfaces is enclosed; and since training makes Gaussians as small as its photos resolve, the distance of those
+surfaces over the size of the smallest Gaussians there is a focal length in pixels. Only from where cameras can have
+stood is it that of a camera: inside a hollow object it is far too short.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..render.opacitygrid import OpacityGrid
+from .viewpoints import fibonacci_sphere
+
+CHOICES = ("auto", "inside", "outside")
+
+PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
+"""Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
+inside."""
+
+CLEAR_CELLS, TAKEN = 3, 0.3
+"""Cells around a free place that hold no optical depth above this."""
+
+ENCLOSED, SURROUNDED = 0.7, 0.5
+"""Share of the rays that meet something: in a room, in the foreground; in the open, also far away."""
+
+LEAST_FOCAL = 40.0
+"""Focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a hollow object 20."""
+
+ROOM_SHARE, GARDEN_SHARE = 0.02, 0.2
+"""Share of the free places that are enclosed, or surrounded, in a place: objects reach .004 and .1."""
+
+WALK_PIXELS = 5000
+"""Training pixels across a scene that no single photo holds: whoever captured it walked through it."""
+
+FULL = 0.95
+"""Percentile of the share of rays that counts as the best."""
+
+SHARE_KEPT, FOCAL_KEPT, FOCAL_FLOOR = 0.75, 0.6, 30.0
+"""An eye sees at least this part of what the best see, at this part of their median focal length, and at least that."""
+
+ROOM_EYES, GARDEN_EYES = 24, 10
+"""Eyes at most: in the open, views from around join them."""
+
+NEAR_CLEARANCE, NEAR_DIAGONAL = 0.3, 0.002
+"""Near plane of an eye: the part of the way to its nearest surfaces, and of the scene's diagonal at least."""
+
+WANTED = 3.0
+"""Eyes after which another one of the same patch of surface adds nothing."""
+
+RENDERED_FOCAL = 1.5 * 192
+"""Focal length in pixels at which twice the training pixel is still resolved by the views that are rendered."""
+
+
+class Eye(NamedTuple):
+    """A place to look around from. center: (3,) float64. near: camera z nearer than which nothing is drawn."""
+
+    center: np.ndarray
+    near: float
+
+
+@dataclass(frozen=True)
+class Standpoints:
+    """What a splat tells of its capture.
+
+    kind: "inside" (a room: look from within), "both" (in the open: from within and around) or "outside" (an object).
+    eyes: list of Eye, the ones that show most first. distance: median of the distances at which they see surfaces.
+    focal: the focal length in pixels that the splat implies. share_enclosed, share_surrounded: of the free places.
+    """
+
+    kind: str
+    eyes: list
+    distance: float
+    focal: float
+    share_enclosed: float
+    share_surrounded: float
+
+
+def standpoints(splats, bounds, choice="auto", hints=(), seed=0):
+    """Find out how a splat was captured, or obey.
+
+    splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
+    eye shall stand, in the splats' frame. seed: of the places that are tried. Returns Standpoints.
+    Raises InputError for a hint inside a surface, and where nobody can stand that shall look from inside.
+    """
+    if choice == "outside":
+        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
+    grid = OpacityGrid.of(splats, bounds)
+    hints = np.array(hints, np.float64).reshape(-1, 3)
+    _check_hints(grid, hints)
+    points = free_places(grid, np.random.default_rng(seed))
+    if len(points) < LEAST_PLACES and choice == "auto" and len(hints) == 0:
+        return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
+    looks = _Looks.of(grid, np.concatenate([hints, points]))
+    shares = looks.enclosed[len(hints) :].mean(), looks.surrounded[len(hints) :].mean()
+    kind = _kind(grid, bounds, *shares)
+    if kind == "outside" and (choice == "inside" or len(hints)):
+        kind = "inside" if choice == "inside" else "both"
+    elif choice == "inside":
+        kind = "inside"
+    if kind == "outside":
+        return Standpoints(kind, [], 0.0, 0.0, *map(float, shares))
+    chosen, distance, focal = _chosen(looks, kind, len(hints))
+    diagonal = float(np.linalg.norm(np.ptp(bounds, axis=0)))
+    eyes = []
+    for index in chosen:
+        clearance = float(np.percentile(looks.distance[index][looks.hit[index]], 2))
+        eyes.append(Eye(looks.points[index], max(NEAR_CLEARANCE * clearance, NEAR_DIAGONAL * diagonal)))
+    return Standpoints(kind, eyes, distance, focal, *map(float, shares))
+
+
+class _Looks(NamedTuple):
+    """What M points see in K directions: distance and local training pixel (M, K), what was hit at all, what of it
+    in the foreground; and per point the share and the implied focal length of each."""
+
+    points: np.ndarray
+    directions: np.ndarray
+    distance: np.ndarray
+    pixel: np.ndarray
+    hit: np.ndarray
+    inner: np.ndarray
+    share: np.ndarray
+    focal: np.ndarray
+    share_inner: np.ndarray
+    focal_inner: np.ndarray
+
+    @classmethod
+    def of(cls, grid, points):
+        directions = fibonacci_sphere(RAYS)
+        distance, pixel, level = grid.march(points, directions)
+        hit = np.isfinite(distance)
+        inner = hit & (level == 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = distance / pixel
+        per_point = []
+        for seen in (hit, inner):
+            per_point += [seen.mean(axis=1), _median(np.where(seen, ratio, np.nan))]
+        return cls(points, directions, distance, pixel, hit, inner, *per_point)
+
+    @property
+    def enclosed(self):
+        return (self.share_inner >= ENCLOSED) & (self.focal_inner >= LEAST_FOCAL)
+
+    @property
+    def surrounded(self):
+        return (self.share >= SURROUNDED) & (self.focal >= LEAST_FOCAL)
+
+
+def _kind(grid, bounds, enclosed, surrounded):
+    """What the shares of free places that are enclosed, and surrounded, say."""
+    if enclosed >= ROOM_SHARE:
+        return "inside"
+    across = float(np.linalg.norm(np.ptp(bounds, axis=0))) / grid.finest_pixel()
+    walked = across > WALK_PIXELS and surrounded >= ROOM_SHARE
+    return "both" if surrounded >= GARDEN_SHARE or walked else "outside"
+
+
+def _chosen(looks, kind, hints):
+    """Indices of the eyes, the first `hints` points first, the median distance of hits, the implied focal length."""
+    share, focal = (looks.share_inner, looks.focal_inner) if kind == "inside" else (looks.share, looks.focal)
+    usable = looks.enclosed if kind == "inside" else looks.surrounded
+    if not usable.any():
+        usable = share > 0
+    if not usable.any():
+        raise InputError(
+            "`stand` inside: no free place from which a surface is seen; name one by `eyes`, or give `stand` outside"
+        )
+    typical, best = float(np.median(focal[usable])), np.percentile(share, 100 * FULL)
+    least = min(max(FOCAL_FLOOR, FOCAL_KEPT * typical), typical)
+    fit = (share >= SHARE_KEPT * best) & (focal >= least)
+    fit[:hints] = looks.hit[:hints].any(axis=1)
+    kept = np.flatnonzero(fit)
+    seen = looks.inner if looks.inner[kept].any() else looks.hit
+    median = float(np.median(looks.distance[kept][seen[kept]]))
+    rows = looks.distance[kept], looks.pixel[kept], seen[kept]
+    count = ROOM_EYES if kind == "inside" else GARDEN_EYES
+    first = np.flatnonzero(kept < hints)
+    return kept[_cover(looks.points[kept], looks.directions, *rows, median, count, first)], median, typical
+
+
+def _check_hints(grid, hints):
+    inner, shape = grid.inner(), grid.shapes[0]
+    for hint in hints:
+        cell = np.floor((hint - grid.origins[0]) / grid.cells[0]).astype(int)
+        place = ",".join(f"{value:g}" for value in hint)
+        if (cell < 0).any() or (cell >= shape).any():
+            box = np.stack([grid.origins[0], grid.origins[0] + shape * grid.cells[0]]).round(2).tolist()
+            raise InputError(
+                f"`eyes` {place} lies outside the scene, whose box is {box[0]} to {box[1]} in the splat's frame"
+            )
+        around = tuple(slice(max(c - 1, 0), c + 2) for c in cell)
+        if (inner[around] > TAKEN).any():
+            raise InputError(f"`eyes` {place} lies inside a surface: choose a free place, in the splat's own frame")
+
+
+def free_places(grid, rng):
+    """Up to PLACES random points of the innermost grid that keep clear of what is opaque: (M, 3) float64."""
+    taken, shape = grid.inner() > TAKEN, grid.shapes[0]
+    tried = rng.integers(0, shape, (TRIED, 3))
+    free = []
+    for cell in tried:
+        low = np.maximum(cell - CLEAR_CELLS, 0)
+        if not taken[tuple(slice(a, b + CLEAR_CELLS + 1) for a, b in zip(low, cell, strict=True))].any():
+            free.append(cell)
+            if len(free) == PLACES:
+                break
+    return grid.origins[0] + (np.array(free).reshape(-1, 3) + 0.5) * grid.cells[0]
+
+
+def _median(values):
+    """Median along the last axis of the numbers that are none of them NaN; 0 where all are."""
+    found = np.zeros(len(values))
+    some = np.isfinite(values).any(axis=1)
+    found[some] = np.nanmedian(values[some], axis=1)
+    return found
+
+
+def _cover(points, directions, distance, pixel, usable, median, count, first):
+    """Indices of at most `count` eyes, `first` before others: each adds most to what those before it saw least."""
+    where = np.where(usable, distance, 0)[..., None] * directions + points[:, None]
+    cells = np.floor((where - where.min(axis=(0, 1))) / (median / 8)).astype(np.int64)
+    facing = np.abs(directions).argmax(axis=1)
+    facing = 2 * facing + (directions[np.arange(len(directions)), facing] > 0)
+    size = cells.max(axis=(0, 1)) + 1
+    key = np.ravel_multi_index(tuple(np.moveaxis(cells, -1, 0)), size) * 6 + facing
+    some = usable & np.isfinite(pixel)
+    known = np.where(np.isfinite(pixel), pixel, np.median(pixel[some]) if some.any() else median / RENDERED_FOCAL)
+    quality = 1 / (1 + (distance / (2 * RENDERED_FOCAL * known)) ** 2)
+    owner, ray = np.nonzero(usable)
+    key, quality = np.unique(key[owner, ray], return_inverse=True)[1], quality[owner, ray]
+    order = np.lexsort((-quality, key, owner))
+    owner, key, quality = owner[order], key[order], quality[order]
+    best = np.ones(len(owner), bool)
+    best[1:] = (owner[1:] != owner[:-1]) | (key[1:] != key[:-1])
+    owner, key, quality = owner[best], key[best], quality[best]
+    ends = np.searchsorted(owner, np.arange(len(points) + 1))
+    seen, chosen = np.zeros(key.max() + 1), []
+    for _ in range(min(count, len(points))):
+        gain = np.bincount(owner, quality * np.maximum(1 - seen[key] / WANTED, 0.02), len(points))
+        gain[chosen] = -1
+        chosen.append(int(first[len(chosen)] if len(chosen) < len(first) else gain.argmax()))
+        mine = slice(ends[chosen[-1]], ends[chosen[-1] + 1])
+        seen[key[mine]] += quality[mine]
+    return np.array(chosen, int)
