@@ -77,7 +77,8 @@ class Scene:
         if path.is_file():
             return cls([read_mesh(path)], path=path)
         entries, fields = _read_meta(path / META)
-        chunks, background = [], []
+        chunks: list[Mesh] = []
+        background: list[Mesh] = []
         for name, is_background, *expected in entries:
             mesh = read_mesh(path / "chunks" / name)
             found = [len(mesh.vertices), len(mesh.faces)]
