@@ -18,6 +18,9 @@ LEAST_SHARE = 0.002
 SOLID = 0.3
 """Opacity above which a splat is solid enough to be counted here."""
 
+ENVIRONMENT_FROM = 5.0
+"""Percentile of the distances of the environment that a capture keeps apart, from which on the background begins."""
+
 EYES, FOV_DEG = 4, 95.0
 """Places to look around from, and the angle of each of their six views: a little over a cube's, so they overlap."""
 
@@ -29,11 +32,11 @@ def far_background(splats):
 
 def foreground_ball(splats):
     """The ball beyond which the far background of an open scene lies: its centre (3,) and radius, inf unless there
-    clearly is one, and which splats lie out there, (N,) bool."""
-    none = np.zeros(len(splats), bool)
-    solid = splats.opacities > SOLID
+    clearly is one, and which splats lie out there or belong to the capture's environment, (N,) bool."""
+    apart = np.zeros(len(splats), bool) if splats.environment is None else splats.environment
+    solid = (splats.opacities > SOLID) & ~apart
     if solid.sum() < 100:
-        return np.zeros(3), np.inf, none
+        return np.zeros(3), np.inf, apart
     size = splats.scales.max(axis=1)
     detail = 1.0 / np.maximum(size[solid], np.percentile(size[solid], 5) + 1e-30).astype(np.float64) ** 2
     center = np.array([_weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
@@ -42,8 +45,10 @@ def foreground_ball(splats):
     far = distance > radius
     out, here = solid & far, solid & ~far
     if out.sum() < LEAST_SHARE * solid.sum() or np.median(size[out]) < COARSER * np.median(size[here]):
-        return center, np.inf, none
-    return center, radius, far
+        far, radius = np.zeros(len(splats), bool), np.inf
+    if apart.any():
+        radius = min(radius, float(np.percentile(distance[apart], ENVIRONMENT_FROM)))
+    return center, radius, far | apart
 
 
 def views_from_within(foreground, pixels, up):
