@@ -31,7 +31,7 @@ CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
 """Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
 the cells over what they are elsewhere at its distance."""
 
-MOST_CELLS = 3_000_000
+MOST_CELLS = 1_600_000
 """Cells that the pixels may ask for; more make all of them larger. Each takes about 150 bytes on the way."""
 
 BATCH = 512

@@ -19,7 +19,7 @@ from .refine import refine_by_color
 SMALLEST_FACES = 100
 """Faces of the raw surface below which a part that hangs on nothing is a floater, however large the whole is."""
 
-FOGS, LEVELS = (0.06, 0.16), (0.65, 0.45)
+FOGS, LEVELS = (0.06, 0.16), (0.6, 0.45)
 """Typical thickness of a place's surfaces over their distance, and the opacity at which they lie; held outside. True
 meshes ask for a late level where surfaces are thin. In fog there is no surface to find: there it is put where the mean
 of what is seen lies. See docs/surface.md."""
@@ -34,7 +34,7 @@ PROBES, PROBE_PIXELS = 12, 128
 FINEST_CELL = 0.7
 """Least side of a cell in training pixels: there is nothing finer in a splat."""
 
-SPARE, LEAST_VERTICES, MOST_VERTICES, SHAPE = 4.0, 50_000, 400_000, 0.6
+SPARE, LEAST_VERTICES, MOST_VERTICES, SHAPE = 2.5, 50_000, 400_000, 0.75
 """Where the number of vertices is left to the capture: vertices found for one that is kept, vertices at least and at
 most, and the part of the most that the shape may take, before colours ask for theirs."""
 
@@ -63,7 +63,7 @@ def reconstruct_place(splats, views, near, vertices, stages, statistics):
     depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
     if len(depths) < LEAST_POINTS:
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
-    distance, centers = float(np.median(depths)), np.array([view.center for view in views])
+    distance, centers = float(np.median(depths)), _near_centers(views, seen)
     middle = np.median(centers, axis=0)
     thickness = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
     sights = [
@@ -100,6 +100,13 @@ def reconstruct_place(splats, views, near, vertices, stages, statistics):
         colors, unseen = filled_in(album.look_up(points, normals)[0], points)
         statistics["vertices_unseen"] += unseen
     return Mesh(points, normals, faces, colors)
+
+
+def _near_centers(views, seen):
+    """Where the half of the views that is nearest to what it sees stands, (E, 3): not the views from around."""
+    found = [each.depth[np.isfinite(each.depth)] for each in seen]
+    depths = np.array([np.median(depth) if len(depth) else np.inf for depth in found])
+    return np.array([view.center for view in views])[depths <= np.median(depths)]
 
 
 def _fog(splats, views, near):

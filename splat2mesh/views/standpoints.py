@@ -42,7 +42,7 @@ FULL = 0.95
 SHARE_KEPT, FOCAL_KEPT, FOCAL_FLOOR = 0.75, 0.6, 30.0
 """An eye sees at least this part of what the best see, at this part of their median focal length, and at least that."""
 
-ROOM_EYES, GARDEN_EYES = 24, 10
+ROOM_EYES, GARDEN_EYES = 24, 24
 """Eyes at most: in the open, views from around join them."""
 
 NEAR_CLEARANCE, NEAR_DIAGONAL = 0.3, 0.002
