@@ -10,11 +10,11 @@ from ..scene.mesh import Mesh, vertex_normals
 from .adaptive import SLABS, Sight, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
-from .contraction import Contraction
 from .decimate import decimate
 from .extract import dilated, thickness_of, training_pixel
 from .fair import fair
 from .refine import refine_by_color
+from .simplify import simplify
 
 SMALLEST_FACES = 100
 """Faces of the raw surface below which a part that hangs on nothing is a floater, however large the whole is."""
@@ -78,21 +78,20 @@ def reconstruct_place(splats, views, near, vertices, stages, statistics):
     if len(faces) == 0:
         raise InputError("no surface is left after fusion: is this a splat of a place?")
     with stages.stage("clean"):
-        points, faces, dropped = without_floaters(points, faces)
+        points, faces, cells, dropped = without_floaters(points, faces, cells)
     statistics["components_dropped"] += dropped
     statistics["vertices_found"] = len(points)
     wanted = int(np.clip(len(points) / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
-    spread = float(np.percentile(np.linalg.norm(centers - middle, axis=1), 90))
-    space = Contraction(middle, max(spread, distance))
     with stages.stage("decimate"):
-        points, faces = decimate(space.contracted(points), faces, wanted)
+        longest = HOLE_CELLS * float(np.median(cells))
+        points, faces, _ = simplify(points, faces, cells, wanted)
+        points, faces = decimate(points, faces, len(points))  # cleans only: nothing is left to remove
     with stages.stage("fair"):
-        points, faces, filled = fill_holes(points, faces, HOLE_CELLS * float(np.median(cells)))
+        points, faces, filled = fill_holes(points, faces, longest)
         statistics["holes_filled"] += filled
-        world = space.world(points)
-        thickness = album.look_up(world, vertex_normals(world, faces))[1]
-        points = fair(points, faces, thickness / (pixel * space.stretch(world)), pixel)
-        points = space.world(points).astype(np.float32)
+        _, thickness, seen_by = album.look_up(points, vertex_normals(points, faces))
+        local = np.where(np.isfinite(seen_by), np.maximum(seen_by, pixel), pixel)
+        points = fair(points, faces, thickness / local, float(np.median(local))).astype(np.float32)
     with stages.stage("color"):
         if vertices is None:
             points, faces = refine_by_color(points, faces, album, MOST_VERTICES)
@@ -136,8 +135,8 @@ def _of_faces(mesh, chosen):
     return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])
 
 
-def without_floaters(points, faces):
-    """The mesh without parts of less than SMALLEST_FACES faces, and how many they were."""
+def without_floaters(points, faces, cells):
+    """The mesh, and its vertices' cells, without parts of less than SMALLEST_FACES faces, and how many they were."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
@@ -148,4 +147,4 @@ def without_floaters(points, faces):
     small = sizes < SMALLEST_FACES
     kept = faces[~small[part[faces[:, 0]]]]
     used, kept = np.unique(kept, return_inverse=True)
-    return points[used], kept.reshape(-1, 3).astype(np.int32), int((small & (sizes > 0)).sum())
+    return points[used], kept.reshape(-1, 3).astype(np.int32), cells[used], int((small & (sizes > 0)).sum())
