@@ -75,7 +75,7 @@ class Estimate(NamedTuple):
     scene, not the prior, decides which way the light comes from (of a known light: how bright it was).
     direction: (3,) unit, the mean of direction times luminance over the sphere, and its length
     concentration in [0, 1]: 0 uniform, 1 a single point. color: (3,) mean radiance of the light over its luminance.
-    brightness: mean luminance of the light.
+    brightness: mean luminance of the light. under_sky: whether a captured sky was used.
     """
 
     albedo: np.ndarray
@@ -89,6 +89,7 @@ class Estimate(NamedTuple):
     concentration: float
     color: np.ndarray
     brightness: float
+    under_sky: bool = False
 
 
 def estimate(
@@ -106,12 +107,12 @@ def estimate(
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, smooth=sky is not None)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None)
     problem = scene.problem()
     if problem:
         return scene.as_captured(problem)
-    if sky is not None and scene.open > skylight.LEAST_OPEN:
-        return _under_sky(scene, sky)
+    if scene.under_sky:
+        return _under_sky(scene, sky)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -178,7 +179,7 @@ def with_known_light(
 class _Scene:
     """What both ways share: the places, the light that surfaces send each other, and the result."""
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, smooth=False):
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -202,9 +203,10 @@ class _Scene:
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
         visible = visible_fraction(self.transfer)
-        self.open = float((self.areas * visible).sum() / max(float(self.areas.sum()), 1e-30))
+        open_part = float((self.areas * visible).sum() / max(float(self.areas.sum()), 1e-30))
+        self.under_sky = sky and open_part > skylight.LEAST_OPEN
         wanted = self.usable & (visible > samples.MIN_VISIBLE)
-        if smooth:
+        if self.under_sky:
             flat = wanted & (samples.roughness(occluder) < samples.MAX_ROUGHNESS)
             wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
         self.places = samples.take(occluder, self.areas, wanted, seed)

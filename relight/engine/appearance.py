@@ -101,11 +101,11 @@ def _without_light(
         message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
-    estimated = "estimated" if sky is None else "estimated, with the captured sky"
+    estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
     check = {name: round(float(kept[name]), 3) for name in ("self_relight_db", "distrusted_share")}
-    trust = None if sky is None else kept["trust"]  # of objects nothing was gained by it
+    trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
 
 
@@ -156,6 +156,7 @@ def _estimated(
         check = self_relight(relighter.occluder, captured, found, **known)
     return {
         **check,
+        "under_sky": np.array(found.under_sky),
         "albedo": found.albedo,
         "irradiance": found.irradiance,
         **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},
