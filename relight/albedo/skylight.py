@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from splat2mesh.scene.measured import row_solid_angles, texel_directions
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import row_solid_angles, texel_directions
 
 from ..sh import harmonics
 from . import fit

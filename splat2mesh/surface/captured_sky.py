@@ -8,8 +8,8 @@ import numpy as np
 
 from ..render.rasterize import rasterize
 from ..render.view import View
-from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, texel_directions
 from ..scene.color import linear_from_srgb
+from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, texel_directions
 from ..views.viewpoints import bounds_of
 
 FACE_PIXELS = 192
