@@ -75,7 +75,7 @@ class Measured(NamedTuple):
 
     def described(self):
         """Dict for scene.json: the file and the figures of what is in it."""
-        told: dict = {"file": FILE, "sky": None}
+        told = {"file": FILE, "sky": None}
         told["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
         if self.sky is not None:
             coverage, clipped = self.sky.coverage, self.sky.clipped_share
