@@ -90,6 +90,8 @@ def parser() -> argparse.ArgumentParser:
     add("--bake", nargs="+", choices=BAKED, metavar="WHAT", help=bake)
     add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
+    sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
+    add("--sky", default="new", choices=("new", "keep", "drop"), metavar="WHICH", help=sky)
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
@@ -158,6 +160,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
                 baked=options.bake or (),
                 texture_size=options.texture_size,
                 splat=options.splat,
+                sky=options.sky,
                 animated=options.animate,
                 caching="none" if options.no_cache else "read" if options.plan else "keep",
                 stages=stages,

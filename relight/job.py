@@ -69,6 +69,7 @@ class Job:
         baked: Sequence[str] = (),
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
+        sky: str = "new",
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -80,8 +81,9 @@ class Job:
         of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
         2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
-        the scene says. animated: whether the scene is an animated .glb. caching: "keep" what is computed in the scene's
-        folder, "read" what was kept there, or "none". messages: the warnings so far, for the report.
+        the scene says. sky: what becomes of its far background, of `splats.SKIES`. animated: whether the scene is an
+        animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
+        messages: the warnings so far, for the report.
         """
         self.options = (options or LightingOptions()).planned()
         self.stages = stages or Stages()
@@ -89,7 +91,7 @@ class Job:
         self._given, self._env, self._capture_env = scene, env, capture_env
         self._albedo, self._exposure_ev = albedo, exposure_ev
         self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
-        self._splat, self._animated, self._caching = splat, animated, caching
+        self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
         self._messages = [] if messages is None else messages
 
     # load
@@ -156,7 +158,7 @@ class Job:
 
     def relit_splats(self, shaded: Shaded) -> Splats:
         """The splats that the scene was made from, in its light."""
-        return self._results.relit_splats(shaded.shading.radiance, shaded.exposure)
+        return self._results.relit_splats(shaded.light, shaded.shading.radiance, shaded.exposure)
 
     # write
 
@@ -271,7 +273,7 @@ class Job:
     def _results(self) -> Results:
         splats = self.splats if "splat" in self._formats or self._baked else None
         look, seed = self.appearance, self.options.seed
-        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed)
+        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky)
 
     @property
     def _name(self) -> str:

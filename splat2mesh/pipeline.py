@@ -14,6 +14,7 @@ from .splats.formats import check_lod, read_splats
 from .splats.splats import clean, usable
 from .surface.background import far_background, foreground_ball, views_from_within
 from .surface.extract import EFFORTS, WAYS, as_trained, dilated, extract, training_pixel
+from .surface.measure import measured_of
 from .surface.place import parted, reconstruct_place
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
@@ -129,7 +130,7 @@ def convert(
         "cameras": "trained" if trained else "virtual",
     }
     with stages.stage("chunks"):
-        return Scene.from_mesh(
+        scene = Scene.from_mesh(
             _turned(mesh, rotation),
             max_chunk_vertices,
             background=split(_turned(backdrop, rotation), max_chunk_vertices) if backdrop else [],
@@ -141,6 +142,10 @@ def convert(
             settings=settings,
             statistics=statistics,
         )
+    with stages.stage("measure"):
+        stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
+        scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood)
+    return scene
 
 
 def _standing(foreground, splats, surface, stand, eyes, seed):

@@ -16,7 +16,7 @@ from splat2mesh.scene.color import luminance
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
-from . import fit, samples, sun
+from . import fit, samples, skylight, sun
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
 LIGHT_BANDS = 5
@@ -75,7 +75,7 @@ class Estimate(NamedTuple):
     scene, not the prior, decides which way the light comes from (of a known light: how bright it was).
     direction: (3,) unit, the mean of direction times luminance over the sphere, and its length
     concentration in [0, 1]: 0 uniform, 1 a single point. color: (3,) mean radiance of the light over its luminance.
-    brightness: mean luminance of the light.
+    brightness: mean luminance of the light. under_sky: whether a captured sky was used.
     """
 
     albedo: np.ndarray
@@ -89,6 +89,7 @@ class Estimate(NamedTuple):
     concentration: float
     color: np.ndarray
     brightness: float
+    under_sky: bool = False
 
 
 def estimate(
@@ -98,16 +99,20 @@ def estimate(
     advance=lambda count: None,  # called with the number of vertices done, twice for each
     transfer=None,  # (V, K) of the white scene, where there is one already
     interreflection=None,  # Interreflection, likewise
+    sky=None,  # CapturedSky, where the capture saw its light
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
-    Deterministic; depends on no order of vertices or chunks but in the last bits. Colours that are not finite count
-    as black. Raises InputError unless `captured` is (V, 3).
+    Of a captured sky, what was not clipped is taken as it is, and what was is at least 1. Deterministic; depends on no
+    order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
+    unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None)
     problem = scene.problem()
     if problem:
         return scene.as_captured(problem)
+    if scene.under_sky:
+        return _under_sky(scene, sky)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -119,6 +124,31 @@ def estimate(
         return scene.as_captured("its surfaces face too few ways to tell its light from its colours", evidence)
     theta, lamp = sun.with_sun(occluder, scene.places, light, scene.log_captured(), found, start, prior)
     return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
+
+
+def _under_sky(scene, sky):
+    """The Estimate of a _Scene that was captured under a CapturedSky."""
+    places = scene.places
+    parts = skylight.SkyParts.at(sky, places.directions)
+    light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
+    colors = scene.captured[places.vertices].astype(np.float64)
+    start = skylight.start_of(light, parts, places.directions, colors, scene.start())
+    prior = skylight.prior_of(_prior)
+    found = scene.fitted(light, start, prior)
+
+    def radiance(directions, theta):
+        return skylight.radiance(skylight.SkyParts.looked_up(sky, directions), theta, directions)
+
+    theta, lamp = sun.with_sun(
+        *(scene.occluder, places, light, scene.log_captured(), found, start, prior),
+        least_gain=skylight.LEAST_SUN_GAIN,
+        brightness=lambda directions: luminance(radiance(directions, found.theta)[1]),
+    )
+    known, free = radiance(projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3), theta)
+    image = (known + free).reshape(HEIGHT, WIDTH, 3)
+    if lamp is not None:
+        image += _sun_image(lamp)
+    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky))
 
 
 def with_known_light(
@@ -149,7 +179,7 @@ def with_known_light(
 class _Scene:
     """What both ways share: the places, the light that surfaces send each other, and the result."""
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection):
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -172,8 +202,14 @@ class _Scene:
         self.areas = samples.vertex_areas(occluder)
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
-        open_sky = visible_fraction(self.transfer) > samples.MIN_VISIBLE
-        self.places = samples.take(occluder, self.areas, self.usable & open_sky, seed)
+        visible = visible_fraction(self.transfer)
+        open_part = float((self.areas * visible).sum() / max(float(self.areas.sum()), 1e-30))
+        self.under_sky = sky and open_part > skylight.LEAST_OPEN
+        wanted = self.usable & (visible > samples.MIN_VISIBLE)
+        if self.under_sky:
+            flat = wanted & (samples.roughness(occluder) < samples.MAX_ROUGHNESS)
+            wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
+        self.places = samples.take(occluder, self.areas, wanted, seed)
 
     def problem(self):
         """Why nothing can be told, or an empty text."""
@@ -269,12 +305,15 @@ def _image(theta, lamp=None):
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     exponent = harmonics.evaluate(directions, math.isqrt(len(theta))) @ theta
     radiance = np.exp(np.clip(exponent, -30.0, 30.0)).reshape(HEIGHT, WIDTH, 3)
-    if lamp is not None:
-        angle = np.degrees(np.arccos(np.clip(directions @ lamp.direction, -1.0, 1.0))).reshape(HEIGHT, WIDTH)
-        lobe = np.exp(-0.5 * (angle / lamp.width_deg) ** 2)
-        area = projections.row_solid_angles(HEIGHT, WIDTH).reshape(-1, 1)
-        radiance += (lobe / (lobe * area).sum())[:, :, None] * lamp.irradiance
-    return radiance.astype(np.float32)
+    return (radiance if lamp is None else radiance + _sun_image(lamp)).astype(np.float32)
+
+
+def _sun_image(lamp):
+    """(H, W, 3) float64 radiance of a Sun."""
+    cosine = projections.texel_directions(HEIGHT, WIDTH) @ lamp.direction
+    lobe = np.exp(-0.5 * (np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))) / lamp.width_deg) ** 2)
+    area = projections.row_solid_angles(HEIGHT, WIDTH).reshape(-1, 1)
+    return (lobe / (lobe * area).sum())[:, :, None] * lamp.irradiance
 
 
 def _described(environment):

@@ -70,10 +70,14 @@ def with_sun(
     found,  # Fit of the light alone, to SH coefficients of its logarithm
     start,  # (M, 3)
     prior,  # (3 M, 3 M), colours outermost
+    least_gain=None,  # relative fall of the cost for which it is believed, MIN_GAIN by default
+    brightness=None,  # directions (D, 3) -> (D,) luminance of the smooth light where a sun may stand, 0 elsewhere
 ):
     """(theta (M, 3), Sun): the light beside the best sun, and that; or the light alone and None."""
-    width, bands = len(start), int(np.sqrt(len(start)))
-    sun = _candidate(occluder, places, light, log_captured, found, prior, bands)
+    width, least_gain = len(start), MIN_GAIN if least_gain is None else least_gain
+    sphere = fibonacci_sphere(CANDIDATES)
+    bright = luminance(_harmonic(sphere, found.theta)) if brightness is None else brightness(sphere)
+    sun = _candidate(occluder, places, light, log_captured, found, prior, sphere, bright)
     if sun is None:
         return found.theta, None
     received, _ = light(found.theta)
@@ -91,16 +95,22 @@ def with_sun(
         wider.reshape(3 * width + 3, -1),
         np.vstack([found.theta, first]),
     )
-    if again.cost > (1.0 - MIN_GAIN) * found.cost:
+    if again.cost > (1.0 - least_gain) * found.cost:
         return found.theta, None
     return again.theta[:-1], sun._replace(irradiance=np.exp(np.clip(again.theta[-1], -30.0, 30.0)))
 
 
-def _candidate(occluder, places, light, log_captured, found, prior, bands):
+def _harmonic(directions, theta):
+    """Radiance (D, 3) whose logarithm has SH coefficients theta (M, 3)."""
+    basis = harmonics.evaluate(directions, int(np.sqrt(len(theta))))
+    return np.exp(np.clip(basis @ theta, -30.0, 30.0))
+
+
+def _candidate(occluder, places, light, log_captured, found, prior, sphere, bright):
     """The Sun, not fitted, whose addition would gain most; None where no place sees any."""
-    sphere = fibonacci_sphere(CANDIDATES)
-    brightness = luminance(np.exp(np.clip(harmonics.evaluate(sphere, bands) @ found.theta, -30.0, 30.0)))
-    near = sphere[sphere @ sphere[np.argmax(brightness)] > np.cos(np.radians(CAP_DEG))]
+    near = sphere[(sphere @ sphere[np.argmax(bright)] > np.cos(np.radians(CAP_DEG))) & (bright > 0.0)]
+    if len(near) == 0:
+        return None
     lit = _lit(occluder, places.vertices, near)
     received, slope = light(found.theta)
     difference, robust = fit.differences(log_captured - np.log(received), places.pairs, places.weights, fit.SCALES[-1])

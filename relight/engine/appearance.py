@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.scene import Scene
 
+from ..albedo.check import drawn_to_none
+from ..albedo.skylight import LEAST_TOLD, told_by_sky
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
 
@@ -31,7 +33,8 @@ class Appearance(NamedTuple):
 
     irradiance: (V, 3) float32, what every vertex received on the capture day, in the unit of `captured`; where it was
     not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
-    capture: dict for the report, None without an estimate.
+    capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], how much of a change of light is
+    applied to each vertex of a splat; all of it without.
     """
 
     albedo: NDArray[np.float32] | None
@@ -39,12 +42,16 @@ class Appearance(NamedTuple):
     irradiance: NDArray[np.float32]
     prior: "Prior | None" = None
     capture: dict[str, Any] | None = None
+    trust: NDArray[np.float32] | None = None
 
     def received(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo."""
-        if self.albedo is None:
-            return radiance
-        return np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
+        """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo.
+
+        Where the estimate is not trusted it is drawn towards what they received on the capture day.
+        """
+        if self.albedo is not None:
+            radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
+        return radiance if self.trust is None else drawn_to_none(self.irradiance, radiance, self.trust)
 
 
 def appearance_of(
@@ -83,7 +90,9 @@ def _without_light(
     from ..albedo import Prior
 
     cache = relighter.cache
-    key = array_key(captured, None if capture_env is None else capture_env.radiance), relighter.seed
+    sky = _sky_of(relighter.scene)
+    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
+    key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
     kept = cache.get("albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
@@ -92,9 +101,18 @@ def _without_light(
         message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
-    described["light"] = "estimated" if capture_env is None else capture_env.name
+    estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
+    described["light"] = estimated if capture_env is None else capture_env.name
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
-    return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described)
+    check = {name: round(float(kept[name]), 3) for name in ("self_relight_db", "distrusted_share")}
+    trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
+    return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
+
+
+def _sky_of(scene):
+    """The CapturedSky of a Scene where it tells enough of the light, or None."""
+    sky = None if scene.measured is None else scene.measured.sky
+    return None if sky is None or told_by_sky(sky) < LEAST_TOLD else sky
 
 
 def _of_objects(
@@ -115,7 +133,7 @@ def _of_objects(
         alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
         parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone))
     kept = dict(max(parts, key=lambda part: len(part["albedo"])))
-    for name in ("albedo", "irradiance"):
+    for name in ("albedo", "irradiance", "trust"):
         kept[name] = np.concatenate([part[name] for part in parts])
     failed = [each["name"] for each, part in zip(objects, parts, strict=True) if not part["separable"]]
     if failed:
@@ -127,14 +145,18 @@ def _estimated(
     captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
 ) -> dict[str, Any]:
     from ..albedo import estimate, with_known_light
+    from ..albedo.check import self_relight
 
     known = relighter.computed(CAPTURE)
     with relighter.stages.stage("albedo"):
         if capture_env is None:
-            found = estimate(relighter.occluder, captured, relighter.seed, **known)
+            found = estimate(relighter.occluder, captured, relighter.seed, **known, sky=_sky_of(relighter.scene))
         else:
             found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
+        check = self_relight(relighter.occluder, captured, found, **known)
     return {
+        **check,
+        "under_sky": np.array(found.under_sky),
         "albedo": found.albedo,
         "irradiance": found.irradiance,
         **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},

@@ -25,7 +25,8 @@ class Results:
     """Writes the results of a scene, light after light.
 
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
-    result needs them. texture_size: side of textures in texels, chosen without.
+    result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
+    background of splats.
     """
 
     def __init__(
@@ -37,11 +38,12 @@ class Results:
         splats: tuple[Splats, list[Path]] | None = None,
         texture_size: int | None = None,
         seed: int = 0,
+        sky: str = "new",
     ) -> None:
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
-        self._texture_size, self._seed = texture_size, seed
+        self._texture_size, self._seed, self._sky = texture_size, seed, sky
         self._scene, self._stages = relighter.scene, relighter.stages
         self._preview: Any = None
         self._binding: Any = None
@@ -66,7 +68,7 @@ class Results:
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
         if "splat" in self._kinds:
-            names += self._write_splats(folder, radiance, exposure)
+            names += self._write_splats(folder, light, radiance, exposure)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
         if "png" in self._kinds:
@@ -80,22 +82,24 @@ class Results:
             self._preview = self._preview or Preview(self._scene, None, *PICTURE_SIZE)
             mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
 
-    def relit_splats(self, radiance: NDArray[np.float32], exposure: float) -> Splats:
+    def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
-        from ..splats import Binding
+        from ..splats import Binding, under_sky
 
         if self._binding is None:
             with self._stages.stage("bind splats"):
                 self._binding = Binding(self._splats, self._scene, seed=self._seed)
         with self._stages.stage("relight splats"):
             received = self._appearance.received(radiance)
-            return self._binding.relit(self._appearance.irradiance, received, exposure)
+            relit = self._binding.relit(self._appearance.irradiance, received, exposure)
+            rows = self._scene.background_splats
+            return under_sky(relit, rows, light, self._scene.scene_from_splat, exposure, self._sky)
 
-    def _write_splats(self, folder, radiance, exposure):
+    def _write_splats(self, folder, light, radiance, exposure):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
         from ..splats import write_relit_ply
 
-        relit = self.relit_splats(radiance, exposure)
+        relit = self.relit_splats(light, radiance, exposure)
         with self._stages.stage("write"):
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["splat"], relit, source)

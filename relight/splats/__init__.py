@@ -5,6 +5,7 @@ write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.pl
 """
 
 from .binding import Binding, relit
+from .sky import SKIES, under_sky
 from .write import write_relit_ply
 
-__all__ = ["Binding", "relit", "write_relit_ply"]
+__all__ = ["SKIES", "Binding", "relit", "under_sky", "write_relit_ply"]

@@ -12,6 +12,7 @@ from splat2mesh.splats.splats import ABSURD_LENGTH, INVISIBLE_OPACITY, MIN_SPLAT
 from .attachment import Places, Surface
 from .backproject import backproject
 from .light_ratio import CURVE_OFFSET, log_gain, relit_sh
+from .wide import Neighborhoods
 
 VIEWS, PIXELS = 32, 256
 """Virtual views of the fit and their longer side. 24 or 48 views or 320 pixels differ by less than 0.1 dB; 192
@@ -58,6 +59,9 @@ class Binding:
         self.surface = Surface(scene)
         shown = splats if not unlit else splats.take(self.lit)
         self.places = Places(self.surface, shown)
+        measured = scene.measured
+        volume = np.zeros(len(self._captured), np.float32) if measured is None else measured.foliage
+        self._wide = Neighborhoods(self.surface.points, self.surface.of_vertices(volume[:, None])[:, 0])
         self._near = 0.005 * self.surface.diagonal
         # Far Gaussians stand between the scene and virtual eyes that no camera of the capture had.
         self._drawn = (self.places.far < 0.5) & (shown.opacities >= INVISIBLE_OPACITY)
@@ -86,7 +90,7 @@ class Binding:
             )
         shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
         of_vertices, mean = log_gain(self._captured, before, after, shares)
-        of_nodes = self.surface.of_vertices(of_vertices)
+        of_nodes = self._wide.shared(self.surface.of_vertices(of_vertices))
         logs = self.places.interpolate(of_nodes)
         correction = self._fit(of_nodes, logs, mean, rounds) if len(self._looks) else 0.0
         s = self._splats

@@ -28,9 +28,14 @@ _KEPT = (
 _BLOCK = 8192
 
 
+HIDDEN = -15.0
+"""Logit of the opacity of a splat that is left out: 3e-7, far below what any viewer draws."""
+
+
 def write_relit_ply(path, splats, source=None):
     """Write relit Splats. Where `source`, the file they were read from, is an INRIA PLY, all but the colours is copied
-    from it value by value, float32 to the bit; any other file's splats are written as they were read.
+    from it value by value, float32 to the bit; any other file's splats are written as they were read. Splats of
+    opacity 0 have the opacity HIDDEN.
 
     Raises InputError when the source holds another number of splats.
     """
@@ -58,6 +63,7 @@ def write_relit_ply(path, splats, source=None):
                     packed[name] = colors[name][start : start + _BLOCK]
                 elif name in block.dtype.names:
                     packed[name] = block[name]
+            packed["opacity"][splats.opacities[start : start + _BLOCK] == 0.0] = HIDDEN
             if "scale_2" not in block.dtype.names:  # a 2DGS file: as thick as its splats were read
                 scales = splats.scales[start : start + _BLOCK, 2]
                 packed["scale_2"] = np.log(np.maximum(scales, np.finfo(np.float32).tiny))

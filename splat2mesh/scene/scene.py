@@ -3,6 +3,7 @@
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 background.npy      rows of the source's splats that are far background, where there are any
+measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
 """
 
 import json
@@ -21,6 +22,8 @@ from ..base.errors import InputError
 from ..base.outputs import check_output, staged_folder
 from .chunks import DEFAULT_MAX_VERTICES, split
 from .color import linear_from_srgb
+from .measured import FILE as MEASURED
+from .measured import Measured
 from .mesh import Mesh
 from .meshfile import read_mesh, write_mesh_ply
 
@@ -44,6 +47,7 @@ class Scene:
     background_splats: (M,) int64 rows of the source's splats that are far background; of a layout none are kept.
     capture: dict of what the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes`
         ((3,) places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
+    measured: what was measured on the splats beyond the surface, or None.
 
     A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
     `colors_linear` are put together on first use, kept, and read-only.
@@ -59,6 +63,7 @@ class Scene:
     background: list[Mesh] = field(default_factory=list)
     background_splats: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     capture: dict[str, Any] = field(default_factory=dict)
+    measured: Measured | None = None
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
@@ -90,6 +95,8 @@ class Scene:
             (background if is_background else chunks).append(mesh)
         if (path / BACKGROUND).is_file():
             fields["background_splats"] = _read_rows(path / BACKGROUND)
+        if (path / MEASURED).is_file():
+            fields["measured"] = Measured.load(path / MEASURED, sum(len(chunk.vertices) for chunk in chunks))
         return cls(chunks, path=path, background=background, **fields)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -110,6 +117,8 @@ class Scene:
                     entries[-1]["background"] = True
             if len(self.background_splats):
                 np.save(folder / BACKGROUND, self.background_splats.astype(np.int64))
+            if self.measured is not None:
+                self.measured.save(folder / MEASURED)
             meta = {
                 "schema_version": SCHEMA_VERSION,
                 "version": __version__,
@@ -118,6 +127,7 @@ class Scene:
                 "bounds": self.bounds.tolist(),
                 "preview_camera": self.preview_camera,
                 "capture": self.capture,
+                "measured": None if self.measured is None else self.measured.described(),
                 "settings": self.settings,
                 "statistics": self.statistics,
                 "chunks": entries,

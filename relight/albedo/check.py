@@ -1,0 +1,78 @@
+"""The check of an estimate of the capture's light: the scene relit by that very light must look as it was captured.
+
+Where it does not, the estimate explains the place wrongly, and a change of light would be wrong there too: so the
+change is drawn towards none, by region.
+"""
+
+import math
+
+import numpy as np
+
+from splat2mesh.scene.color import srgb_from_linear
+
+from . import samples
+
+DOUBT = 0.35
+"""Difference of the logarithm of what a region received, as relit and as estimated, at which half of a change is
+applied: a third brighter or darker."""
+
+DISTRUSTED = 0.5
+"""Trust below which a vertex counts as left nearly as captured."""
+
+REGION_RINGS = 3
+"""Times that doubts are averaged over neighbours: a region is some rings of vertices."""
+
+_LEAST = 1e-3
+"""Linear light below which differences are not seen."""
+
+
+def self_relight(occluder, captured, found, transfer, interreflection):
+    """What the capture relit by its own estimated light is off by: a dict of arrays.
+
+    found: Estimate. transfer, interreflection: those it was made with. self_relight_db: PSNR of sRGB colours over the
+    area of what was neither black nor clipped. trust: (V,) float32. distrusted_share: part of the area.
+    """
+    from ..light.sun_split import split
+    from ..transfer.bounces import with_bounces
+    from ..transfer.sunlight import sunlight
+
+    areas = samples.vertex_areas(occluder)
+    if not found.separable:
+        trust = np.ones(len(captured), np.float32)
+        return {"self_relight_db": np.array(99.0), "trust": trust, "distrusted_share": np.array(0.0)}
+    rest, suns = split(found.environment, math.isqrt(transfer.shape[1]))
+    direct = transfer @ rest.sh(math.isqrt(transfer.shape[1])).astype(np.float32)
+    if len(suns):
+        direct += sunlight(occluder, slice(None), suns)
+    radiance, _ = with_bounces(np.maximum(direct, np.float32(0.0)), found.albedo, interreflection)
+    off = srgb_from_linear(np.clip(radiance, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
+    known = np.where((captured.max(axis=1) < 1.0) & (captured.max(axis=1) > _LEAST), areas, 0.0)
+    total = max(float(known.sum()), 1e-30)
+    error = float((known * np.square(off).mean(axis=1)).sum()) / total
+    doubt = np.abs(np.log((radiance.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
+    trust = 1.0 / (1.0 + (_of_region(occluder.faces, doubt) / DOUBT) ** 2)
+    return {
+        "self_relight_db": np.array(min(-10.0 * math.log10(max(error, 1e-12)), 99.0)),
+        "trust": trust.astype(np.float32),
+        "distrusted_share": np.array(float(areas[trust < DISTRUSTED].sum() / max(areas.sum(), 1e-30))),
+    }
+
+
+def drawn_to_none(before, after, trust):
+    """(V, 3) float32: `after` where trust (V,) is 1, `before`, as bright as `after` is on the whole, where it is 0.
+
+    Between them the logarithms are blended.
+    """
+    before, after = (np.maximum(values, np.float32(1e-12)) for values in (before, after))
+    level = np.exp(np.median(np.log(after) - np.log(before)).astype(np.float32))
+    share = trust[:, None]
+    return np.where(share < 1.0, after**share * (level * before) ** (1.0 - share), after).astype(np.float32)
+
+
+def _of_region(faces, values):
+    """Values (V,) averaged over the faces around each vertex, a few times over."""
+    count = np.maximum(3.0 * np.bincount(faces.ravel(), minlength=len(values)), 1.0)
+    for _ in range(REGION_RINGS):
+        around = values[faces].sum(axis=1)
+        values = sum(np.bincount(faces[:, corner], around, len(values)) for corner in range(3)) / count
+    return values

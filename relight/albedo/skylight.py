@@ -1,0 +1,183 @@
+"""A capture light of which a part was photographed: what a captured sky binds, what it bounds, and what is free.
+
+Of every direction's light one part is the sky's own radiance, one was clipped and is 1 or more, one was not seen. The
+clipped and the unseen are the exponentials of spherical harmonics of their own: a clipped sky is far brighter than
+what lies beside it, and no few harmonics would hold the step.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import row_solid_angles, texel_directions
+
+from ..sh import harmonics
+from . import fit
+
+UNSEEN_BANDS = 4
+"""Of the logarithm of the light that was not seen; it is smooth for all that anyone knows."""
+
+EXCESS_BANDS = 4
+"""Of the logarithm of what exceeds 1 where the sky was clipped."""
+
+BANDS = UNSEEN_BANDS, EXCESS_BANDS
+
+USUAL_ALBEDO = 0.2
+"""Median albedo, in luminance, of what lies under an open sky: asphalt .12, grass and leaves .1 to .25, brick and
+paving .2 to .35. It sets how far the clipped sky exceeds 1."""
+
+LEAST_EXCESS, MOST_EXCESS = 0.02, 300.0
+"""Range of that: what exceeds 1 by less is not worth its colour, and by more it is a sun, for which see `sun`."""
+
+UNSEEN_WEIGHT, LEVEL_WEIGHT = 1000.0, 30.0
+"""How much stiffer the prior is for what was not seen, and for the mean excess, than for how the excess is spread."""
+
+STRENGTH = 1e-2
+"""Of the prior, against a mean over pairs of places. Under soft light pairs of a garden's places tell more of the
+errors of its mesh than of the light: with 2e-4 everywhere, as without a sky, the patio's light was 67 degrees off and
+its relit splat 3 dB worse than with the sky alone."""
+
+GROUND = 0.2
+"""What was not seen below the horizon has of what was not seen above: the albedo of the ground around."""
+
+LEAST_SUN_GAIN = 0.02
+"""Relative fall of the cost for which a sun among the clipped is believed; without any, errors of a garden's mesh gave
+up to 1%."""
+
+LEAST_TOLD = 0.05
+"""Of the upper hemisphere, weighted as level ground is lit, that a sky must show to be used: windows show less."""
+
+LEAST_OPEN = 0.3
+"""Mean part of the sky that the surfaces of a scene see, from which a captured sky is its light: a garden's see 0.59,
+those of a room no more than its windows and the holes of its mesh let in."""
+
+LEAST_BOUND = 0.02
+"""Of the upper hemisphere must be seen for its mean to stand for what was not."""
+
+
+class SkyParts(NamedTuple):
+    """A sky's parts at directions (K, 3). known: (K, 3) radiance that binds, with 1 for what was clipped. unseen,
+    clipped: (K, 3) shares of the direction; below the horizon the unseen counts as GROUND."""
+
+    known: np.ndarray
+    unseen: np.ndarray
+    clipped: np.ndarray
+
+    @classmethod
+    def at(cls, sky, directions):
+        """The parts of a CapturedSky around directions (K, 3) that share the sphere evenly, means over each's cell."""
+        height, width = sky.bound.shape[:2]
+        texels = texel_directions(height, width).reshape(-1, 3)
+        areas = np.repeat(row_solid_angles(height, width), width)
+        owner = cKDTree(directions).query(texels)[1]
+        total = np.bincount(owner, areas, len(directions))
+
+        def mean(values):
+            columns = values.reshape(-1, 3).astype(np.float64).T
+            sums = np.stack([np.bincount(owner, areas * column, len(directions)) for column in columns], axis=1)
+            return sums / np.maximum(total, 1e-12)[:, None]
+
+        bound, clipped = mean(sky.bound), mean(sky.clipped)
+        known = mean(sky.bound * sky.radiance) + clipped
+        return cls(known, _unseen(bound, clipped, directions), clipped)
+
+    @classmethod
+    def looked_up(cls, sky, directions):
+        """The parts at any directions (D, 3): those of the texel that each falls into."""
+        height, width = sky.bound.shape[:2]
+        x, y, z = np.asarray(directions, np.float64).T
+        row = (0.5 - np.arctan2(y, np.hypot(x, z)) / np.pi) * height
+        column = (0.5 - np.arctan2(x, z) / (2.0 * np.pi)) * width
+        at = np.clip(row.astype(np.int64), 0, height - 1), column.astype(np.int64) % width
+        bound, clipped = sky.bound[at].astype(np.float64), sky.clipped[at].astype(np.float64)
+        return cls(bound * sky.radiance[at] + clipped, _unseen(bound, clipped, directions), clipped)
+
+
+class SkyLight:
+    """S = sum over k of sky_vk (known_k + unseen_k exp(Y_k theta_u) + clipped_k exp(Y_k theta_c)) + bounce.
+
+    theta: (M, 3), the UNSEEN_BANDS^2 coefficients of theta_u above the EXCESS_BANDS^2 of theta_c.
+    """
+
+    def __init__(self, sky, parts, directions, bounce):
+        """sky: (N, K) of Samples. parts: SkyParts at the directions (K, 3). bounce: (N, 3)."""
+        self._sky, self._bounce = sky, bounce + sky @ parts.known
+        self._shares = parts.unseen.astype(np.float32), parts.clipped.astype(np.float32)
+        self._bases = [harmonics.evaluate(directions, bands).astype(np.float32) for bands in BANDS]
+
+    def __call__(self, theta):
+        """Irradiance (N, 3) and the derivative (N, 3, M) of its logarithm."""
+        received, slope = np.zeros(self._bounce.shape), np.zeros((*self._bounce.shape, len(theta)))
+        for color in range(3):
+            received[:, color], start = self._bounce[:, color], 0
+            for basis, shares in zip(self._bases, self._shares, strict=True):
+                part = slice(start, start + basis.shape[1])
+                radiance = _exponential(basis, theta[part, color]).astype(np.float32) * shares[:, color]
+                direct = self._sky @ np.column_stack([radiance, radiance[:, None] * basis])
+                received[:, color] += direct[:, 0]
+                slope[:, color, part], start = direct[:, 1:], part.stop
+            received[:, color] = np.maximum(received[:, color], 1e-12)
+            slope[:, color] /= received[:, color, None]
+        return received, slope
+
+
+def start_of(
+    light,  # SkyLight
+    parts,  # SkyParts, that it is of
+    directions,  # (K, 3)
+    captured,  # (N, 3) colours of its places
+    usual,  # (3,) radiance of a uniform light, where nothing was seen
+):
+    """theta (M, 3) to begin with: the upper half of what was not seen is as bright as what was, before it was clipped,
+    and of what was clipped as much exceeds 1, in all colours alike, as makes the median albedo USUAL_ALBEDO."""
+    unit = 1.0 / np.sqrt(4.0 * np.pi)
+    theta = np.zeros((UNSEEN_BANDS**2 + EXCESS_BANDS**2, 3))
+    above = np.maximum(directions[:, 1:2], 0.0)
+    weight = ((1.0 - parts.unseen) * above).sum(axis=0) / above.sum()
+    mean = (parts.known * above).sum(axis=0) / above.sum() / np.maximum(weight, 1e-9)
+    theta[0] = np.log(np.maximum(np.where(weight > LEAST_BOUND, mean, usual), 1e-6)) / unit
+    low, high = np.log(LEAST_EXCESS), np.log(MOST_EXCESS)
+    bright = luminance(captured)
+    for _ in range(20):  # halves the range each time: a millionth of it is left
+        theta[UNSEEN_BANDS**2] = 0.5 * (low + high) / unit
+        darker = np.median(bright / luminance(light(theta)[0])) < USUAL_ALBEDO
+        low, high = (low, 0.5 * (low + high)) if darker else (0.5 * (low + high), high)
+    return theta
+
+
+def radiance(parts, theta, directions):
+    """(known, free): radiance (D, 3) that binds and that the two exponentials give, at directions with these parts."""
+    free, start = np.zeros_like(parts.known), 0
+    for bands, shares in zip(BANDS, (parts.unseen, parts.clipped), strict=True):
+        free += shares * _exponential(harmonics.evaluate(directions, bands), theta[start : start + bands**2])
+        start += bands**2
+    return parts.known, free
+
+
+def prior_of(of_bands):
+    """(3 M, 3 M), colours outermost, of the prior `of_bands` gives an exponential by its bands, in units of fit's."""
+    unseen, excess = UNSEEN_BANDS**2, EXCESS_BANDS**2
+    prior = np.zeros((3, unseen + excess, 3, unseen + excess))
+    prior[:, :unseen, :, :unseen] = UNSEEN_WEIGHT * of_bands(UNSEEN_BANDS).reshape(3, unseen, 3, unseen)
+    prior[:, unseen:, :, unseen:] = of_bands(EXCESS_BANDS).reshape(3, excess, 3, excess)
+    prior[:, unseen, :, unseen] *= LEVEL_WEIGHT
+    return prior.reshape(3 * (unseen + excess), -1) * (STRENGTH / fit.STRENGTH)
+
+
+def told_by_sky(sky):
+    """Part of the upper hemisphere, weighted as level ground is lit, that was seen: in [0, 1]."""
+    height, width = sky.bound.shape[:2]
+    weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
+    return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())
+
+
+def _unseen(bound, clipped, directions):
+    """Shares (D, 3) of directions that were not seen, less the light that the ground around does not send back."""
+    below = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
+    return below * np.clip(1.0 - bound - clipped, 0.0, 1.0)
+
+
+def _exponential(basis, theta):
+    return np.exp(np.clip(basis @ theta, -30.0, 30.0))

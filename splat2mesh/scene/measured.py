@@ -1,0 +1,125 @@
+"""What splats tell beyond their surface: the sky that was captured, and what is a volume rather than a surface.
+
+Kept beside scene.json in one compressed file, `measured.npz`.
+"""
+
+import zipfile
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.errors import InputError
+
+FILE = "measured.npz"
+
+SKY_HEIGHT, SKY_WIDTH = 64, 128
+"""Texels of 2.8 degrees: the light of a scene needs no finer ones, but for suns, and those are clipped."""
+
+THICKET = 0.4
+"""Mean volume of the vertices from which a scene without a sky is taken to have foliage; a rock in grass has 0.6."""
+
+
+class CapturedSky(NamedTuple):
+    """A lat-long picture of a captured sky, scene frame, laid out as CONVENTIONS of environments are: row 0 is +y.
+
+    radiance: (H, W, 3) float32 linear, unit of the captured colours: mean over the part of a texel that binds.
+    bound: (H, W, 3) float32, the part of a texel that was seen and not clipped, by colour.
+    clipped: (H, W, 3) float32, the part that was seen and clipped: at least 1 came from there.
+    """
+
+    radiance: np.ndarray
+    bound: np.ndarray
+    clipped: np.ndarray
+
+    @property
+    def coverage(self):
+        """Part of the sphere that was seen, in [0, 1]."""
+        height, width = self.bound.shape[:2]
+        return float(((self.bound + self.clipped).mean(axis=2) * row_solid_angles(height, width)).sum() / (4.0 * np.pi))
+
+    @property
+    def clipped_share(self):
+        """Part of what was seen that was clipped, in [0, 1]."""
+        areas = row_solid_angles(*self.bound.shape[:2])
+        seen = ((self.bound + self.clipped).mean(axis=2) * areas).sum()
+        return float((self.clipped.mean(axis=2) * areas).sum() / max(seen, 1e-12))
+
+
+class Measured(NamedTuple):
+    """sky: CapturedSky or None. splat_volume: (S,) float32 in [0, 1], how far each row of the source is a volume
+    (foliage, grass, hair), 0 where it was not measured. vertex_volume: (V,) float32, the same for the vertices of the
+    scene, chunk after chunk."""
+
+    sky: CapturedSky | None
+    splat_volume: np.ndarray
+    vertex_volume: np.ndarray
+
+    @property
+    def foliage(self):
+        """(V,) float32: how far each vertex is of leaves or grass. All 0 for a scene that has no sky and is no thicket:
+        splats of an object's contacts and gloss lie as leaves do, and a tabletop has a mean volume of 0.29."""
+        thicket = len(self.vertex_volume) and self.vertex_volume.mean() > THICKET
+        return self.vertex_volume if self.sky is not None or thicket else np.zeros_like(self.vertex_volume)
+
+    def save(self, path):
+        """Write it as one file; the same contents give the same bytes."""
+        arrays = {
+            "splat_volume": _bytes(self.splat_volume),
+            "vertex_volume": _bytes(self.vertex_volume),
+        }
+        if self.sky is not None:
+            arrays["sky_radiance"] = self.sky.radiance.astype(np.float16)
+            arrays |= {"sky_bound": _bytes(self.sky.bound), "sky_clipped": _bytes(self.sky.clipped)}
+        with open(path, "wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    def described(self):
+        """Dict for scene.json: the file and the figures of what is in it."""
+        told = {"file": FILE, "sky": None}
+        told["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
+        if self.sky is not None:
+            coverage, clipped = self.sky.coverage, self.sky.clipped_share
+            told["sky"] = {"coverage": round(coverage, 4), "clipped_share": round(clipped, 4)}
+        return told
+
+    @classmethod
+    def load(cls, path, vertices):
+        """Raises InputError for a file that is damaged, or of another number of vertices."""
+        try:
+            with np.load(path) as kept:
+                arrays = dict(kept)
+            sky = None
+            if "sky_radiance" in arrays:
+                parts = arrays["sky_bound"], arrays["sky_clipped"]
+                sky = CapturedSky(arrays["sky_radiance"].astype(np.float32), *map(_shares, parts))
+                if not sky.radiance.shape == sky.bound.shape == sky.clipped.shape:
+                    raise ValueError("the parts of its sky differ in size")
+            found = cls(sky, _shares(arrays["splat_volume"]), _shares(arrays["vertex_volume"]))
+            if len(found.vertex_volume) != vertices:
+                raise ValueError(f"it is of {len(found.vertex_volume)} vertices, the scene has {vertices}")
+            return found
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
+
+
+def texel_directions(height, width):
+    """(H, W, 3) float64 unit directions of a lat-long picture's texels, scene frame."""
+    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
+    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
+    flat = np.cos(latitude)
+    parts = np.broadcast_arrays(np.sin(longitude) * flat, np.sin(latitude), np.cos(longitude) * flat)
+    return np.stack(parts, axis=-1)
+
+
+def row_solid_angles(height, width):
+    """(H, 1) float64: solid angle of a texel of each row, in steradians."""
+    edges = np.sin(np.pi * (0.5 - np.arange(height + 1) / height))
+    return ((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None]
+
+
+def _bytes(values):
+    return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def _shares(values):
+    return values.astype(np.float32) / np.float32(255.0)

@@ -1,0 +1,78 @@
+"""The sky that a capture saw: its far splats, seen from the middle, as a lat-long picture with what it covers.
+
+Far splats are a picture of the light that the scene stood in: a measurement wherever the photographs were not clipped,
+and where they were, a lower bound.
+"""
+
+import numpy as np
+
+from ..render.rasterize import rasterize
+from ..render.view import View
+from ..scene.color import linear_from_srgb
+from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, texel_directions
+from ..views.viewpoints import bounds_of
+
+FACE_PIXELS = 192
+"""Side of each of the six pictures that are drawn: half a degree, a quarter of a texel."""
+
+FACE_FOV_DEG = 92.0
+"""A little over a cube's, so that no direction falls between two pictures."""
+
+SUBSAMPLES = 4
+"""A side of each texel, which is looked up in so many places."""
+
+SEEN = 0.5
+"""Alpha from which a direction counts as seen: below it is the fringe of a splat that no photograph showed alone."""
+
+CLIPPED_SRGB = 0.97
+"""Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
+
+MIN_COVERAGE = 0.01
+"""Of the sphere: a smaller sky tells nothing of the light."""
+
+
+def captured_sky(
+    splats,  # Splats, in their own frame
+    far,  # (N,) bool, which of them are far background
+    scene_from_splat,  # (4, 4)
+    eye=None,  # (3,) in the frame of the splats, where the capture stood; the middle of what is not far without
+):
+    """The CapturedSky of far splats, in the scene frame; None where they cover too little of the sphere."""
+    if not far.any():
+        return None
+    if eye is None:
+        eye = bounds_of(splats.take(np.flatnonzero(~far))).mean(axis=0)
+    turn = np.asarray(scene_from_splat, np.float64)[:3, :3]
+    turn = turn / np.cbrt(np.linalg.det(turn))
+    directions = texel_directions(SKY_HEIGHT * SUBSAMPLES, SKY_WIDTH * SUBSAMPLES).reshape(-1, 3) @ turn
+    color, alpha = _looked_up(splats.take(np.flatnonzero(far)), np.asarray(eye, np.float64), directions)
+    seen = alpha > SEEN
+    color = np.clip(color / np.maximum(alpha, np.float32(SEEN))[:, None], 0.0, 1.0)
+    clipped = seen[:, None] & (color > CLIPPED_SRGB)
+    linear = np.where(clipped, np.float32(0.0), linear_from_srgb(color.astype(np.float32)))
+    shape = SKY_HEIGHT, SUBSAMPLES, SKY_WIDTH, SUBSAMPLES
+
+    def mean(values):
+        return values.reshape(*shape, -1).mean(axis=(1, 3), dtype=np.float32)
+
+    bound = seen[:, None] & ~clipped
+    share = mean(bound.astype(np.float32))
+    radiance = mean(np.where(bound, linear, np.float32(0.0))) / np.maximum(share, np.float32(1e-6))
+    sky = CapturedSky(radiance, share, mean(clipped.astype(np.float32)))
+    return sky if sky.coverage >= MIN_COVERAGE else None
+
+
+def _looked_up(splats, eye, directions):
+    """Premultiplied sRGB (D, 3) and alpha (D,) float32 of splats as seen from an eye along directions (D, 3)."""
+    color, alpha = np.zeros((len(directions), 3), np.float32), np.zeros(len(directions), np.float32)
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    face = (directions @ axes.T).argmax(axis=1)
+    near = 1e-3 * float(np.median(np.linalg.norm(splats.means - eye.astype(np.float32), axis=1)))
+    for index, axis in enumerate(axes):
+        rows = np.flatnonzero(face == index)
+        view = View.look_at(eye, eye + axis, axes[(index + 1) % 3], FACE_FOV_DEG, FACE_PIXELS)
+        drawn = rasterize(splats, view, near)
+        pixels, _ = view.project(eye + directions[rows])
+        column, row = np.clip(pixels.astype(np.int64), 0, FACE_PIXELS - 1).T
+        color[rows], alpha[rows] = drawn.color[row, column], drawn.alpha[row, column]
+    return color, alpha

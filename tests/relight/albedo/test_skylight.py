@@ -1,0 +1,144 @@
+"""The capture's light with a captured sky: what was seen binds, what was clipped is a lower bound; the check of it."""
+
+import numpy as np
+import pytest
+from captured_scenes import given, lamp_light, objects, patchy, photographed
+
+from relight import Environment
+from relight.albedo import estimate, samples, skylight, sun
+from relight.albedo.check import drawn_to_none, self_relight
+from relight.light.projections import row_solid_angles, texel_directions
+from relight.sh.sphere import fibonacci_sphere
+from splat2mesh.scene.measured import CapturedSky
+
+DIRECTIONS = texel_directions(64, 128)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fewer():
+    """A third of the places and a quarter of the suns: everything works the same, in a fraction of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "SAMPLES", 800)
+        patch.setattr(sun, "CANDIDATES", 2048)
+        yield
+
+
+def photographed_sky(environment, exposure=1.0, seen=None):
+    """The CapturedSky that a clipping camera sees of a light, where `seen` (64, 128) bool."""
+    radiance = exposure * environment.lookup(DIRECTIONS.reshape(-1, 3)).reshape(64, 128, 3)
+    seen = np.ones((64, 128), bool) if seen is None else seen
+    clipped = (radiance >= 0.95) & seen[..., None]
+    bound = (seen[..., None] & ~clipped).astype(np.float32)
+    return CapturedSky((bound * radiance).astype(np.float32), bound, clipped.astype(np.float32))
+
+
+def angle_of(found, environment):
+    y, z, x = environment.sh(2)[1:4].mean(axis=1)
+    truth = np.array([x, y, z]) / np.linalg.norm([x, y, z])
+    return np.degrees(np.arccos(np.clip(found.direction @ truth, -1.0, 1.0)))
+
+
+def off(albedo, truth):
+    gain = (albedo * truth).sum(axis=0) / (albedo * albedo).sum(axis=0)
+    return np.linalg.norm(gain * albedo - truth) / np.linalg.norm(truth)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    found = objects()
+    return found, patchy(found[0])
+
+
+def test_a_sky_without_clipping_is_the_light(scene):
+    geometry, albedo = scene
+    light = lamp_light()
+    dim = Environment(0.15 * light.radiance, "dim")
+    captured = photographed(geometry, albedo, dim)
+    found = estimate(geometry[0], captured, **given(geometry), sky=photographed_sky(dim))
+    # The picture of the sky is half as fine as the light's image: between texels it is a step.
+    seen = found.environment.lookup(DIRECTIONS.reshape(-1, 3))
+    np.testing.assert_allclose(seen, dim.lookup(DIRECTIONS.reshape(-1, 3)), rtol=0.1, atol=0.02)
+    assert found.evidence == pytest.approx(1.0, abs=1e-6)
+    assert off(found.albedo, albedo) < 0.08
+
+
+def test_a_clipped_lamp_is_at_least_as_bright_as_the_clip_and_stands_where_it_was(scene):
+    geometry, albedo = scene
+    light = lamp_light()
+    captured = photographed(geometry, 0.5 * albedo, light)
+    sky = photographed_sky(light)
+    found = estimate(geometry[0], captured, **given(geometry), sky=sky)
+    inside = sky.clipped.mean(axis=2).ravel() == 1.0
+    assert inside.any()
+    assert (found.environment.lookup(DIRECTIONS.reshape(-1, 3))[inside] > 0.9).all()
+    assert angle_of(found, light) < 15.0
+
+
+def test_a_wholly_clipped_sky_says_what_is_usual(scene):
+    geometry, albedo = scene
+    light = lamp_light()
+    captured = photographed(geometry, 0.5 * albedo, light)
+    nothing = np.zeros((64, 128, 3), np.float32)
+    above = np.broadcast_to(DIRECTIONS[..., 1:2] > 0, nothing.shape).astype(np.float32)
+    found = estimate(geometry[0], captured, **given(geometry), sky=CapturedSky(nothing, nothing, above))
+    assert np.isfinite(found.environment.radiance).all()
+    assert found.separable
+    usual = np.median(found.albedo @ [0.2126, 0.7152, 0.0722])
+    assert 0.5 * skylight.USUAL_ALBEDO < usual < 2.0 * skylight.USUAL_ALBEDO
+
+
+def test_a_sun_within_a_clipped_sky_is_looked_for_there_alone(scene):
+    geometry, albedo = scene
+    toward = np.array([0.5, 0.8, 0.33])
+    toward /= np.linalg.norm(toward)
+    cosine = texel_directions(128, 256) @ toward
+    image = np.where(cosine[..., None] > np.cos(np.radians(4.0)), 150.0, 0.3) * np.ones(3)
+    sunny = Environment(image, "sunny")
+    captured = photographed(geometry, 0.5 * albedo, sunny)
+    halo = (DIRECTIONS @ toward > np.cos(np.radians(20.0)))[..., None]
+    sky = photographed_sky(Environment(np.where(halo, 3.0, 0.3) * np.ones(3), "photographed"))
+    found = estimate(geometry[0], captured, **given(geometry), sky=sky)
+    bright = texel_directions(128, 256).reshape(-1, 3)[found.environment.radiance.mean(axis=2).argmax()]
+    assert bright @ toward > np.cos(np.radians(22.0))
+    assert angle_of(found, sunny) < 15.0
+
+
+def test_what_was_not_seen_below_the_horizon_is_ground():
+    blank = np.zeros((64, 128, 3), np.float32)
+    parts = skylight.SkyParts.looked_up(CapturedSky(blank, blank, blank), np.array([[0.0, 1, 0], [0.0, -1, 0]]))
+    np.testing.assert_allclose(parts.unseen, [[1.0] * 3, [skylight.GROUND] * 3])
+
+
+def test_parts_of_directions_share_the_whole_sky():
+    rng = np.random.default_rng(0)
+    bound = rng.uniform(0, 1, (64, 128, 3)).astype(np.float32)
+    sky = CapturedSky(rng.uniform(0, 1, (64, 128, 3)).astype(np.float32), bound, 1.0 - bound)
+    parts = skylight.SkyParts.at(sky, fibonacci_sphere(256))
+    areas = row_solid_angles(64, 128).reshape(-1, 1, 1)
+    mean = ((bound * sky.radiance + sky.clipped) * areas).sum(axis=(0, 1)) / (areas.sum() * 128)
+    np.testing.assert_allclose(parts.known.mean(axis=0), mean, rtol=0.02)  # cells are not quite of one size
+
+
+# -- the check
+
+
+def test_a_scene_relit_by_its_own_light_comes_back(scene):
+    geometry, albedo = scene
+    light = Environment(0.15 * lamp_light().radiance, "dim")
+    captured = photographed(geometry, albedo, light)
+    found = estimate(geometry[0], captured, **given(geometry), sky=photographed_sky(light))
+    check = self_relight(geometry[0], captured, found, **given(geometry))
+    assert check["self_relight_db"] > 34.0
+    assert np.median(check["trust"]) > 0.98
+    assert check["distrusted_share"] < 0.02
+
+
+def test_trust_of_one_changes_no_bit_and_none_leaves_the_place_as_bright_as_the_scene():
+    rng = np.random.default_rng(0)
+    before = rng.uniform(0.2, 2.0, (50, 3)).astype(np.float32)
+    after = (3.0 * before).astype(np.float32)
+    np.testing.assert_array_equal(drawn_to_none(before, after, np.ones(50, np.float32)), after)
+    np.testing.assert_allclose(drawn_to_none(before, after, np.zeros(50, np.float32)), 3.0 * before, rtol=1e-5)
+    lost = drawn_to_none(before, after * rng.uniform(0.1, 9.0, (50, 3)), np.zeros(50, np.float32))
+    ratio = lost / before
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-4)

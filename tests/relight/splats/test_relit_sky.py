@@ -1,0 +1,87 @@
+"""The sky of a relit splat: the new light at the right angle, as captured, or gone."""
+
+import numpy as np
+import pytest
+
+from relight import Environment
+from relight.light.projections import texel_directions
+from relight.splats import under_sky, write_relit_ply
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.formats.inria import write_inria_ply
+from splat2mesh.splats.splats import Splats
+
+AXES = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]])
+
+
+def captured():
+    """Near splats about the origin, then one far along each axis, with colours that depend on the view."""
+    rng = np.random.default_rng(0)
+    means = np.concatenate([rng.uniform(-1, 1, (40, 3)), [[0.0, 0, 0]], -rng.uniform(-1, 1, (0, 3)), 50.0 * AXES])
+    count = len(means)
+    sh = rng.normal(0, 0.3, (count, 4, 3))
+    far = np.arange(count) >= count - len(AXES)
+    splats = Splats(means, np.full((count, 3), 0.1), np.tile([1.0, 0, 0, 0], (count, 1)), np.full(count, 0.7), sh)
+    return splats, np.flatnonzero(far)
+
+
+def striped():
+    """A light whose display value is below 0.8 everywhere and differs in every direction."""
+    x, y, z = np.moveaxis(texel_directions(64, 128), -1, 0)
+    return Environment(np.stack([0.3 + 0.2 * x, 0.3 + 0.2 * y, 0.3 + 0.2 * z], axis=-1), "striped")
+
+
+def shown(splats, rows):
+    return linear_from_srgb(splats.colors_diffuse[rows])
+
+
+@pytest.mark.parametrize("angle", [0.0, 90.0, -37.5])
+@pytest.mark.parametrize("frame", [np.eye(4), np.diag([1.0, -1, -1, 1]), np.diag([-1.0, -1, 1, 1])])
+def test_far_splats_show_the_new_light_at_its_angle(angle, frame):
+    splats, far = captured()
+    light = striped().rotated(angle)
+    relit = under_sky(splats, far, light, frame, 1.5)
+    near = np.delete(splats.means, far, axis=0)
+    expected = 1.5 * light.lookup((splats.means[far] - np.median(near, axis=0)) @ frame[:3, :3].T)
+    np.testing.assert_allclose(shown(relit, far), expected, rtol=1e-4)
+    assert not relit.sh[far, 1:].any()
+    rest = np.delete(np.arange(len(splats)), far)
+    np.testing.assert_array_equal(relit.sh[rest], splats.sh[rest])
+
+
+def test_keep_changes_no_bit_and_no_far_splats_are_no_change():
+    splats, far = captured()
+    assert under_sky(splats, far, striped(), np.eye(4), 1.0, "keep") is splats
+    assert under_sky(splats, far[:0], striped(), np.eye(4), 1.0) is splats
+
+
+def test_dropped_splats_are_hidden_in_the_file_and_keep_their_row(tmp_path):
+    splats, far = captured()
+    source = tmp_path / "source.ply"
+    write_inria_ply(source, splats)
+    for origin in (source, None):
+        write_relit_ply(tmp_path / "relit.ply", under_sky(splats, far, striped(), np.eye(4), 1.0, "drop"), origin)
+        found = read_splats(tmp_path / "relit.ply")
+        assert found.opacities[far].max() < 1e-6
+        np.testing.assert_array_equal(found.means, splats.means)
+        rest = np.delete(np.arange(len(splats)), far)
+        np.testing.assert_allclose(found.opacities[rest], splats.opacities[rest], rtol=1e-6)
+
+
+def test_a_sun_in_the_sky_stays_in_range():
+    splats, far = captured()
+    relit = under_sky(splats, far, Environment(np.full((8, 16, 3), 1e6, np.float32), "sun"), np.eye(4), 1.0)
+    assert (shown(relit, far) <= 1.0 + 1e-5).all()
+
+
+def test_other_choices_are_refused():
+    splats, far = captured()
+    with pytest.raises(InputError, match="new, keep, drop"):
+        under_sky(splats, far, striped(), np.eye(4), 1.0, "old")
+
+
+def test_rows_of_another_splat_are_refused():
+    splats, far = captured()
+    with pytest.raises(InputError, match=f"there are {len(splats)}"):
+        under_sky(splats, far + 1, striped(), np.eye(4), 1.0)
