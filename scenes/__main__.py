@@ -44,13 +44,21 @@ def _parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write")
-    parser.add_argument("--kind", choices=[*KINDS, *PLACES], default="tabletop", help="what to build (default: tabletop)")
+    parser.add_argument(
+        "--kind", choices=[*KINDS, *PLACES], default="tabletop", help="what to build (default: tabletop)"
+    )
     parser.add_argument("--splats", type=int, default=100_000, metavar="N", help="number of splats (default: 100000)")
     parser.add_argument("--vertices", type=int, metavar="N", help="about how many (default: 45000; places: 60000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="another seed, another scene (default: 0)")
-    parser.add_argument("--env", default="noon", metavar="NAME", help="built-in sky, image file, or cloudy (default: noon)")
     parser.add_argument(
-        "--relit", action="append", default=[], metavar="NAME", help="places: write the truth under this sky too; again for more"
+        "--env", default="noon", metavar="NAME", help="built-in sky, image file, or cloudy (default: noon)"
+    )
+    parser.add_argument(
+        "--relit",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="places: write the truth under this sky too; again for more",
     )
     parser.add_argument("--lamps", type=float, default=1.0, metavar="X", help="factor on a place's lamps under --relit")
     parser.add_argument("--degree", type=int, default=0, choices=(0, 1), help="of a place's harmonics (default: 0)")

@@ -4,13 +4,11 @@ import json
 
 import numpy as np
 
-from relight.light.environment import Environment
-from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.splats.formats import write_inria_ply
 
-from .cameras import FLIP, SCENE_FROM_SPLAT, capture_views, write_colmap, write_inria_cameras
+from .cameras import SCENE_FROM_SPLAT, capture_views, write_colmap, write_inria_cameras
 from .capture import capture, seen_distance
 from .photograph import photograph
 from .places import build_place

@@ -170,7 +170,9 @@ def _shading_points(place):
 def _vertex_points(place):
     """The vertices drawn a little into their own faces, off what they touch: points and normals (V, 3) float32."""
     middle = place.vertices[place.faces].mean(axis=1)
-    total = np.stack([np.bincount(place.faces.ravel(), np.repeat(axis, 3), len(place.vertices)) for axis in middle.T], 1)
+    total = np.stack(
+        [np.bincount(place.faces.ravel(), np.repeat(axis, 3), len(place.vertices)) for axis in middle.T], 1
+    )
     count = np.maximum(np.bincount(place.faces.ravel(), minlength=len(place.vertices)), 1)
     toward = total / count[:, None] - place.vertices
     toward -= (toward * place.normals).sum(axis=1, keepdims=True) * place.normals
@@ -232,9 +234,9 @@ def _sunlight(tracer, toward, irradiance, points, normals):
     return light
 
 
-def _from_sky(tracer, sky, points, normals):
+def _from_sky(tracer, sky, points, normals, draws=SKY_DIRECTIONS):
     """Irradiance over pi of a sky without suns, by draws that all points share: (P, 3) float32."""
-    toward, irradiance, _ = distant_lights(sky, SKY_DIRECTIONS)
+    toward, irradiance, _ = distant_lights(sky, draws)
     light, block = np.zeros_like(points), max(1, RAYS_AT_ONCE // len(toward))
     for start in range(0, len(points), block):
         rows = slice(start, start + block)
@@ -257,7 +259,9 @@ def _from_windows(tracer, sky, openings, points, normals):
         for spot in spots:
             toward = (spot - points).astype(np.float32)
             square = (toward**2).sum(axis=1)
-            cosine = np.maximum((normals * toward).sum(axis=1), 0) * np.maximum(-toward @ (inward / area).astype(np.float32), 0)
+            cosine = np.maximum((normals * toward).sum(axis=1), 0) * np.maximum(
+                -toward @ (inward / area).astype(np.float32), 0
+            )
             rows = np.flatnonzero(cosine > 0)
             free = _unoccluded(tracer, points, normals, rows, toward[rows])
             rows = rows[free]
@@ -320,7 +324,9 @@ def _gathering(tracer, place, of_vertex, points, normals, rays):
     for start in range(0, count, block):
         rows = slice(start, min(start + block, count))
         angle = turn + spin[rows, None]
-        toward = (radius * np.cos(angle))[..., None] * side[rows, None] + (radius * np.sin(angle))[..., None] * other[rows, None]
+        toward = (radius * np.cos(angle))[..., None] * side[rows, None] + (radius * np.sin(angle))[..., None] * other[
+            rows, None
+        ]
         toward += np.sqrt(1 - radius**2)[:, None] * normals[rows, None]
         origin = np.broadcast_to((points[rows] + np.float32(CLEARANCE_M) * normals[rows])[:, None], toward.shape)
         found = tracer.cast_rays(o3d.core.Tensor(np.concatenate([origin, toward], axis=2).astype(np.float32)))

@@ -87,11 +87,15 @@ def _house(made, rng, edge):
     seed = rng.integers(1000)
     wall_edge = 1.5 * edge
     made.add(slab((-4.4, -0.1, HOUSE_Z - 3.0), (4.4, 2.75, HOUSE_Z), wall_edge), textures.bricks(seed=seed))
-    made.add(slab((-4.44, -0.1, HOUSE_Z - 3.0), (4.44, 0.3, HOUSE_Z + 0.04), wall_edge), textures.plain((0.34, 0.31, 0.27)))
+    made.add(
+        slab((-4.44, -0.1, HOUSE_Z - 3.0), (4.44, 0.3, HOUSE_Z + 0.04), wall_edge), textures.plain((0.34, 0.31, 0.27))
+    )
     roof = moved(slab((-4.8, -0.05, -2.2), (4.8, 0.05, 2.2), wall_edge), (0, 3.5, HOUSE_Z - 1.5), 0.0, 27.0)
     made.add(roof, textures.roof_tiles(seed=seed))
     made.add(slab((-4.7, 2.5, HOUSE_Z), (4.7, 2.62, HOUSE_Z + 0.42), edge), WHITE_PAINT)
-    made.add(limb([(-4.7, 2.53, HOUSE_Z + 0.45), (4.7, 2.53, HOUSE_Z + 0.45)], [0.055, 0.055], edge), (0.22, 0.23, 0.24))
+    made.add(
+        limb([(-4.7, 2.53, HOUSE_Z + 0.45), (4.7, 2.53, HOUSE_Z + 0.45)], [0.055, 0.055], edge), (0.22, 0.23, 0.24)
+    )
     frames, panes, curtains = [], [], []
     for x, width, low, high in ((-2.75, 1.15, 0.95, 2.1), (2.45, 1.5, 0.95, 2.1)):
         z = HOUSE_Z
@@ -100,9 +104,16 @@ def _house(made, rng, edge):
             middle = x + side * (width / 2 - 0.03 * abs(side))
             frames.append(slab((middle - 0.035, low, z), (middle + 0.035, high, z + 0.05), edge))
         for level in (low, high, low + 0.62 * (high - low)):
-            frames.append(slab((x - width / 2 - 0.03, level - 0.035, z), (x + width / 2 + 0.03, level + 0.035, z + 0.052), edge))
+            frames.append(
+                slab((x - width / 2 - 0.03, level - 0.035, z), (x + width / 2 + 0.03, level + 0.035, z + 0.052), edge)
+            )
         frames.append(slab((x - width / 2 - 0.1, low - 0.1, z), (x + width / 2 + 0.1, low - 0.04, z + 0.14), edge))
-        curtains += [slab((x + s * width * 0.42 - 0.12, low + 0.05, z), (x + s * width * 0.42 + 0.12, high - 0.05, z + 0.02), edge) for s in (-1, 1)]
+        curtains += [
+            slab(
+                (x + s * width * 0.42 - 0.12, low + 0.05, z), (x + s * width * 0.42 + 0.12, high - 0.05, z + 0.02), edge
+            )
+            for s in (-1, 1)
+        ]
     made.add(panes, textures.plain((0.045, 0.06, 0.075), 0.5, 0.6))
     made.add(curtains, textures.plain((0.5, 0.46, 0.40), 0.5, (0.05, 3.0, 1.0)))
     made.add(frames, WHITE_PAINT)
@@ -121,20 +132,30 @@ def _table(made, rng, edge):
     turn = rng.uniform(0, np.pi)
     along = np.array([np.cos(turn), 0.0, np.sin(turn)])
     across = np.array([-np.sin(turn), 0.0, np.cos(turn)])
-    made.add((top + [0, TABLE_HEIGHT, 0], faces), textures.planks(TEAK, along, across, 0.165, 3.0, rng.integers(1000), 0.012))
+    made.add(
+        (top + [0, TABLE_HEIGHT, 0], faces), textures.planks(TEAK, along, across, 0.165, 3.0, rng.integers(1000), 0.012)
+    )
     made.add(shapes.turned(TABLE_FOOT, fine), textures.plain((0.10, 0.115, 0.105), 0.3, 0.1))
     on = TABLE_HEIGHT
-    made.add(moved(shapes.turned(POT, fine), (0.05, on, -0.1)), textures.rings([(0.09, 0.17, 0.33), (0.55, 0.5, 0.42)], 0.06, seed=3))
+    made.add(
+        moved(shapes.turned(POT, fine), (0.05, on, -0.1)),
+        textures.rings([(0.09, 0.17, 0.33), (0.55, 0.5, 0.42)], 0.06, seed=3),
+    )
     tea = shapes.turned(TEA_POT, fine)
     spout = limb([(0.1, 0.07, 0), (0.15, 0.1, 0), (0.18, 0.16, 0)], [0.025, 0.018, 0.012], fine)
     arc = np.linspace(-1.9, 1.9, 9)
-    handle = limb(np.stack([-0.1 - 0.055 * np.cos(arc), 0.095 + 0.05 * np.sin(arc), 0 * arc], 1), np.full(9, 0.009), fine)
+    handle = limb(
+        np.stack([-0.1 - 0.055 * np.cos(arc), 0.095 + 0.05 * np.sin(arc), 0 * arc], 1), np.full(9, 0.009), fine
+    )
     made.add(moved(joined([tea, spout, handle]), (-0.36, on, 0.2), 35.0), textures.plain((0.62, 0.60, 0.54), 0.06, 0.1))
     china = [moved(shapes.turned(PLATE, fine), (x, on, z)) for x, z in ((-0.5, -0.18), (0.38, 0.38))]
     china += [moved(shapes.turned(CUP, fine), (x, on + 0.008, z)) for x, z in ((-0.5, -0.18), (0.38, 0.38))]
     made.add(china, textures.plain((0.60, 0.62, 0.62), 0.05, 0.1))
     bowl = np.array(BOWL) * [0.46, 0.46]
-    made.add(moved(shapes.turned(bowl, fine), (0.46, on, -0.22)), textures.rings([(0.05, 0.26, 0.27), (0.07, 0.34, 0.33)], 0.05))
+    made.add(
+        moved(shapes.turned(bowl, fine), (0.46, on, -0.22)),
+        textures.rings([(0.05, 0.26, 0.27), (0.07, 0.34, 0.33)], 0.05),
+    )
     fruit, tints = [], []
     for number in range(7):
         turn, radius = number * 2.4, 0.075 if number else 0.0
@@ -145,14 +166,18 @@ def _table(made, rng, edge):
     lemon = [moved(shapes.blob(0.034, 0.1, rng, fine), (0.02 + 0.1 * k, on + 0.03, 0.44 - 0.07 * k)) for k in range(2)]
     made.add(lemon, (0.66, 0.50, 0.06))
     book = [slab((-0.13, 0.0, -0.09), (0.13, 0.03, 0.09), fine), slab((-0.11, 0.03, -0.08), (0.12, 0.055, 0.08), fine)]
-    made.add([moved(one, (-0.05, on, 0.22 + 0.0), turn_deg) for one, turn_deg in zip(book, (-24, -8), strict=True)],
-             [(0.16, 0.035, 0.04), (0.07, 0.12, 0.22)])
+    made.add(
+        [moved(one, (-0.05, on, 0.22 + 0.0), turn_deg) for one, turn_deg in zip(book, (-24, -8), strict=True)],
+        [(0.16, 0.035, 0.04), (0.07, 0.12, 0.22)],
+    )
 
 
 def _chair(made, place, turn_deg, edge):
     """A slatted garden chair whose back is at -z before it is turned."""
     fine = 0.7 * edge
-    parts = [slab((x - 0.02, 0.0, z - 0.02), (x + 0.02, 0.43, z + 0.02), fine) for x in (-0.21, 0.21) for z in (-0.2, 0.2)]
+    parts = [
+        slab((x - 0.02, 0.0, z - 0.02), (x + 0.02, 0.43, z + 0.02), fine) for x in (-0.21, 0.21) for z in (-0.2, 0.2)
+    ]
     parts += [slab((-0.23, 0.43, -0.22 + 0.09 * k), (0.23, 0.45, -0.145 + 0.09 * k), fine) for k in range(5)]
     parts += [slab((x - 0.02, 0.4, -0.245), (x + 0.02, 0.92, -0.2), fine) for x in (-0.21, 0.21)]
     parts += [slab((-0.2, 0.53 + 0.095 * k, -0.24), (0.2, 0.6 + 0.095 * k, -0.215), fine) for k in range(4)]
@@ -165,13 +190,32 @@ def _chair(made, place, turn_deg, edge):
 def _pots(made, rng, edge, leaves, size):
     """A plant on the table, pots and a flower bed along the house."""
     fine = 0.8 * edge
-    spots = [(-2.2, -2.75, 1.6), (-1.55, -3.0, 1.15), (1.25, -2.95, 1.5), (2.75, 1.5, 1.7), (2.3, 1.85, 1.1), (-2.65, 1.2, 1.35)]
-    made.add([moved(shapes.turned(np.array(POT) * scale, fine), (x, 0.0, z)) for x, z, scale in spots],
-             textures.plain(TERRACOTTA, 0.25, 0.15, 4))
-    made.add(slab((1.85, 0.0, -3.45), (3.05, 0.34, -3.0), edge), textures.planks(OAK, (1, 0, 0), (0, 1, 0), 0.115, 5.0, 8))
-    plants = [((0.05, TABLE_HEIGHT + 0.33, -0.1), (0.21, 0.17, 0.21), (0.055, 0.15, 0.03), (0.66, 0.10, 0.14), 0.2, 0.055)]
-    kinds = [((0.08, 0.17, 0.05), (0.42, 0.20, 0.62)), (DARK_GREEN, (0.7, 0.62, 0.58)), (GREEN, (0.72, 0.42, 0.05)),
-             (DARK_GREEN, (0.62, 0.06, 0.09)), (OLIVE, (0.7, 0.66, 0.6)), (GREEN, (0.62, 0.14, 0.32))]
+    spots = [
+        (-2.2, -2.75, 1.6),
+        (-1.55, -3.0, 1.15),
+        (1.25, -2.95, 1.5),
+        (2.75, 1.5, 1.7),
+        (2.3, 1.85, 1.1),
+        (-2.65, 1.2, 1.35),
+    ]
+    made.add(
+        [moved(shapes.turned(np.array(POT) * scale, fine), (x, 0.0, z)) for x, z, scale in spots],
+        textures.plain(TERRACOTTA, 0.25, 0.15, 4),
+    )
+    made.add(
+        slab((1.85, 0.0, -3.45), (3.05, 0.34, -3.0), edge), textures.planks(OAK, (1, 0, 0), (0, 1, 0), 0.115, 5.0, 8)
+    )
+    plants = [
+        ((0.05, TABLE_HEIGHT + 0.33, -0.1), (0.21, 0.17, 0.21), (0.055, 0.15, 0.03), (0.66, 0.10, 0.14), 0.2, 0.055)
+    ]
+    kinds = [
+        ((0.08, 0.17, 0.05), (0.42, 0.20, 0.62)),
+        (DARK_GREEN, (0.7, 0.62, 0.58)),
+        (GREEN, (0.72, 0.42, 0.05)),
+        (DARK_GREEN, (0.62, 0.06, 0.09)),
+        (OLIVE, (0.7, 0.66, 0.6)),
+        (GREEN, (0.62, 0.14, 0.32)),
+    ]
     for (x, z, scale), (leaf, flower) in zip(spots, kinds, strict=True):
         half = np.array([0.26, 0.24, 0.26]) * scale * 0.85
         plants.append(((x, 0.245 * scale + 0.75 * half[1], z), half, leaf, flower, 0.12, 0.07))
@@ -181,12 +225,18 @@ def _pots(made, rng, edge, leaves, size):
         count = max(round(count), 8)
         places, outward = cards.in_ellipsoid(center, half, count, rng, 0.2)
         color = np.where(rng.random((count, 1)) < blooms * (outward[:, 1:2] > -0.1), flower, leaf)
-        made.add_leaves(cards.scattered(places, outward + [0, 0.5, 0], 1.35 * length * size, 0.85 * length * size, rng), color, rng)
+        made.add_leaves(
+            cards.scattered(places, outward + [0, 0.5, 0], 1.35 * length * size, 0.85 * length * size, rng), color, rng
+        )
 
 
 def _hedge(made, rng, edge, leaves, size):
     low, high = np.array([-6.1, -0.1, -3.4]), np.array([-5.1, 1.65, 6.6])
-    made.add(slab(low + [0.12, 0, 0.12], high - [0.12, 0.12, 0.12], 2.5 * edge, 0.1), textures.foliage(DARK_GREEN, 0.1), volume=True)
+    made.add(
+        slab(low + [0.12, 0, 0.12], high - [0.12, 0.12, 0.12], 2.5 * edge, 0.1),
+        textures.foliage(DARK_GREEN, 0.1),
+        volume=True,
+    )
     places, outward = cards.on_box(low, high, leaves, rng, 0.16, ("X", "X", "z", "Z", "Y"))
     made.add_leaves(cards.scattered(places, outward, 0.17 * size, 0.13 * size, rng, 0.2), DARK_GREEN, rng, 0.3)
 
@@ -201,7 +251,9 @@ def _tree(made, rng, place, scale, leaf, leaves, size, edge):
         turn, rise = number * 2.4 + rng.uniform(-0.3, 0.3), 0.55 + 0.9 * (number / 9)
         reach = np.array([np.sin(turn), rise, np.cos(turn)]) * scale * rng.uniform(0.85, 1.25)
         base = trunk_top - [0, 0.35 * scale * (1 - number / 9), 0]
-        wood.append(limb([base, base + 0.5 * reach + [0, 0.05, 0], base + reach], np.array([0.07, 0.045, 0.018]) * scale, edge))
+        wood.append(
+            limb([base, base + 0.5 * reach + [0, 0.05, 0], base + reach], np.array([0.07, 0.045, 0.018]) * scale, edge)
+        )
         tips.append(base + reach)
     made.add(wood, textures.plain((0.15, 0.105, 0.07), 0.5, (0.04, 0.3, 0.04), rng.integers(1000)))
     tips = np.array([*tips, trunk_top + [0, 1.5 * scale, 0]])
@@ -233,8 +285,10 @@ def _woods(made, rng, leaves, size, edge, height):
         for (points, faces), axes, place in zip(crowns, half, at, strict=True)
     ]
     made.add(solids, textures.foliage((0.07, 0.13, 0.03), 0.45), volume=True)
-    made.add([limb([p - [0, 0.2, 0], p + [0, 0.5 * t, 0]], [0.22, 0.14], core / 3) for p, t in zip(foot, tall, strict=True)],
-             (0.10, 0.075, 0.055))
+    made.add(
+        [limb([p - [0, 0.2, 0], p + [0, 0.5 * t, 0]], [0.22, 0.14], core / 3) for p, t in zip(foot, tall, strict=True)],
+        (0.10, 0.075, 0.055),
+    )
     chosen = rng.integers(count * lumps, size=leaves)
     places, outward = cards.in_ellipsoid((0, 0, 0), (1, 1, 1), leaves, rng, 0.8)
     tints = np.array([DARK_GREEN, GREEN, OLIVE, (0.20, 0.16, 0.04)])[rng.choice(4, count, p=(0.4, 0.3, 0.2, 0.1))]

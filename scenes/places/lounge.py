@@ -65,34 +65,63 @@ def _rug(made, edge):
 
 def _sofa(made, edge):
     cloth = textures.plain((0.055, 0.115, 0.16), 0.25, 0.03, 5)
-    parts = [slab((-2.62, 0.1, -1.05), (-1.75, 0.36, 1.05), edge, 0.04), slab((-2.66, 0.1, -1.05), (-2.38, 0.86, 1.05), edge, 0.07)]
+    parts = [
+        slab((-2.62, 0.1, -1.05), (-1.75, 0.36, 1.05), edge, 0.04),
+        slab((-2.66, 0.1, -1.05), (-2.38, 0.86, 1.05), edge, 0.07),
+    ]
     parts += [slab((-2.64, 0.1, s * 1.12 - 0.12), (-1.72, 0.6, s * 1.12 + 0.12), edge, 0.07) for s in (-1, 1)]
     parts += [moved(cushion((0.72, 0.17, 0.98), edge, 0.1), (-2.06, 0.43, s * 0.5)) for s in (-1, 1)]
     parts += [moved(cushion((0.2, 0.48, 0.96), edge, 0.12), (-2.34, 0.7, s * 0.5)) for s in (-1, 1)]
     made.add(parts, cloth)
-    made.add([slab((px, 0, pz), (px + 0.05, 0.12, pz + 0.05), edge) for px in (-2.6, -1.82) for pz in (-1.15, 1.1)], (0.08, 0.05, 0.03))
+    made.add(
+        [slab((px, 0, pz), (px + 0.05, 0.12, pz + 0.05), edge) for px in (-2.6, -1.82) for pz in (-1.15, 1.1)],
+        (0.08, 0.05, 0.03),
+    )
     fine = 0.7 * edge
-    made.add(moved(cushion((0.46, 0.44, 0.16), fine), (-2.1, 0.68, -0.75), 78.0, -16.0), textures.plain((0.56, 0.34, 0.05), 0.15, 0.03))
-    made.add(moved(cushion((0.46, 0.44, 0.16), fine), (-2.13, 0.68, 0.72), 98.0, -18.0),
-             textures.rings([(0.58, 0.53, 0.45), (0.40, 0.10, 0.07)], 0.055, 1))
+    made.add(
+        moved(cushion((0.46, 0.44, 0.16), fine), (-2.1, 0.68, -0.75), 78.0, -16.0),
+        textures.plain((0.56, 0.34, 0.05), 0.15, 0.03),
+    )
+    made.add(
+        moved(cushion((0.46, 0.44, 0.16), fine), (-2.13, 0.68, 0.72), 98.0, -18.0),
+        textures.rings([(0.58, 0.53, 0.45), (0.40, 0.10, 0.07)], 0.055, 1),
+    )
 
 
 def _coffee_table(made, rng, edge):
     top = 0.4
     parts = [slab((-0.85, top - 0.035, -0.25), (0.35, top, 0.5), edge, 0.01)]
-    parts += [slab((px, 0.0, pz), (px + 0.05, top - 0.03, pz + 0.05), edge) for px in (-0.8, 0.25) for pz in (-0.2, 0.4)]
+    parts += [
+        slab((px, 0.0, pz), (px + 0.05, top - 0.03, pz + 0.05), edge) for px in (-0.8, 0.25) for pz in (-0.2, 0.4)
+    ]
     parts.append(slab((-0.8, 0.13, -0.2), (0.3, 0.15, 0.45), edge))
     made.add(parts, textures.planks((0.33, 0.17, 0.07), (1, 0, 0), (0, 0, 1), 0.25, 3.0, 11, 0.002))
-    made.add(moved(shapes.turned(np.array(VASE) * 0.5, edge), (-0.55, top - 0.004, 0.02)), textures.rings([(0.06, 0.19, 0.23), (0.10, 0.28, 0.30), (0.55, 0.5, 0.4)], 0.06, 1, 3))
-    made.add(moved(shapes.turned(np.array(BOWL) * 0.42, edge), (0.12, top - 0.004, 0.25)), textures.plain((0.62, 0.59, 0.52), 0.06, 0.1))
-    fruit = [moved(shapes.blob(0.045, 0.05, rng, edge), (0.12 + 0.065 * np.sin(k * 2.1), top + 0.085, 0.25 + 0.065 * np.cos(k * 2.1))) for k in range(4)]
+    made.add(
+        moved(shapes.turned(np.array(VASE) * 0.5, edge), (-0.55, top - 0.004, 0.02)),
+        textures.rings([(0.06, 0.19, 0.23), (0.10, 0.28, 0.30), (0.55, 0.5, 0.4)], 0.06, 1, 3),
+    )
+    made.add(
+        moved(shapes.turned(np.array(BOWL) * 0.42, edge), (0.12, top - 0.004, 0.25)),
+        textures.plain((0.62, 0.59, 0.52), 0.06, 0.1),
+    )
+    fruit = [
+        moved(
+            shapes.blob(0.045, 0.05, rng, edge),
+            (0.12 + 0.065 * np.sin(k * 2.1), top + 0.085, 0.25 + 0.065 * np.cos(k * 2.1)),
+        )
+        for k in range(4)
+    ]
     made.add(fruit, [(0.6, 0.22, 0.03), (0.45, 0.05, 0.03), (0.25, 0.36, 0.06), (0.6, 0.24, 0.03)])
     books = [moved(slab((-0.14, 0, -0.1), (0.14, 0.028, 0.1), edge), (-0.2, top, 0.25), 20.0)]
     books += [moved(slab((-0.12, 0, -0.09), (0.12, 0.035, 0.09), edge), (-0.2, top + 0.028, 0.25), 5.0)]
     made.add(books, [(0.06, 0.11, 0.2), (0.5, 0.12, 0.06)])
-    china = [moved(shapes.turned(outline, edge), (-0.25, top + 0.005, -0.1)) for outline in (np.array(PLATE) * 0.75, CUP)]
+    china = [
+        moved(shapes.turned(outline, edge), (-0.25, top + 0.005, -0.1)) for outline in (np.array(PLATE) * 0.75, CUP)
+    ]
     made.add(china, (0.62, 0.63, 0.63))
-    stems = cards.blades(np.tile([-0.55, top + 0.26, 0.02], (14, 1)) + 0.02 * rng.normal(size=(14, 3)), 0.34, 0.035, rng, 0.28)
+    stems = cards.blades(
+        np.tile([-0.55, top + 0.26, 0.02], (14, 1)) + 0.02 * rng.normal(size=(14, 3)), 0.34, 0.035, rng, 0.28
+    )
     made.add_leaves(stems, (0.16, 0.21, 0.06), rng)
 
 
@@ -106,8 +135,18 @@ def _shelf(made, rng, edge):
     boards.append(slab((x0, 0, back - 0.012), (x1, tall, back), edge))
     made.add(boards, tint)
     books, tints = [], []
-    palette = np.array([(0.33, 0.05, 0.04), (0.06, 0.11, 0.20), (0.10, 0.18, 0.09), (0.48, 0.36, 0.16), (0.55, 0.5, 0.42),
-                        (0.09, 0.06, 0.05), (0.42, 0.19, 0.05), (0.12, 0.22, 0.25)])
+    palette = np.array(
+        [
+            (0.33, 0.05, 0.04),
+            (0.06, 0.11, 0.20),
+            (0.10, 0.18, 0.09),
+            (0.48, 0.36, 0.16),
+            (0.55, 0.5, 0.42),
+            (0.09, 0.06, 0.05),
+            (0.42, 0.19, 0.05),
+            (0.12, 0.22, 0.25),
+        ]
+    )
     for number, y in enumerate(levels[:-1]):
         at = x0 + 0.03
         while at < x1 - 0.08:
@@ -115,7 +154,9 @@ def _shelf(made, rng, edge):
             if rng.random() < 0.05:
                 at += rng.uniform(0.05, 0.2)
                 continue
-            books.append(slab((at, y + 0.012, back - 0.02 - deep), (at + wide - 0.003, y + high, back - 0.02), 2.0 * edge, 0.003))
+            books.append(
+                slab((at, y + 0.012, back - 0.02 - deep), (at + wide - 0.003, y + high, back - 0.02), 2.0 * edge, 0.003)
+            )
             tints.append(palette[rng.integers(len(palette))] * np.exp(0.2 * rng.normal()))
             at += wide
         if number == 4:
@@ -126,15 +167,33 @@ def _shelf(made, rng, edge):
 def _sideboard(made, rng, edge):
     z = -2.14
     parts = [slab((0.35, 0.12, z), (2.0, 0.74, z + 0.42), edge, 0.012)]
-    parts += [slab((px, 0.0, pz), (px + 0.05, 0.13, pz + 0.05), edge) for px in (0.42, 1.88) for pz in (z + 0.04, z + 0.32)]
+    parts += [
+        slab((px, 0.0, pz), (px + 0.05, 0.13, pz + 0.05), edge) for px in (0.42, 1.88) for pz in (z + 0.04, z + 0.32)
+    ]
     made.add(parts, textures.planks((0.30, 0.15, 0.06), (1, 0, 0), (0, 1, 0), 0.21, 1.4, 12))
-    made.add([slab((0.39 + 0.53 * k, 0.16, z + 0.42), (0.9 + 0.53 * k, 0.7, z + 0.432), edge) for k in range(3)],
-             textures.planks((0.36, 0.19, 0.08), (0, 1, 0), (1, 0, 0), 0.3, 2.0, 14))
-    made.add([moved(shapes.blob(0.016, 0.0, rng, 0.012), (0.84 + 0.53 * k, 0.45, z + 0.445)) for k in range(3)], (0.45, 0.36, 0.16))
-    made.add(moved(shapes.blob(0.16, 0.12, rng, edge), (0.7, 0.88, z + 0.21)), textures.plain((0.10, 0.19, 0.30), 0.5, 0.12, 4))
-    made.add(moved(shapes.torus(0.13, 0.035, edge), (1.25, 0.9, z + 0.2), 0.0, 82.0), textures.plain((0.5, 0.42, 0.3), 0.1, 0.1))
-    made.add(moved(shapes.turned(np.array(POT) * 0.8, edge), (1.75, 0.736, z + 0.22)), textures.plain((0.55, 0.52, 0.48), 0.05, 0.1))
-    places, outward = cards.in_ellipsoid((1.75, 1.08, z + 0.24), (0.17, 0.17, 0.15), max(round(0.25 * made.leaves_wanted / 3), 20), rng, 0.15)
+    made.add(
+        [slab((0.39 + 0.53 * k, 0.16, z + 0.42), (0.9 + 0.53 * k, 0.7, z + 0.432), edge) for k in range(3)],
+        textures.planks((0.36, 0.19, 0.08), (0, 1, 0), (1, 0, 0), 0.3, 2.0, 14),
+    )
+    made.add(
+        [moved(shapes.blob(0.016, 0.0, rng, 0.012), (0.84 + 0.53 * k, 0.45, z + 0.445)) for k in range(3)],
+        (0.45, 0.36, 0.16),
+    )
+    made.add(
+        moved(shapes.blob(0.16, 0.12, rng, edge), (0.7, 0.88, z + 0.21)),
+        textures.plain((0.10, 0.19, 0.30), 0.5, 0.12, 4),
+    )
+    made.add(
+        moved(shapes.torus(0.13, 0.035, edge), (1.25, 0.9, z + 0.2), 0.0, 82.0),
+        textures.plain((0.5, 0.42, 0.3), 0.1, 0.1),
+    )
+    made.add(
+        moved(shapes.turned(np.array(POT) * 0.8, edge), (1.75, 0.736, z + 0.22)),
+        textures.plain((0.55, 0.52, 0.48), 0.05, 0.1),
+    )
+    places, outward = cards.in_ellipsoid(
+        (1.75, 1.08, z + 0.24), (0.17, 0.17, 0.15), max(round(0.25 * made.leaves_wanted / 3), 20), rng, 0.15
+    )
     made.add_leaves(cards.scattered(places, outward + [0, 0.6, 0], 0.1, 0.05, rng), (0.09, 0.19, 0.05), rng)
 
 
@@ -146,7 +205,10 @@ def _lamp(made, edge):
 
 
 def _armchair(made, edge):
-    parts = [slab((-0.36, 0.14, -0.36), (0.36, 0.36, 0.36), edge, 0.05), moved(slab((-0.34, 0, -0.09), (0.34, 0.66, 0.09), edge, 0.07), (0, 0.28, -0.34), 0.0, -12.0)]
+    parts = [
+        slab((-0.36, 0.14, -0.36), (0.36, 0.36, 0.36), edge, 0.05),
+        moved(slab((-0.34, 0, -0.09), (0.34, 0.66, 0.09), edge, 0.07), (0, 0.28, -0.34), 0.0, -12.0),
+    ]
     parts += [slab((s * 0.38 - 0.07, 0.14, -0.38), (s * 0.38 + 0.07, 0.58, 0.34), edge, 0.06) for s in (-1, 1)]
     parts.append(moved(cushion((0.62, 0.15, 0.62), edge, 0.1), (0, 0.42, 0.03)))
     made.add(moved(joined(parts), (1.55, 0, 1.15), 222.0), textures.plain((0.50, 0.42, 0.30), 0.22, 0.02, 9))
@@ -156,16 +218,26 @@ def _armchair(made, edge):
 
 def _pictures(made, edge):
     frames = []
-    for number, (corner, right, up) in enumerate((
-        ((-2.685, 1.22, 0.75), (0, 0, -1.5), (0, 0.85, 0)),
-        ((-1.35, 1.15, -2.135), (0.72, 0, 0), (0, 0.9, 0)),
-        ((0.62, 1.25, -2.135), (0.6, 0, 0), (0, 0.45, 0)),
-    )):
+    for number, (corner, right, up) in enumerate(
+        (
+            ((-2.685, 1.22, 0.75), (0, 0, -1.5), (0, 0.85, 0)),
+            ((-1.35, 1.15, -2.135), (0.72, 0, 0), (0, 0.9, 0)),
+            ((0.62, 1.25, -2.135), (0.6, 0, 0), (0, 0.45, 0)),
+        )
+    ):
         corner, right, up = np.array(corner), np.array(right, float), np.array(up, float)
         inward = np.cross(right, up) / np.linalg.norm(np.cross(right, up))
         low, high = corner - inward * 0.02, corner + right + up + inward * 0.008
-        made.add(slab(np.minimum(low, high), np.maximum(low, high), 0.7 * edge, 0.003), textures.landscape(corner, right, up, number))
-        for a, b in ((corner, corner + right), (corner + up, corner + right + up), (corner, corner + up), (corner + right, corner + right + up)):
+        made.add(
+            slab(np.minimum(low, high), np.maximum(low, high), 0.7 * edge, 0.003),
+            textures.landscape(corner, right, up, number),
+        )
+        for a, b in (
+            (corner, corner + right),
+            (corner + up, corner + right + up),
+            (corner, corner + up),
+            (corner + right, corner + right + up),
+        ):
             low, high = np.minimum(a, b) - 0.03 - 0.0 * inward, np.maximum(a, b) + 0.03
             keep = np.abs(inward) > 0.5
             plane = corner[keep] + np.array([-0.012, 0.025]) * inward[keep]
@@ -177,12 +249,17 @@ def _pictures(made, edge):
 def _plant(made, rng, edge):
     at = np.array([2.2, 0.0, -1.65])
     made.add(moved(shapes.turned(np.array(POT) * 1.35, edge), at), textures.plain((0.46, 0.21, 0.12), 0.2, 0.15))
-    stems = [limb([at + [0, 0.2, 0], at + [0.2 * np.sin(k * 2.1), 0.75, 0.2 * np.cos(k * 2.1)]], [0.014, 0.008], edge) for k in range(3)]
+    stems = [
+        limb([at + [0, 0.2, 0], at + [0.2 * np.sin(k * 2.1), 0.75, 0.2 * np.cos(k * 2.1)]], [0.014, 0.008], edge)
+        for k in range(3)
+    ]
     made.add(stems, (0.14, 0.12, 0.05))
     count = max(round(0.75 * made.leaves_wanted / 3), 50)
     places, outward = cards.in_ellipsoid(at + [0, 0.95, 0.02], (0.36, 0.42, 0.36), count, rng, 0.1)
     size = np.sqrt(700 / count)
-    made.add_leaves(cards.scattered(places, outward + [0, 0.3, 0], 0.17 * size, 0.085 * size, rng), (0.05, 0.15, 0.035), rng)
+    made.add_leaves(
+        cards.scattered(places, outward + [0, 0.3, 0], 0.17 * size, 0.085 * size, rng), (0.05, 0.15, 0.035), rng
+    )
 
 
 def _curtains(made, edge):

@@ -65,7 +65,9 @@ def ground(radius, edge, height, near=2.5):
     """A disc of land about the origin whose edges grow with the distance beyond `near`. height: (N, 2) -> (N,)."""
     sides = max(12, round(2 * np.pi * near / edge))
     inner = np.linspace(0.0, near, max(2, round(near / edge)) + 1)[1:]
-    outer = near * np.exp(np.linspace(0.0, np.log(radius / near), max(2, round(near * np.log(radius / near) / edge)) + 1))
+    outer = near * np.exp(
+        np.linspace(0.0, np.log(radius / near), max(2, round(near * np.log(radius / near) / edge)) + 1)
+    )
     rings = np.concatenate([inner, outer[1:]])
     angle = np.arange(sides) * 2 * np.pi / sides
     flat = (rings[:, None, None] * np.stack([np.cos(angle), -np.sin(angle)], axis=1)).reshape(-1, 2)

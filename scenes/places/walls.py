@@ -44,8 +44,14 @@ def walls(half, tall, edge, windows=()):
                 return slab(ends.min(axis=0), ends.max(axis=0), 0.7 * edge)
 
             deep = 0.004, REVEAL
-            solids["reveals"] += [box(u0 - 0.06, u0, v0 - 0.06, v1 + 0.06, *deep), box(u1, u1 + 0.06, v0 - 0.06, v1 + 0.06, *deep)]
-            solids["reveals"] += [box(u0, u1, v1, v1 + 0.06, *deep), box(u0 - 0.05, u1 + 0.05, v0 - 0.05, v0, -0.1, REVEAL)]
+            solids["reveals"] += [
+                box(u0 - 0.06, u0, v0 - 0.06, v1 + 0.06, *deep),
+                box(u1, u1 + 0.06, v0 - 0.06, v1 + 0.06, *deep),
+            ]
+            solids["reveals"] += [
+                box(u0, u1, v1, v1 + 0.06, *deep),
+                box(u0 - 0.05, u1 + 0.05, v0 - 0.05, v0, -0.1, REVEAL),
+            ]
             middle, bars = (u0 + u1) / 2, (0.06, 0.11)
             solids["frames"] += [box(u - 0.025, u + 0.025, v0, v1, *bars) for u in (u0 + 0.025, middle, u1 - 0.025)]
             solids["frames"] += [box(u0, u1, v - 0.025, v + 0.025, *bars) for v in (v0 + 0.025, v1 - 0.025)]
