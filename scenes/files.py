@@ -45,7 +45,7 @@ def write_place(options):
         "leaves": len(place.leaves),
         "lamps": bool(place.emitted.any()),
         "views": len(views),
-        "lights": ["capture", *lights],
+        "lights": ["capture", *(other.name for other in lights.values())],
         "lamps_factor": options.lamps,
         "bounds": [place.vertices.min(axis=0).tolist(), place.vertices.max(axis=0).tolist()],
         "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
@@ -65,7 +65,7 @@ def write_place(options):
         )
         if lights:
             _write_truth(folder / "truth_capture.npz", lighting, made, views)
-        for name, other in lights.items():
+        for other in lights.values():
             _write_truth(folder / f"truth_{other.name}.npz", light(place, other, options.lamps), made, views)
         (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     summary = f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"

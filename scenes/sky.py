@@ -14,9 +14,8 @@ SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = -38.0, 44.0
 SUN_OVER_SKY = 3.0
 """What the sun brings to level ground over what the sky does: a bright day with clouds."""
 
-FAR = 2.2
-"""Distance of the sky's splats in the place's own radius; training leaves them at all distances: FAR_SPREAD of the log."""
-FAR_SPREAD = 0.25
+FAR, FAR_SPREAD = 2.2, 0.25
+"""Distance of the sky's splats in the place's radius. Training leaves them at all distances: spread of the log."""
 
 PILOT, EYES = 6000, 24
 """Directions that tell how much of the sky is seen, and the most views that are asked."""

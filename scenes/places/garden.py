@@ -1,5 +1,7 @@
 """A garden: a set table on a terrace before a house, lawn, hedge, trees, and a ring of woods around it all."""
 
+# ruff: noqa: RUF005 - a list added to an array shifts it
+
 import numpy as np
 
 from .. import shapes

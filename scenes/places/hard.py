@@ -1,4 +1,6 @@
-"""Small places that are hard on light: nothing enters, everything is leaves, a black mirror, one window, a white sky."""
+"""Small places that are hard on light: no way in, only leaves, a black cabinet, one window, a white sky."""
+
+# ruff: noqa: RUF005 - a list added to an array shifts it
 
 import numpy as np
 
@@ -14,8 +16,8 @@ FOV_DEG = 70.0
 LAMP = (4.0, 4.0, 4.0)
 """Radiance of the only lamp of the closed box, where the mean sky has 1."""
 
-BLACK_MIRROR = 0.015
-"""Albedo of the cabinet: what it shows is what it mirrors, or nothing."""
+BLACK = 0.015
+"""Albedo of the cabinet: as good as none."""
 
 
 def closed_box(made, rng):
@@ -61,10 +63,10 @@ def forest(made, rng):
 
 
 def cabinet(made, rng):
-    """A cabinet of black lacquer on a light floor, with two coloured solids before it."""
+    """A black cabinet on a light floor, with two coloured solids before it."""
     made.walk, edge = _half_circle, made.edge
     made.add(slab((-1.8, -0.06, -1.2), (1.8, 0.0, 1.8), edge), textures.plain((0.5, 0.45, 0.38), 0.1, 0.4))
-    made.add(slab((-0.9, -0.01, -1.0), (0.9, 1.3, -0.45), edge), (BLACK_MIRROR,) * 3)
+    made.add(slab((-0.9, -0.01, -1.0), (0.9, 1.3, -0.45), edge), (BLACK,) * 3)
     made.add(moved(shapes.blob(0.25, 0.2, rng, edge), (-0.5, 0.22, 0.3)), textures.plain((0.55, 0.12, 0.06), 0.2, 0.2))
     made.add(
         moved(shapes.turned(np.array(VASE), edge), (0.55, -0.005, 0.35)),
@@ -89,6 +91,7 @@ def _box_room(made, rng, windows):
     made.walk, edge = _inside, made.edge
     room, openings = walls(HALF, TALL, edge, windows)
     made.add(room["floor"], textures.planks((0.3, 0.18, 0.09), width=0.2))
+    made.add(room["shell"], (0.05, 0.05, 0.05))
     made.add(room["ceiling"], (0.7, 0.7, 0.68))
     made.add([room["-z"], room["+z"]], textures.plain((0.55, 0.5, 0.42), 0.1, 0.7))
     made.add([room["-x"], room["+x"]], textures.plain((0.20, 0.30, 0.38), 0.1, 0.7, 2))

@@ -1,5 +1,7 @@
 """A lounge: a closed, furnished room with two windows and a lamp, seen from within."""
 
+# ruff: noqa: RUF005 - a list added to an array shifts it
+
 import numpy as np
 
 from .. import shapes
@@ -25,6 +27,7 @@ def lounge(made, rng):
     x, z = HALF
     oak = np.array([0.27, 0.155, 0.075])
     made.add(room["floor"], textures.planks(oak, (1, 0, 0), (0, 0, 1), 0.14, 1.9, rng.integers(1000)))
+    made.add(room["shell"], (0.05, 0.05, 0.05))
     made.add(room["ceiling"], textures.plain((0.72, 0.71, 0.68), 0.04, 1.0))
     made.add(room["-z"], textures.wallpaper((0.24, 0.29, 0.22), (0.33, 0.37, 0.27)))
     made.add([room["+x"], room["+z"]], textures.plain((0.60, 0.56, 0.48), 0.06, 0.9, 2))

@@ -35,11 +35,11 @@ def joined(solids):
     )
 
 
-def panel(corner, along, up, edge, holes=(), overlap=0.05):
+def panel(corner, along, up, edge, holes=(), overlap=0.0):
     """A flat sheet from `corner` over the vectors `along` and `up`; its front looks along their cross product.
 
     holes: rectangles (from, to) in metres along both: ((u0, v0), (u1, v1)). What lies in them is left out.
-    overlap: how far the sheet goes on behind its neighbours, so that no light leaks through the corners of a room.
+    overlap: how far the sheet goes on beyond all its sides.
     """
     lengths = np.linalg.norm(along), np.linalg.norm(up)
     lines = []

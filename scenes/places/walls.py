@@ -4,8 +4,8 @@ import numpy as np
 
 from .solids import panel, slab
 
-REVEAL = 0.14
-"""Depth of a window's opening in metres."""
+REVEAL, SHELL = 0.14, 0.05
+"""Depth of a window's opening, and how far behind the walls a second, overlapping skin stops what leaks, in metres."""
 
 
 def walls(half, tall, edge, windows=()):
@@ -13,7 +13,7 @@ def walls(half, tall, edge, windows=()):
 
     half: (x, z) half the floor in metres. windows: (wall, from, to) with wall one of -x +x -z +z and from, to
     (along, up): metres along the wall from its left end as seen from inside, and above the floor.
-    Solids: floor, ceiling, the walls by name, reveals, frames (both lists, empty without windows).
+    Solids: floor, ceiling, the walls by name; lists: shell, behind all of them, and reveals and frames of the windows.
     """
     x, z = half
     corners = {  # lower left corner as seen from inside, way along
@@ -25,14 +25,19 @@ def walls(half, tall, edge, windows=()):
     solids = {
         "floor": panel(np.array([-x, 0, z]), (2 * x, 0, 0), (0, 0, -2 * z), edge),
         "ceiling": panel(np.array([-x, tall, -z]), (2 * x, 0, 0), (0, 0, 2 * z), 1.6 * edge),
+        "shell": [],
         "reveals": [],
         "frames": [],
     }
     openings = []
+    for y, up in ((-SHELL, (0, 0, -2 * z)), (tall + SHELL, (0, 0, 2 * z))):
+        solids["shell"].append(panel(np.array([-x, y, -np.sign(up[2]) * z]), (2 * x, 0, 0), up, 9.0, (), 3 * SHELL))
     for name, (corner, along) in corners.items():
         holes = [(low, high) for wall, low, high in windows if wall == name]
         corner, along = np.array(corner, float), np.array(along, float)
         solids[name] = panel(corner, along, (0, tall, 0), edge, holes)
+        behind = SHELL * np.cross((0, 1, 0), along / np.linalg.norm(along))
+        solids["shell"].append(panel(corner + behind, along, (0, tall, 0), 9.0, holes, 3 * SHELL))
         way = along / np.linalg.norm(along)
         out = np.cross((0, 1, 0), way)  # cross(along, up) looks inward
         for (u0, v0), (u1, v1) in holes:
