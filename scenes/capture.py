@@ -26,6 +26,9 @@ garden of 71,561 splats has 0.17 beyond its trees."""
 NEAREST_M = 0.9
 """Nearer than this no camera came for long: the spacing of splats stops to shrink with the distance."""
 
+DARK = 1e-4
+"""Of the mean sky's radiance: a place without more is dark, and nothing can be exposed for it."""
+
 COARSER_VOLUME = 1.7
 """Of the spacing on soil and in the depth of crowns, which leaves cover."""
 
@@ -135,7 +138,7 @@ def capture(place, lighting, views, count, seed=0, degree=0):
     made = Capture(bare, 1.0, region, faces.astype(np.int64), weights, ways, front, noise, tint)
     radiance = lighting.at(made.faces[region == SOLID], weights[region == SOLID])
     glows = place.emitted[place.faces[made.faces[region == SOLID], 0]].any(axis=1)
-    if not radiance[~glows].max(initial=0.0) > 0:
+    if not radiance[~glows].max(initial=0.0) > DARK:
         raise InputError(f"{place.kind} under {lighting.environment.name}: no light reaches what the views see")
     made = replace(made, exposure=float(exposure(radiance[~glows])))
     return replace(made, splats=replace(bare, sh=_colors(made, lighting, degree)))
