@@ -16,7 +16,7 @@ from .radiosity import light
 from .sky import capture_sky
 
 VERTICES, TEST_VIEWS, TEST_WIDTH = 60_000, 8, 256
-"""Of a place unless told; the pictures of the truth under each light, taken between the capture's own views."""
+"""Of a place unless told; the pictures of the truth under each light, taken from some of the capture's own views."""
 
 
 def write_place(options):
@@ -82,15 +82,15 @@ def write_exr(path, environment):
 
 
 def _write_truth(path, lighting, made, views):
-    chosen = views[1 :: max(1, len(views) // TEST_VIEWS)][:TEST_VIEWS]
-    pictures = [photograph(lighting, view.resized(TEST_WIDTH)) for view in chosen]
+    chosen = range(1, len(views), max(1, len(views) // TEST_VIEWS))[:TEST_VIEWS]
+    pictures = [photograph(lighting, views[number].resized(TEST_WIDTH)) for number in chosen]
     np.savez_compressed(
         path,
         vertex_radiance=(made.exposure * lighting.radiance()).astype(np.float16),
         splat_sh=made.lit(lighting).sh,
         pictures=np.stack([made.exposure * picture for picture, _ in pictures]).astype(np.float16),
         solid=np.stack([solid for _, solid in pictures]),
-        view=np.array([views.index(view) for view in chosen]),
+        view=np.array(chosen),
     )
 
 

@@ -11,7 +11,7 @@ from .places.textures import noise
 
 HEIGHT, WIDTH = 256, 512
 SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = -38.0, 44.0
-SUN_OVER_SKY = 3.0
+SUN_OVER_SKY = 2.4
 """What the sun brings to level ground over what the sky does: a bright day with clouds."""
 
 FAR, FAR_SPREAD = 2.2, 0.25
@@ -41,7 +41,11 @@ def cloudy():
     lit = noise(plane + 0.12 * sun * [1, 0, 1], 1.6, 11, 6).reshape(up.shape)
     cover = np.clip((billow - 0.02) / 0.3, 0, 1) * np.clip(up / 0.06, 0, 1)
     cover = cover * cover * (3 - 2 * cover)
-    cloud = (1.35 - 1.1 * np.clip(lit + 0.15, -0.3, 0.6) + 1.6 * np.exp(5.0 * (near - 1))) * np.array([1.0, 0.99, 0.98])
+    cloud = (
+        1.8
+        * (1.35 - 1.1 * np.clip(lit + 0.15, -0.3, 0.6) + 1.6 * np.exp(5.0 * (near - 1)))
+        * np.array([1.0, 0.99, 0.98])
+    )
     image = np.where(up > 0, sky * (1 - cover) + cloud * cover, 0.0)
     areas = row_solid_angles(HEIGHT, WIDTH)[..., None]
     level = np.sum(image * areas * np.maximum(up, 0), axis=(0, 1))

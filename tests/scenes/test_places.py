@@ -110,7 +110,7 @@ def test_furnace(kind):
     whole = furnace(place)
     # What is not seen by 32 rays a point and 192 directions of the sky; sheets show their unlit back to some.
     assert np.median(whole[seen]) == pytest.approx(1, abs=0.01)
-    assert np.abs(whole[seen] - 1).mean() < 0.03
+    assert np.abs(whole[seen] - 1).mean() < 0.045  # legs and leaves stand in the ground: their feet see its back
 
 
 def furnace(place):
