@@ -113,12 +113,12 @@ def capture(place, lighting, views, count, seed=0, degree=0):
     arguments give the same splats. Raises InputError where the views see nothing, or nothing that is lit.
     """
     rng = np.random.default_rng(seed)
-    distance = seen_distance(place, lighting.tracer, views)
+    distance = seen_distance(place, lighting.caster, views)
     seen = np.isfinite(distance)
     solid_faces = place.faces[:, 0] < place.leaf_start
     if not (seen & solid_faces).any():
         raise InputError(f"{place.kind}: no view sees a surface of it")
-    toward, far, angle = sky_points(place, lighting.tracer, views, round(SKY_SHARE * count))
+    toward, far, angle = sky_points(place, lighting.caster, views, round(SKY_SHARE * count))
     floaters = round(FLOATER_SHARE * count)
     leaves = np.flatnonzero(seen[~solid_faces].reshape(-1, 4).any(axis=1)) if (~solid_faces).any() else np.zeros(0, int)
     kept = min(len(leaves), round(LEAF_SHARE * count))
@@ -144,10 +144,8 @@ def capture(place, lighting, views, count, seed=0, degree=0):
     return replace(made, splats=replace(bare, sh=_colors(made, lighting, degree)))
 
 
-def seen_distance(place, tracer, views):
+def seen_distance(place, caster, views):
     """From how near each face was seen from its front, (F,) metres; infinite where no view sees its middle."""
-    import open3d as o3d
-
     corners = place.vertices[place.faces]
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -159,8 +157,7 @@ def seen_distance(place, tracer, views):
         away = np.linalg.norm(to_eye, axis=1)
         inside = (pixels > 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0)
         rows = np.flatnonzero(inside & ((to_eye * normal).sum(axis=1) > 0.02 * away) & (away < found))
-        rays = o3d.core.Tensor(np.hstack([origin[rows], to_eye[rows]]).astype(np.float32))
-        free = ~tracer.test_occlusions(rays, tfar=1.0).numpy()
+        free = ~caster.occluded(np.hstack([origin[rows], to_eye[rows]]), far=1.0)
         found[rows[free]] = away[rows[free]]
     return found
 

@@ -33,7 +33,7 @@ def write_place(options):
     lighting = light(place, environment)
     made = capture(place, lighting, views, options.splats, options.seed, options.degree)
     seen = np.zeros(len(place.vertices), bool)
-    seen[place.faces[np.isfinite(seen_distance(place, lighting.tracer, views))]] = True
+    seen[place.faces[np.isfinite(seen_distance(place, lighting.caster, views))]] = True
     facts = {
         "kind": place.kind,
         "seed": place.seed,

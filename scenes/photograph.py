@@ -10,17 +10,15 @@ def photograph(lighting, view, samples=1):
 
     samples: a side of each pixel. The environment shows where nothing solid is; solid marks pixels without it.
     """
-    import open3d as o3d
-
     fine = view.resized(max(view.width, view.height) * samples)
     toward = (fine.ray_directions() * FLIP).reshape(-1, 3)
-    rays = np.hstack([np.broadcast_to(view.center * FLIP, toward.shape), toward]).astype(np.float32)
-    found = lighting.tracer.cast_rays(o3d.core.Tensor(rays))
-    solid = np.isfinite(found["t_hit"].numpy())
-    uv = found["primitive_uvs"].numpy()[solid]
+    rays = np.hstack([np.broadcast_to(view.center * FLIP, toward.shape), toward])
+    hits = lighting.caster.first_hits(rays)
+    solid = hits.faces >= 0
+    uv = hits.uv[solid]
     weights = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
     picture = np.empty((len(rays), 3), np.float32)
-    picture[solid] = lighting.at(found["primitive_ids"].numpy()[solid].astype(np.int64), weights)
+    picture[solid] = lighting.at(hits.faces[solid], weights)
     picture[~solid] = lighting.environment.lookup(toward[~solid])
 
     def binned(values):

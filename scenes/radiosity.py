@@ -12,6 +12,7 @@ from scipy import sparse
 
 from relight import Environment
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import luminance
 
 from .light import distant_lights
@@ -54,7 +55,7 @@ class Lighting:
     """
 
     place: object
-    tracer: object
+    caster: RayCaster
     environment: Environment
     suns_toward: np.ndarray
     suns_irradiance: np.ndarray
@@ -63,7 +64,7 @@ class Lighting:
 
     def sunlight(self, points, normals):
         """Irradiance of the suns over pi at points (N, 3) of surfaces: (N, 3) float32."""
-        return _sunlight(self.tracer, self.suns_toward, self.suns_irradiance, points, normals)
+        return _sunlight(self.caster, self.suns_toward, self.suns_irradiance, points, normals)
 
     def radiance(self):
         """Exit radiance of every vertex: (V, 3) float32, linear, not exposed."""
@@ -104,25 +105,22 @@ def light(place, environment, lamps=1.0):
     """
     if not lamps >= 0:
         raise InputError(f"lamps {lamps}: expected a factor of at least 0")
-    import open3d as o3d
-
-    tracer = o3d.t.geometry.RaycastingScene()
-    tracer.add_triangles(place.vertices, place.faces.astype(np.uint32))
+    caster = RayCaster(place.vertices, place.faces)
     suns_toward, suns_irradiance, sky = _without_suns(environment)
     shaded, of_vertex = _shading_points(place)
     points, normals = shaded
     direct = np.zeros_like(points)
     if luminance(sky.radiance).max() > 0:
         inside = _inside(place, points)
-        direct[~inside] = _from_sky(tracer, sky, points[~inside], normals[~inside])
+        direct[~inside] = _from_sky(caster, sky, points[~inside], normals[~inside])
         if inside.any() and len(place.openings):
-            direct[inside] = _from_windows(tracer, sky, place.openings, points[inside], normals[inside])
+            direct[inside] = _from_windows(caster, sky, place.openings, points[inside], normals[inside])
     emitted = np.float32(lamps) * place.emitted
     if emitted.any():
-        direct += _from_lamps(tracer, place, emitted, points, normals)
-    sun = _sunlight(tracer, suns_toward, suns_irradiance, points, normals)
+        direct += _from_lamps(caster, place, emitted, points, normals)
+    sun = _sunlight(caster, suns_toward, suns_irradiance, points, normals)
     closed = place.openings is not None
-    matrix = _gathering(tracer, place, of_vertex, points, normals, CLOSED_GATHER if closed else OPEN_GATHER)
+    matrix = _gathering(caster, place, of_vertex, points, normals, CLOSED_GATHER if closed else OPEN_GATHER)
     albedo = np.zeros_like(points)
     albedo[of_vertex] = place.albedo_linear
     blend = _smoother(place, normals) if closed else None
@@ -138,7 +136,7 @@ def light(place, environment, lamps=1.0):
         if change < 1e-3:
             break
     ambient = (_crossed(place, direct, len(points)) + bounced)[of_vertex]
-    return Lighting(place, tracer, environment, suns_toward, suns_irradiance, ambient, float(lamps))
+    return Lighting(place, caster, environment, suns_toward, suns_irradiance, ambient, float(lamps))
 
 
 def _without_suns(environment):
@@ -210,31 +208,28 @@ def _inside(place, points):
     return inside
 
 
-def _unoccluded(tracer, points, normals, rows, toward, far=np.inf):
+def _unoccluded(caster, points, normals, rows, toward, far=np.inf):
     """Which rays from points[rows] along `toward`, (R, 3), meet nothing within `far` lengths of it: (R,) bool."""
-    import open3d as o3d
-
     free = np.empty(len(rows), bool)
     for start in range(0, len(rows), RAYS_AT_ONCE):
         block = slice(start, start + RAYS_AT_ONCE)
         origin = points[rows[block]] + np.float32(CLEARANCE_M) * normals[rows[block]]
-        rays = np.hstack([origin, toward[block]]).astype(np.float32)
-        free[block] = ~tracer.test_occlusions(o3d.core.Tensor(rays), tfar=far).numpy()
+        free[block] = ~caster.occluded(np.hstack([origin, toward[block]]), far)
     return free
 
 
-def _sunlight(tracer, toward, irradiance, points, normals):
+def _sunlight(caster, toward, irradiance, points, normals):
     light = np.zeros((len(points), 3), np.float32)
     points, normals = np.asarray(points, np.float32), np.asarray(normals, np.float32)
     for way, power in zip(toward, irradiance, strict=True):
         cosine = normals @ way
         rows = np.flatnonzero(cosine > 0)
-        free = _unoccluded(tracer, points, normals, rows, np.broadcast_to(way, (len(rows), 3)))
+        free = _unoccluded(caster, points, normals, rows, np.broadcast_to(way, (len(rows), 3)))
         light[rows] += (cosine[rows] * free)[:, None] * power / np.float32(np.pi)
     return light
 
 
-def _from_sky(tracer, sky, points, normals, draws=SKY_DIRECTIONS):
+def _from_sky(caster, sky, points, normals, draws=SKY_DIRECTIONS):
     """Irradiance over pi of a sky without suns, by draws that all points share: (P, 3) float32."""
     toward, irradiance, _ = distant_lights(sky, draws)
     light, block = np.zeros_like(points), max(1, RAYS_AT_ONCE // len(toward))
@@ -242,12 +237,12 @@ def _from_sky(tracer, sky, points, normals, draws=SKY_DIRECTIONS):
         rows = slice(start, start + block)
         cosine = np.maximum(normals[rows] @ toward.T, 0)
         point, way = np.nonzero(cosine)
-        cosine[point, way] *= _unoccluded(tracer, points[rows], normals[rows], point, toward[way])
+        cosine[point, way] *= _unoccluded(caster, points[rows], normals[rows], point, toward[way])
         light[rows] = cosine @ irradiance / np.float32(np.pi)
     return light
 
 
-def _from_windows(tracer, sky, openings, points, normals):
+def _from_windows(caster, sky, openings, points, normals):
     """The same through openings, by points spread over each: radiance x cosines x area / distance^2."""
     steps = np.arange(WINDOW_POINTS)
     u, v = ((steps / PLASTIC**power + 0.5) % 1.0 for power in (1, 2))
@@ -263,7 +258,7 @@ def _from_windows(tracer, sky, openings, points, normals):
                 -toward @ (inward / area).astype(np.float32), 0
             )
             rows = np.flatnonzero(cosine > 0)
-            free = _unoccluded(tracer, points, normals, rows, toward[rows])
+            free = _unoccluded(caster, points, normals, rows, toward[rows])
             rows = rows[free]
             share = cosine[rows] / square[rows] ** 2 * (area / WINDOW_POINTS / np.pi)
             light[rows] += share[:, None] * _nearest_texel(sky, toward[rows])
@@ -280,7 +275,7 @@ def _nearest_texel(sky, toward):
     return sky.radiance[np.clip(row, 0, height - 1), column]
 
 
-def _from_lamps(tracer, place, emitted, points, normals):
+def _from_lamps(caster, place, emitted, points, normals):
     """Irradiance over pi of all that glows, by points spread over its area."""
     rows = np.flatnonzero(emitted[place.faces].any(axis=(1, 2)))
     corners = place.vertices[place.faces[rows]].astype(np.float64)
@@ -302,16 +297,14 @@ def _from_lamps(tracer, place, emitted, points, normals):
         square = (toward**2).sum(axis=1)
         cosine = np.maximum((normals * toward).sum(axis=1), 0) * np.maximum(-toward @ out.astype(np.float32), 0)
         rows_lit = np.flatnonzero(cosine > 0)
-        rows_lit = rows_lit[_unoccluded(tracer, points, normals, rows_lit, toward[rows_lit], 1.0)]
+        rows_lit = rows_lit[_unoccluded(caster, points, normals, rows_lit, toward[rows_lit], 1.0)]
         share = cosine[rows_lit] / np.maximum(square[rows_lit], nearest) ** 2 * (reached[-1] / count / np.pi)
         light[rows_lit] += share[:, None] * power
     return light
 
 
-def _gathering(tracer, place, of_vertex, points, normals, rays):
+def _gathering(caster, place, of_vertex, points, normals, rays):
     """The mean over cosine-weighted rays of what each point sees: a sparse (P, P) matrix; rows sum to at most 1."""
-    import open3d as o3d
-
     count = len(points)
     steps = np.arange(rays)
     radius, turn = np.sqrt((steps + 0.5) / rays), 2 * np.pi * steps / GOLDEN
@@ -329,12 +322,11 @@ def _gathering(tracer, place, of_vertex, points, normals, rays):
         ]
         toward += np.sqrt(1 - radius**2)[:, None] * normals[rows, None]
         origin = np.broadcast_to((points[rows] + np.float32(CLEARANCE_M) * normals[rows])[:, None], toward.shape)
-        found = tracer.cast_rays(o3d.core.Tensor(np.concatenate([origin, toward], axis=2).astype(np.float32)))
-        face = found["primitive_ids"].numpy()
-        seen = np.isfinite(found["t_hit"].numpy())
-        uv = found["primitive_uvs"].numpy()[seen]
+        hits = caster.first_hits(np.concatenate([origin, toward], axis=2))
+        seen = hits.faces >= 0
+        uv = hits.uv[seen]
         weights = np.stack([1 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1)
-        corners = place.faces[face[seen]]
+        corners = place.faces[hits.faces[seen]]
         front = np.einsum("nk,nk->n", toward[seen], place.normals[corners[:, 0]]) < 0
         nearest = corners[np.arange(len(corners)), weights.argmax(axis=1)]
         row = np.nonzero(seen)[0][front]

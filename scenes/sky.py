@@ -58,7 +58,7 @@ def cloudy():
     return Environment((image / mean).astype(np.float32), "cloudy")
 
 
-def sky_points(place, tracer, views, count):
+def sky_points(place, caster, views, count):
     """Where the far splats stand: the `count` most even places beyond the scene that some view sees.
 
     Returns directions from the middle (N, 3), distances (N,) and mean spacing in radians, with N <= count; none when
@@ -67,11 +67,11 @@ def sky_points(place, tracer, views, count):
     middle = np.mean([view.center * FLIP for view in views], axis=0)
     radius = FAR * max(np.linalg.norm(place.vertices[place.faces].max(axis=1) - middle, axis=1).max(), 4.0)
     views = views[:: max(1, len(views) // EYES)]
-    seen = _seen(tracer, views, middle, radius, _even(PILOT)).mean()
+    seen = _seen(caster, views, middle, radius, _even(PILOT)).mean()
     if seen == 0.0 or count == 0:
         return np.zeros((0, 3)), np.zeros(0), 0.0
     candidates = _even(round(1.03 * count / seen))
-    chosen = candidates[_seen(tracer, views, middle, radius, candidates)]
+    chosen = candidates[_seen(caster, views, middle, radius, candidates)]
     chosen = chosen[np.linspace(0, len(chosen) - 1, min(count, len(chosen))).astype(int)]
     far = radius * np.exp(FAR_SPREAD * np.random.default_rng(len(chosen)).normal(size=len(chosen)))
     return chosen, far, np.sqrt(4 * np.pi / len(candidates))
@@ -85,15 +85,12 @@ def _even(count):
     return np.stack([flat * np.cos(turn), y, flat * np.sin(turn)], axis=1)
 
 
-def _seen(tracer, views, middle, radius, directions):
-    import open3d as o3d
-
+def _seen(caster, views, middle, radius, directions):
     points, seen = middle + radius * directions, np.zeros(len(directions), bool)
     for view in views:
         pixels, depth = view.project(points * FLIP)
         inside = (pixels > 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1) & (depth > 0) & ~seen
         rows = np.flatnonzero(inside)
         eye = view.center * FLIP
-        rays = np.hstack([np.broadcast_to(eye, (len(rows), 3)), points[rows] - eye]).astype(np.float32)
-        seen[rows] = ~tracer.test_occlusions(o3d.core.Tensor(rays)).numpy()
+        seen[rows] = ~caster.occluded(np.hstack([np.broadcast_to(eye, (len(rows), 3)), points[rows] - eye]))
     return seen

@@ -104,7 +104,7 @@ def test_furnace(kind):
     found = build_place(kind, 2, VERTICES)
     place = replace(found, emitted=1 - found.albedo_linear)
     views = capture_views(place, 12)
-    seen = np.unique(place.faces[np.isfinite(seen_distance(place, light(place, WHITE).tracer, views))])
+    seen = np.unique(place.faces[np.isfinite(seen_distance(place, light(place, WHITE).caster, views))])
     radiance = light(replace(place, emitted=np.zeros_like(place.emitted)), WHITE).radiance()
     assert radiance[seen].max() < 1.0  # nothing comes from nowhere
     whole = furnace(place)
@@ -120,10 +120,10 @@ def furnace(place):
     dark = replace(place, emitted=np.zeros_like(place.emitted))
     lighting = light(dark, WHITE)
     (points, normals), of_vertex = radiosity._shading_points(dark)
-    matrix = radiosity._gathering(lighting.tracer, dark, of_vertex, points, normals, 96)
+    matrix = radiosity._gathering(lighting.caster, dark, of_vertex, points, normals, 96)
     glow, albedo = np.zeros_like(points), np.zeros_like(points)
     glow[of_vertex], albedo[of_vertex] = place.emitted, place.albedo_linear
-    sky = radiosity._crossed(dark, radiosity._from_sky(lighting.tracer, WHITE, points, normals), len(points))
+    sky = radiosity._crossed(dark, radiosity._from_sky(lighting.caster, WHITE, points, normals), len(points))
     radiance = glow + albedo * sky
     for _ in range(40):
         radiance = glow + albedo * (sky + radiosity._crossed(dark, matrix @ radiance, len(points)))
@@ -160,7 +160,7 @@ def test_no_light_enters_a_closed_box():
     for environment in (WHITE, Environment.load("noon")):
         lighting = light(place, environment, lamps=0.0)
         views = capture_views(place, 12)
-        seen = np.unique(place.faces[np.isfinite(seen_distance(place, lighting.tracer, views))])
+        seen = np.unique(place.faces[np.isfinite(seen_distance(place, lighting.caster, views))])
         assert lighting.radiance()[seen].max() < 1e-5  # a sun of 6e4 finds a seam in a million rays
         with pytest.raises(InputError, match="no light"):
             capture(place, lighting, views, 500)
@@ -176,10 +176,10 @@ def test_windows_bring_what_the_sky_brings():
 
     (points, normals), _ = radiosity._shading_points(place)
     inside = radiosity._inside(place, points)
-    radiosity_directions = radiosity._from_sky(by_window.tracer, sky, points[inside], normals[inside], 4096)
-    window = radiosity._from_windows(by_window.tracer, sky, place.openings, points[inside], normals[inside])
+    radiosity_directions = radiosity._from_sky(by_window.caster, sky, points[inside], normals[inside], 4096)
+    window = radiosity._from_windows(by_window.caster, sky, place.openings, points[inside], normals[inside])
     views = capture_views(place, 12)
-    seen = np.unique(place.faces[np.isfinite(seen_distance(place, by_window.tracer, views))])
+    seen = np.unique(place.faces[np.isfinite(seen_distance(place, by_window.caster, views))])
     rows = np.isin(np.flatnonzero(inside), seen)
     assert window[rows].sum() == pytest.approx(radiosity_directions[rows].sum(), rel=0.05)
 
