@@ -1,4 +1,8 @@
-"""Write a scene with ground truth to a folder: its splat, mesh, albedo, cameras and light."""
+"""Write a scene with ground truth to a folder: its splat, mesh, albedo, cameras and light.
+
+Objects: object, tabletop, room (open). Places: garden, lounge (closed, two windows, a lamp), nook (an open box); small
+and hard on light: closed-box, forest, cabinet, one-window, white-sky.
+"""
 
 import argparse
 import json
@@ -10,17 +14,19 @@ import numpy as np
 from splat2mesh.base import console
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_folder
-from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.splats.formats import write_inria_ply
 
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
+from .files import write_place, write_truth_ply
 from .kinds import KINDS, build
 from .light import bake, exposure
+from .places import PLACES
 from .splat import splats_from
 
 EPILOG = """examples:
   python -m scenes tabletop
   python -m scenes room --kind room --splats 500000 --env sunset
+  python -m scenes garden --kind garden --env cloudy --relit sunset
   python -m scenes big --splats 6000000 --seed 3
 """
 
@@ -38,11 +44,24 @@ def _parser():
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write")
-    parser.add_argument("--kind", choices=KINDS, default="tabletop", help="what to build (default: tabletop)")
+    parser.add_argument(
+        "--kind", choices=[*KINDS, *PLACES], default="tabletop", help="what to build (default: tabletop)"
+    )
     parser.add_argument("--splats", type=int, default=100_000, metavar="N", help="number of splats (default: 100000)")
-    parser.add_argument("--vertices", type=int, default=45_000, metavar="N", help="about how many (default: 45000)")
+    parser.add_argument("--vertices", type=int, metavar="N", help="about how many (default: 45000; places: 60000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="another seed, another scene (default: 0)")
-    parser.add_argument("--env", default="noon", metavar="NAME", help="built-in sky or image file (default: noon)")
+    parser.add_argument(
+        "--env", default="noon", metavar="NAME", help="built-in sky, image file, or cloudy (default: noon)"
+    )
+    parser.add_argument(
+        "--relit",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="places: write the truth under this sky too; again for more",
+    )
+    parser.add_argument("--lamps", type=float, default=1.0, metavar="X", help="factor on a place's lamps under --relit")
+    parser.add_argument("--degree", type=int, default=0, choices=(0, 1), help="of a place's harmonics (default: 0)")
     parser.add_argument("--views", type=int, default=64, metavar="N", help="number of cameras (default: 64)")
     parser.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     parser.add_argument("--json", action="store_true", help="print truth.json instead of a summary")
@@ -56,10 +75,14 @@ def _generate(options):
         if getattr(options, name) < least:
             raise InputError(f"--{name} {getattr(options, name)}: expected at least {least}")
     check_output(options.out, options.overwrite)
+    if options.kind in PLACES:
+        return write_place(options)
+    if options.relit or options.degree:
+        raise InputError(f"--kind {options.kind}: --relit and --degree are for places: {' '.join(PLACES)}")
     from relight import Environment
 
     environment = Environment.load(options.env)
-    truth = build(options.kind, options.seed, options.vertices)
+    truth = build(options.kind, options.seed, options.vertices or 45_000)
     views = capture_views(truth, options.views)
     seen = seen_faces(truth, views)
     radiance = bake(truth, environment)
@@ -81,34 +104,10 @@ def _generate(options):
     }
     with staged_folder(options.out) as folder:
         write_inria_ply(folder / "splat.ply", splats)
-        _write_truth_ply(folder / "truth.ply", truth, factor * radiance, seen_vertices)
+        write_truth_ply(folder / "truth.ply", truth, factor * radiance, seen_vertices)
         write_colmap(folder / "sparse" / "0", views)
         (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     return [f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"], facts
-
-
-def _write_truth_ply(path, truth, radiance, seen):
-    """Binary PLY, scene frame: position, normal, linear albedo, baked sRGB colour, part, seen (0 or 1)."""
-    layout = [("position", "<f4", 3), ("normal", "<f4", 3), ("albedo", "<f4", 3), ("color", "u1", 3)]
-    vertex = np.zeros(len(truth.vertices), [*layout, ("part", "u1"), ("seen", "u1")])
-    vertex["position"], vertex["normal"], vertex["albedo"] = (
-        truth.vertices,
-        truth.normals,
-        truth.albedo_linear,
-    )
-    vertex["color"] = bytes_from_unit(srgb_from_linear(radiance))
-    vertex["part"], vertex["seen"] = truth.part, seen
-    face = np.zeros(len(truth.faces), [("count", "u1"), ("indices", "<i4", 3)])
-    face["count"], face["indices"] = 3, truth.faces
-    floats = ["x", "y", "z", "nx", "ny", "nz", "albedo_r", "albedo_g", "albedo_b"]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
-    header += [f"property float {name}" for name in floats]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue", "part", "seen")]
-    header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    with open(path, "wb") as file:
-        file.write("\n".join(header).encode("ascii"))
-        vertex.tofile(file)
-        face.tofile(file)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 The views live in the splat's frame, as those of a trained splat do: y down, Rx(180) from the scene frame.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -34,8 +35,11 @@ def capture_views(truth, count=64, width=256):
     """`count` views that a careful photographer would take, all level: a list of View in the splat's frame.
 
     An object or a tabletop is circled with rising elevation; in a room the cameras walk around and look
-    across it, first up, then down.
+    across it, first up, then down. A place has its own walk.
     """
+    if hasattr(truth, "walk"):
+        eyes, targets, fov_deg = truth.walk(np.linspace(0.0, 1.0, count))
+        return _looking(eyes, targets, fov_deg, width)
     turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
     around, rise = np.stack([np.cos(turn), np.sin(turn)], axis=1), np.linspace(0.0, 1.0, count)
     if truth.kind == "room":
@@ -50,6 +54,10 @@ def capture_views(truth, count=64, width=256):
         eyes = middle + distance * np.insert(around * np.sqrt(1.0 - height**2)[:, None], 1, height, axis=1)
         targets = np.broadcast_to(middle, eyes.shape)
         fov_deg = ORBIT_FOV_DEG
+    return _looking(eyes, targets, fov_deg, width)
+
+
+def _looking(eyes, targets, fov_deg, width):
     pairs = zip(eyes * FLIP, targets * FLIP, strict=True)
     return [View.look_at(eye, target, (0.0, -1.0, 0.0), fov_deg, width) for eye, target in pairs]
 
@@ -93,3 +101,25 @@ def write_colmap(folder, views):
     (folder / "cameras.txt").write_text("\n".join(cameras) + "\n", encoding="ascii")
     (folder / "images.txt").write_text("\n".join(images) + "\n", encoding="ascii")
     (folder / "points3D.txt").write_text("", encoding="ascii")
+
+
+def write_inria_cameras(path, views):
+    """Write views as INRIA's cameras.json, as training leaves it beside its point_cloud folder.
+
+    Its rotation is world_from_camera and its position the camera's centre (graphdeco-inria/gaussian-splatting,
+    utils/camera_utils.py, camera_to_JSON).
+    """
+    entries = [
+        {
+            "id": number,
+            "img_name": f"{number + 1:04d}",
+            "width": view.width,
+            "height": view.height,
+            "position": view.center.tolist(),
+            "rotation": view.camera_from_world[:3, :3].T.tolist(),
+            "fy": view.fy,
+            "fx": view.fx,
+        }
+        for number, view in enumerate(views)
+    ]
+    Path(path).write_text(json.dumps(entries) + "\n", encoding="ascii")

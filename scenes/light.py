@@ -31,7 +31,7 @@ def bake(truth, environment):
 
     environment: relight.Environment. Raises InputError when it is black.
     """
-    toward, light = _lights(environment)
+    toward, light, _ = distant_lights(environment)
     caster = RayCaster(truth.vertices, truth.faces)
     diagonal = np.linalg.norm(np.ptp(truth.vertices, axis=0))
     origins = truth.vertices + np.float32(CLEARANCE * diagonal) * truth.normals
@@ -51,8 +51,10 @@ def exposure(radiance):
     return WHITE_POINT / np.percentile(radiance.max(axis=1), WHITE_PERCENTILE)
 
 
-def _lights(environment):
-    """Distant lights in place of the environment: unit directions and irradiances, (D, 3) float32 each.
+def distant_lights(environment, count=DIRECTIONS):
+    """Distant lights in place of the environment: unit directions and irradiances, (D, 3) float32, and texels (D,).
+
+    count: how many draws; D are of different texels. Raises InputError when the environment is black.
 
     Importance sampling of texels by inversion, rows first, with a low-discrepancy sequence (Pharr, Jakob and
     Humphreys, "Physically Based Rendering", section 12.5).
@@ -68,10 +70,10 @@ def _lights(environment):
     if reached[-1] == 0.0:
         raise InputError(f"{environment.name}: black, so nothing can be seen by it; expected an environment with light")
     row_end = reached[width - 1 :: width]
-    first, second = ((np.arange(DIRECTIONS) / PLASTIC**axis + 0.5) % 1.0 for axis in (1, 2))
+    first, second = ((np.arange(count) / PLASTIC**axis + 0.5) % 1.0 for axis in (1, 2))
     row = np.searchsorted(row_end, first * reached[-1])
     row_start = np.where(row > 0, row_end[row - 1], 0.0)
     texel = np.searchsorted(reached, row_start + second * (row_end[row] - row_start))
     texel, draws = np.unique(texel, return_counts=True)
-    share = draws * reached[-1] / (DIRECTIONS * weight[texel])
-    return texels[texel].astype(np.float32), (power[texel] * share[:, None]).astype(np.float32)
+    share = draws * reached[-1] / (count * weight[texel])
+    return texels[texel].astype(np.float32), (power[texel] * share[:, None]).astype(np.float32), texel

@@ -5,6 +5,7 @@ whose mesh is known. A spacing is the side of the square that one splat has to c
 """
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from scipy.special import expit, ndtri
 
 from splat2mesh.render.raycaster import RayCaster
@@ -71,8 +72,9 @@ def splats_from(truth, radiance, count, seed=0, faces=None):
     """
     rng = np.random.default_rng(seed)
     floaters = round(count * FLOATER_SHARE)
-    *surface, spacing = _sample(truth, radiance, count - floaters, rng, faces)
-    splats = _aligned(*surface, spacing, rng)
+    points, normals, _, face, weights, bend, thickness, spacing = surface_samples(truth, count - floaters, rng, faces)
+    colors = srgb_from_linear(interpolated(np.asarray(radiance, np.float32), face, weights))
+    splats = aligned(points, normals, colors, bend, thickness, spacing, rng)
     if floaters:
         loose = _floaters(truth, floaters, spacing.max(), rng)
         splats = [np.concatenate(pair) for pair in zip(splats, loose, strict=True)]
@@ -83,15 +85,22 @@ def splats_from(truth, radiance, count, seed=0, faces=None):
     return Splats(means * FLIP, scales, quats_wxyz * [1.0, *FLIP], opacities, sh)
 
 
-def _sample(truth, radiance, count, rng, faces):
-    """`count` points on the seen surface: places, normals, sRGB colours, bends, thicknesses, spacings."""
+def surface_samples(truth, count, rng, faces=None, spread=1.0, finest=FINEST_RATIO):
+    """`count` points on the seen surface, packed as training packs splats.
+
+    faces: (F,) bool, those seen; all unless given. spread: (F,) relative spacing, more where less is seen.
+    finest: of the spacing at bends over that on flat ground; 1 packs splats evenly.
+    Returns points, normals, rows of the faces (N,), their vertices (N, 3), barycentric weights, bends, thicknesses
+    and spacings.
+    """
     rows = np.arange(len(truth.faces)) if faces is None else np.flatnonzero(faces)
     rows = rows[np.argsort(_morton_code(truth.vertices[truth.faces[rows]].mean(axis=1)))]
     corners = truth.vertices[truth.faces[rows]].astype(np.float64)
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     bend, thickness = (sizes[truth.faces[rows]].min(axis=1) for sizes in (_bends(truth), _thicknesses(truth)))
-    coarsest = np.sqrt(area.sum() / count)
-    ratio = np.clip(bend / (BEND_SPACINGS * coarsest), FINEST_RATIO, 1.0)
+    spread = np.broadcast_to(spread, len(truth.faces))[rows]
+    coarsest = np.sqrt((area / spread**2).sum() / count)
+    ratio = np.clip(bend / (BEND_SPACINGS * coarsest * spread), finest, 1.0) * spread
     reached = np.cumsum(area / ratio**2)
     # Equal steps along a curve that fills space: neighbours on the curve are neighbours on the surface.
     steps = np.arange(count)
@@ -101,15 +110,16 @@ def _sample(truth, radiance, count, rng, faces):
     folded = u + v > 1.0
     u, v = np.where(folded, 1.0 - u, u), np.where(folded, 1.0 - v, v)
     weights = np.stack([1.0 - u - v, u, v], axis=1).astype(np.float32)
-
-    def interpolated(values):
-        return sum(weights[:, corner, None] * values[face[:, corner]] for corner in range(3))
-
-    normals = interpolated(truth.normals)
+    normals = interpolated(truth.normals, face, weights)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    colors = srgb_from_linear(interpolated(np.asarray(radiance, np.float32)))
     spacing = (np.sqrt(reached[-1] / count) * ratio[chosen]).astype(np.float32)
-    return interpolated(truth.vertices), normals, colors, bend[chosen], thickness[chosen], spacing
+    points = interpolated(truth.vertices, face, weights)
+    return points, normals, rows[chosen], face, weights, bend[chosen], thickness[chosen], spacing
+
+
+def interpolated(values, face, weights):
+    """Values of the vertices, (V, C), at points within faces: (N, C). face, weights: (N, 3) of each point."""
+    return sum(weights[:, corner, None] * values[face[:, corner]] for corner in range(3))
 
 
 def _thicknesses(truth):
@@ -137,14 +147,19 @@ def _bends(truth):
     return size
 
 
-def _aligned(points, normals, colors, bend, thickness, spacing, rng):
-    """Means, scales, quaternions (wxyz), opacities and colours, one Gaussian a point, in the scene frame."""
+def aligned(
+    points, normals, colors, bend, thickness, spacing, rng, long_axis=LONG_AXIS, opacity_logit=OPACITY_LOGIT, along=None
+):
+    """Means, scales, quaternions (wxyz), opacities and colours, one Gaussian a point, in the scene frame.
+
+    along: (N, 3) tangents that the longest axes should follow, (0, 0, 0) where they may lie as they like.
+    """
     count = len(points)
 
     def normal_deviates(spread):
         return rng.standard_normal(count, np.float32) * np.float32(spread)
 
-    long = spacing * LONG_AXIS * np.exp(normal_deviates(LONG_AXIS_SPREAD))
+    long = spacing * long_axis * np.exp(normal_deviates(LONG_AXIS_SPREAD))
     middle = long * expit(MIDDLE_LOGIT + normal_deviates(RATIO_LOGIT_SPREAD))
     long = np.minimum(long, np.maximum(LONGEST_IN_BENDS * bend, LONGEST_IN_SPACINGS * spacing))
     middle = np.minimum(middle, long)
@@ -154,6 +169,9 @@ def _aligned(points, normals, colors, bend, thickness, spacing, rng):
     long_tilt = normal_deviates(LONG_TILT_RAD)
     spin = rng.uniform(0.0, 2 * np.pi, count).astype(np.float32)
     quats = _from_z_to(normals)
+    if along is not None:
+        level = Rotation.from_quat(quats, scalar_first=True).apply(along, inverse=True)
+        spin = np.where(level.any(axis=1), np.arctan2(level[:, 1], level[:, 0]), spin).astype(np.float32)
     for axis, angle in ((3, spin), (1, middle_tilt), (2, long_tilt)):
         quats = _then_about_axis(quats, axis, angle)
     # Third row of R_x(middle_tilt) R_y(long_tilt): how far each axis of the Gaussian points along the normal.
@@ -163,7 +181,7 @@ def _aligned(points, normals, colors, bend, thickness, spacing, rng):
     depth = (DEPTH_BASE * spacing + DEPTH_IN_SIGMAS * sigma) * np.exp(normal_deviates(DEPTH_SPREAD))
     # Neighbours get unlike opacities, so that no faint patch is left uncovered: training would fill it.
     rank = (np.arange(count) / GOLDEN + rng.uniform()) % 1.0
-    logits = OPACITY_LOGIT + OPACITY_LOGIT_SPREAD * ndtri(np.clip(rank, 1e-7, 1.0 - 1e-7))
+    logits = opacity_logit + OPACITY_LOGIT_SPREAD * ndtri(np.clip(rank, 1e-7, 1.0 - 1e-7))
     depth = np.minimum(depth, DEEPEST_IN_WALLS * thickness)
     fuzz = rng.random(count, np.float32) < FUZZ_SHARE
     scales[fuzz] *= FUZZ_SCALE

@@ -1,0 +1,5 @@
+"""Generated places: a garden, a lounge, a nook, and small ones that are hard on light."""
+
+from .place import PLACES, Place, build_place
+
+__all__ = ["PLACES", "Place", "build_place"]
