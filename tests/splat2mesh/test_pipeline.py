@@ -108,6 +108,7 @@ def test_what_was_done_is_recorded(converted, files):
         "up": "auto",
         "up_from": "assumed -y, since no plane stands out as a floor",
         "lod": "auto",
+        "from": "auto",
         "seed": 0,
         "cameras": "virtual",
     }
