@@ -3,7 +3,7 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from splat2mesh import __version__
+from splat2mesh.base.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene as Scene

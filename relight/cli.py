@@ -6,7 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from . import __version__
+from splat2mesh.base.version import VERSION
+
 from .output.kinds import BAKED, FILES
 from .transfer import METHODS
 from .transfer.settings import EFFECTS
@@ -96,7 +97,7 @@ def parser() -> argparse.ArgumentParser:
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
-    add("--version", action="version", version=f"%(prog)s {__version__}")
+    add("--version", action="version", version=f"%(prog)s {VERSION}")
     return parser
 
 

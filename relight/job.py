@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from splat2mesh.base.console import peak_mb
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.progress import Stages
+from splat2mesh.base.version import VERSION
 from splat2mesh.scene.foreign import AnyScene, as_scene
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from . import __version__
 from .engine.appearance import CHOICES, Appearance, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
@@ -177,7 +177,7 @@ class Job:
         light, shading, exposure = shaded
         settings = shading.settings
         return {
-            "version": __version__,
+            "version": VERSION,
             "scene": self._name,
             "vertices": len(shading.radiance),
             "faces": len(self.scene.faces),

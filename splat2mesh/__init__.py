@@ -3,14 +3,14 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .base.version import VERSION as __version__
+
 if TYPE_CHECKING:
     from .base.errors import DataWarning as DataWarning
     from .base.errors import InputError as InputError
     from .pipeline import convert as convert
     from .scene.scene import Scene as Scene
     from .splats.splats import Splats as Splats
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "DataWarning": ".base.errors",

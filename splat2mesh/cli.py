@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from . import __version__
 from .base.console import peak_mb, run, wants_progress
+from .base.version import VERSION
 
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
@@ -104,7 +104,7 @@ def parser() -> argparse.ArgumentParser:
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
-    add("--version", action="version", version=f"%(prog)s {__version__}")
+    add("--version", action="version", version=f"%(prog)s {VERSION}")
     return parser
 
 

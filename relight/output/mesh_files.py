@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh import __version__
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.base.version import VERSION
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
@@ -43,7 +43,7 @@ def write_glb(
     exposed = check_radiance(scene, radiance) * np.float32(exposure)
     clipped = int((exposed > 1.0).any(axis=1).sum())
     document = gltf.GLTF2(
-        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {__version__}"),
+        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
         extensionsUsed=["KHR_materials_unlit"],
         materials=[_unlit_material(gltf)],
     )

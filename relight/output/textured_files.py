@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh import __version__
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.base.version import VERSION
 
 from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
 
@@ -47,7 +47,7 @@ def write_textured_glb(
             f"the picture must be uint8 of {atlas.size} x {atlas.size} x 3, found {image.dtype} {image.shape}"
         )
     document = gltf.GLTF2(
-        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {__version__}"),
+        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
         extensionsUsed=["KHR_materials_unlit"] if unlit else [],
         materials=[_material(gltf, unlit)],
         samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],

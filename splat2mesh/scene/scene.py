@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import __version__
 from ..base.errors import InputError
 from ..base.outputs import check_output, staged_folder
+from ..base.version import VERSION
 from .chunks import DEFAULT_MAX_VERTICES, split
 from .color import linear_from_srgb
 from .measured import FILE as MEASURED
@@ -121,7 +121,7 @@ class Scene:
                 self.measured.save(folder / MEASURED)
             meta = {
                 "schema_version": SCHEMA_VERSION,
-                "version": __version__,
+                "version": VERSION,
                 "source": _with_paths(self.source, lambda file: _relative(file, path)),
                 "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
                 "bounds": self.bounds.tolist(),

@@ -1,0 +1,3 @@
+"""The version of both packages, as files and commands name it; pyproject.toml has the same."""
+
+VERSION = "0.1.0"
