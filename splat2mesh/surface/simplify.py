@@ -194,9 +194,10 @@ def _collapse(
                     mark[f[k]] = 2 * e + 1
         if shared == 0 or common != shared:
             continue
-        if _turns_over(points, faces, starts, around, a, b, places[e]) or _turns_over(
-            points, faces, starts, around, b, a, places[e]
-        ):
+        longest = LONGEST * min(sizes[a], sizes[b])
+        if _spoils(points, faces, starts, around, a, b, places[e], longest):
+            continue
+        if _spoils(points, faces, starts, around, b, a, places[e], longest):
             continue
         for vertex in (a, b):
             for i in range(starts[vertex], starts[vertex + 1]):
@@ -221,14 +222,16 @@ def _collapse(
 
 
 @_function
-def _turns_over(points, faces, starts, around, vertex, other, place):
-    """Whether a face of `vertex` that stays would turn too far, or vanish, with the vertex at `place`."""
+def _spoils(points, faces, starts, around, vertex, other, place, longest):
+    """Whether a face of `vertex` that stays would turn too far, vanish or outgrow `longest` with it at `place`."""
     for i in range(starts[vertex], starts[vertex + 1]):
         f = faces[around[i]]
         if f[0] == other or f[1] == other or f[2] == other:
             continue
         k = 0 if f[0] == vertex else 1 if f[1] == vertex else 2
         p, q = points[f[(k + 1) % 3]], points[f[(k + 2) % 3]]
+        if max(((p - place) ** 2).sum(), ((q - place) ** 2).sum()) > longest * longest:
+            return True
         before, after = np.cross(p - points[vertex], q - points[vertex]), np.cross(p - place, q - place)
         product = (before * after).sum()
         if not product > LEAST_TURN * np.sqrt((before * before).sum() * (after * after).sum()):
