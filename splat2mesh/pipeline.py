@@ -18,12 +18,15 @@ from .surface.measure import measured_of
 from .surface.place import parted, reconstruct_place
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
-from .views.standpoints import CHOICES, standpoints
+from .views.standpoints import CHOICES, ROOM_SHARE, standpoints
 from .views.upright import UP_CHOICES, upright
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
 """Of an object. A place gets as many as it asks for."""
+
+GROUND_VERTICES = 200_000
+"""At most, of an object that was captured with the ground around it, where colours ask for more."""
 
 AROUND = 40
 """Views from around that join those of the standpoints where a capture looked from within and from around."""
@@ -92,7 +95,8 @@ def convert(
         if far.any() and background == "keep":
             parts.append(as_trained(splats.take(np.flatnonzero(far))))
             views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
-        mesh = _object(parts, views, surface, effort, vertices or DEFAULT_VERTICES, stages, statistics)
+        most = GROUND_VERTICES if vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
+        mesh = _object(parts, views, surface, effort, vertices or DEFAULT_VERTICES, most, stages, statistics)
         seen_from = sum(map(len, views))
     else:
         views, near = place_views(standing, foreground, trained, rotation[1, :3], effort, seed, stages)
@@ -155,15 +159,18 @@ def _standing(foreground, splats, surface, stand, eyes, seed):
     return standpoints(splats, bounds_of(foreground), stand, eyes, seed)
 
 
-def _object(parts, views, surface, effort, vertices, stages, statistics):
-    """The Mesh of an object, parts[0] (Trained), and of its far background where it is among the parts."""
+def _object(parts, views, surface, effort, vertices, most, stages, statistics):
+    """The Mesh of an object, parts[0] (Trained), and of its far background where it is among the parts.
+
+    most: vertices up to which colours may ask for more, 0 for none.
+    """
     shares = [vertices]
     if len(parts) > 1:
         shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
     meshes = []
     for part, seen_from, share in zip(parts, views, shares, strict=True):
         try:
-            meshes.append(_reconstruct(part, seen_from, surface, effort, share, stages, statistics))
+            meshes.append(_reconstruct(part, seen_from, surface, effort, share, most, stages, statistics))
         except InputError:
             if part is parts[0]:
                 raise
@@ -184,13 +191,15 @@ def _capture(standing, rotation):
     return {"from": standing.kind, "eyes": eyes, "focal_px": standing.focal}
 
 
-def _reconstruct(part, views, surface, effort, vertices, stages, statistics):
+def _reconstruct(part, views, surface, effort, vertices, most, stages, statistics):
     """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
     from .scene.mesh import vertex_normals
+    from .surface.album import Album
     from .surface.clean import drop_small_components, fill_holes, trim_borders
     from .surface.color import vertex_colors, vertex_thickness
     from .surface.decimate import decimate
     from .surface.fair import fair
+    from .surface.refine import refine_by_color
 
     splats, pixel = part
     raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)
@@ -210,6 +219,9 @@ def _reconstruct(part, views, surface, effort, vertices, stages, statistics):
             points = fair(points, faces, thickness / pixel, pixel)
         points, normals = points.astype(np.float32), vertex_normals(points, faces)
     with stages.stage("color"):
+        if most and len(faces):
+            points, faces = refine_by_color(points, faces, Album.of_pictures(pictures), most)
+            normals = vertex_normals(points, faces)
         colors, unseen = vertex_colors(points, normals, pictures)
         statistics["vertices_unseen"] += unseen
     return Mesh(points, normals, faces, colors)

@@ -58,6 +58,22 @@ class Album:
             np.concatenate([each.ravel().astype(np.float32) for each in thickness]),
         )
 
+    @classmethod
+    def of_pictures(cls, pictures):
+        """From a list of color.Picture; how deep a surface reaches is taken from its thickness."""
+        sizes = np.array([picture.depth.shape for picture in pictures])
+        thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
+        return cls(
+            np.array([picture.view.camera_from_world[:3] for picture in pictures]),
+            np.array([[p.view.fx, p.view.fy, p.view.cx, p.view.cy] for p in pictures], float),
+            sizes,
+            np.concatenate([[0], sizes.prod(axis=1).cumsum()[:-1]]),
+            np.concatenate([picture.color.reshape(-1, 3) for picture in pictures]),
+            np.concatenate([picture.depth.ravel() for picture in pictures]),
+            thickness,
+            thickness,
+        )
+
     def look_up(self, points, normals):
         """What the pictures show at points (N, 3) with normals (N, 3), world.
 
