@@ -30,7 +30,7 @@ from .engine.appearance import CHOICES, Appearance, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
-from .options import LightingOptions
+from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
@@ -85,7 +85,7 @@ class Job:
         animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
         messages: the warnings so far, for the report.
         """
-        self.options = (options or LightingOptions()).planned()
+        self._wishes = options or LightingOptions()
         self.stages = stages or Stages()
         self.angles_deg = tuple(angles_deg)
         self._given, self._env, self._capture_env = scene, env, capture_env
@@ -116,6 +116,11 @@ class Job:
             if self._of_splats or "splat" in self._formats:
                 return source_splats(self.scene, self._splat)
         return None
+
+    @cached_property
+    def options(self) -> LightingOptions:
+        """The options that were given, with the tolerance that the scene calls for where they name none."""
+        return self._wishes.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -192,7 +197,7 @@ class Job:
             "effects": sorted(settings.effects),
             "suns": shading.sun_count,
             "bounces": [round(share, 6) for share in shading.bounces],
-            "seed": self.options.seed,
+            "seed": self._wishes.seed,
             "plan": None if self.plan is None else self.plan.as_dict(),
             "rays_traced": self.relighter.rays_traced,
             "exposure": exposure,
@@ -272,7 +277,7 @@ class Job:
     @cached_property
     def _results(self) -> Results:
         splats = self.splats if "splat" in self._formats or self._baked else None
-        look, seed = self.appearance, self.options.seed
+        look, seed = self.appearance, self._wishes.seed
         return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky)
 
     @property

@@ -136,6 +136,11 @@ class Scene:
         self.path = Path(path)
 
     @property
+    def is_place(self) -> bool:
+        """Whether the capture looked from within: a room, a garden, a street."""
+        return self.capture.get("from") in ("inside", "both")
+
+    @property
     def vertex_count(self) -> int:
         """V, over all chunks."""
         return sum(len(chunk.vertices) for chunk in self.chunks)
