@@ -60,7 +60,8 @@ def parser() -> argparse.ArgumentParser:
     add("--capture-env", metavar="FILE", help=capture)
     method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
     add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
-    tolerance = "relative error of the light that is accepted; what it does not call for is not computed (default: 0.01, of places 0.03)"
+    tolerance = "relative error of the light that is accepted; what it does not call for is not computed "
+    tolerance += "(default: 0.01, of places 0.03)"
     add("--tolerance", type=float, metavar="ERROR", help=tolerance)
     budget = "the most exact light in so much time, instead of a tolerance"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
