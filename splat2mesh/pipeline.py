@@ -18,6 +18,7 @@ from .surface.measure import measured_of
 from .surface.place import parted, reconstruct_place
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
+from .views.picture import place_view
 from .views.standpoints import CHOICES, ROOM_SHARE, standpoints
 from .views.upright import UP_CHOICES, upright
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
@@ -110,7 +111,12 @@ def convert(
     if len(mesh.faces) == 0:
         raise InputError(f"{path}: no surface is left after cleaning: is this a splat of a solid object?")
     with stages.stage("picture"):
-        camera = preview_camera(dilated(foreground, training_pixel(foreground)), rotation, standing.eyes)
+        shown = dilated(foreground, training_pixel(foreground))
+        if standing.kind == "outside":
+            view = picture_view(shown, rotation[1, :3])
+        else:
+            view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
+        camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
     statistics = {
         "splats": len(splats) + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
@@ -276,13 +282,12 @@ def place_views(standing, foreground, trained, up, effort, seed, stages):
         return views, near
 
 
-def preview_camera(splats, rotation, eyes=()):
+def preview_camera(view, middle, rotation):
     """The camera of the scene's pictures, as scene.json keeps it: eye, target, up in the scene frame and fov_deg.
 
-    splats: dilated. eyes: list of standpoints.Eye, where visitors of a place stand.
+    view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away.
     """
-    turn, view = rotation[:3, :3], picture_view(splats, rotation[1, :3], eyes)
-    distance = np.linalg.norm(view.center - bounds_of(splats).mean(axis=0))
+    turn, distance = rotation[:3, :3], np.linalg.norm(view.center - middle)
     return {
         "eye": (turn @ view.center).tolist(),
         "target": (turn @ (view.center + view.forward * distance)).tolist(),

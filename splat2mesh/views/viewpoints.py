@@ -19,8 +19,8 @@ CANDIDATE_PIXELS = 80
 PICTURE_ASPECT, PICTURE_ELEVATION = 4 / 3, np.radians(18.0)
 """Shape of the picture that a scene is shown with, and the angle from which it looks down."""
 
-PICTURE_EYES, PICTURE_FOV_DEG = 4, 75.0
-"""Of a place: eyes among which the picture's is chosen, and its angle."""
+PICTURE_FOV_DEG = 75.0
+"""Angle of a picture from inside."""
 
 SKETCH_SPLATS = 40_000
 """Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
@@ -111,11 +111,10 @@ def candidate_views(splats, count, up, seed=0):
     return views
 
 
-def picture_view(splats, up, eyes=()):
+def picture_view(splats, up):
     """A view that makes a good picture of a splat: from slightly above and the side with most to see, or from inside.
 
-    splats: dilated Splats. up: (3,) unit. eyes: places (objects with center and near) of which one is to be looked
-    from, where there are any. Returns a View with the aspect PICTURE_ASPECT.
+    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
     """
     rng = np.random.default_rng(0)
     bounds = bounds_of(splats)
@@ -126,8 +125,6 @@ def picture_view(splats, up, eyes=()):
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
     turns = np.arange(12) * np.pi / 6
     backwards = [np.cos(a) * ahead + np.sin(a) * side + np.tan(PICTURE_ELEVATION) * up for a in turns]
-    if len(eyes):
-        return _picture_from(sketch, eyes[:PICTURE_EYES], backwards, up, size, bounds)
     outside = [View.holding(corners, backward, up, OUTER_FOV_DEG, *size, margin=1.05) for backward in backwards]
     inside = [
         View.look_at(eye, eye - backward, up, PICTURE_FOV_DEG, *size)
@@ -154,17 +151,6 @@ def _judge(sketch, view, near, bounds):
 def _best_picture(pool):
     sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
     return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
-
-
-def _picture_from(sketch, eyes, backwards, up, size, bounds):
-    """The best of the level views around from some eyes."""
-    pool = []
-    for eye in eyes:
-        for backward in backwards[::2]:
-            level = backward - (backward @ up) * up
-            view = View.look_at(eye.center, eye.center - level, up, PICTURE_FOV_DEG, *size)
-            pool.append((view, *_judge(sketch, view, eye.near, bounds)))
-    return _best_picture(pool)
 
 
 def fibonacci_sphere(count):

@@ -71,7 +71,14 @@ def test_json_is_one_object_on_stdout_and_stderr_is_silent(converted):
 def test_the_default_output_is_the_inputs_name_without_its_suffixes_and_nothing_else(converted):
     _, folder = converted
     chunks = [f"ball/chunks/{k:04d}.ply" for k in range(len(Scene.load(folder / "ball").chunks))]
-    assert files_below(folder) == ["ball", "ball.v2.ply", "ball/chunks", *chunks, "ball/scene.json"]
+    assert files_below(folder) == [
+        "ball",
+        "ball.v2.ply",
+        "ball/chunks",
+        *chunks,
+        "ball/measured.npz",
+        "ball/scene.json",
+    ]
 
 
 def test_the_scene_is_the_sphere_upright_in_its_colours_and_outward(converted):
@@ -221,7 +228,7 @@ def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted
     scene = Scene.load(out)
     assert scene.statistics["splats"] == 3000 and scene.statistics["splats_non_finite"] == 30
     np.testing.assert_array_equal(scene.scene_from_splat, np.eye(4))
-    assert files_below(tmp_path)[-1] == "out/scene.json" and len(files_below(tmp_path)) == 7
+    assert files_below(tmp_path)[-1] == "out/scene.json" and len(files_below(tmp_path)) == 8
 
 
 def test_a_bad_file_by_the_real_command(tmp_path):

@@ -214,7 +214,7 @@ def test_the_sugar_way_leads_to_a_scene_too(files, quick):
 def test_the_stages_are_timed(files, quick):
     stages = Stages()
     convert(files / "object.ply", detail="draft", vertices=1000, stages=stages)
-    assert next(iter(stages.seconds)) == "read" and list(stages.seconds)[-1] == "chunks"
+    assert next(iter(stages.seconds)) == "read" and "chunks" in list(stages.seconds)[-2:]
     assert all(seconds >= 0 for seconds in stages.seconds.values()) and len(stages.seconds) > 5
 
 

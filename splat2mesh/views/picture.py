@@ -1,0 +1,70 @@
+"""The view that makes a picture of a place: from where a visitor stands, of what was captured most closely."""
+
+import numpy as np
+
+from ..render.raycaster import RayCaster
+from ..render.view import View
+
+ASPECT, FOV_DEG = 4 / 3, 70.0
+"""Width over height of the picture, and its horizontal angle."""
+
+COLUMNS, ROWS = 32, 24
+"""Rays of a candidate: enough to tell a wall from a garden."""
+
+TURNS, TILTS_DEG = 12, (-6.0, -18.0)
+"""Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""
+
+SAMPLED = 20_000
+"""Vertices that stand for all: what was captured closely has many of them."""
+
+ROOMY = 0.35
+"""Distance, in units of the typical one, that the nearest twentieth of a good picture has at least."""
+
+SEEN = 1.02
+"""Depth of a vertex over that of the surface before it, up to which the vertex shows."""
+
+
+def place_view(vertices, faces, eyes, trained, up):
+    """The View that shows most of what a place holds, from afar enough.
+
+    vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list of
+    View, the cameras of the capture, if there are any. up: (3,) unit. A candidate's worth is the share of the vertices
+    that it shows, times how far its nearest surfaces are.
+    """
+    caster, rng = RayCaster(vertices, faces), np.random.default_rng(0)
+    points = vertices[rng.choice(len(vertices), min(SAMPLED, len(vertices)), replace=False)].astype(np.float64)
+    views = _candidates(eyes, trained, np.asarray(up, np.float64))
+    depths = [_depths(caster, view) for view in views]
+    met = np.concatenate([depth[np.isfinite(depth)] for depth in depths])
+    typical = float(np.median(met)) if len(met) else 1.0
+    worth = [_worth(view, depth, points, typical) for view, depth in zip(views, depths, strict=True)]
+    best = views[int(np.argmax(worth))]
+    return View.look_at(best.center, best.center + best.forward, up, FOV_DEG, 640, round(640 / ASPECT))
+
+
+def _candidates(eyes, trained, up):
+    ahead = np.linalg.svd(up[None])[2][1]
+    side = np.cross(up, ahead)
+    looks = [(view.center, view.forward) for view in trained]
+    for eye in eyes:
+        for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
+            level = np.cos(turn) * ahead + np.sin(turn) * side
+            looks += [(eye.center, level + np.tan(np.radians(tilt)) * up) for tilt in TILTS_DEG]
+    return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
+
+
+def _depths(caster, view):
+    """Camera z of the first surface in each pixel, (ROWS, COLUMNS) float32; infinite where there is none."""
+    directions = view.ray_directions()
+    origins = np.broadcast_to(view.center, directions.shape)
+    return caster.first_hits(np.concatenate([origins, directions], axis=-1)).distance
+
+
+def _worth(view, depth, points, typical):
+    pixels, z = view.project(points)
+    inside = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < [COLUMNS, ROWS]).all(axis=1)
+    column, row = pixels[inside].astype(int).T
+    shown = (z[inside] < SEEN * depth[row, column]).sum() / len(points)
+    met = depth[np.isfinite(depth)]
+    near = float(np.percentile(met, 5)) if len(met) else 0.0
+    return shown * min(near / (ROOMY * typical), 1.0) * (0.3 + 0.7 * len(met) / depth.size)
