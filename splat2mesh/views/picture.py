@@ -27,9 +27,9 @@ SEEN = 1.02
 def place_view(vertices, faces, eyes, trained, up):
     """The View that shows most of what a place holds, from afar enough.
 
-    vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list of
-    View, the cameras of the capture, if there are any. up: (3,) unit. A candidate's worth is the share of the vertices
-    that it shows, times how far its nearest surfaces are.
+    vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list
+    of View, the cameras of the capture, if there are any. up: (3,) unit. A candidate's worth is the share of vertices
+    that it shows, times how far away its nearest surfaces are.
     """
     caster, rng = RayCaster(vertices, faces), np.random.default_rng(0)
     points = vertices[rng.choice(len(vertices), min(SAMPLED, len(vertices)), replace=False)].astype(np.float64)
