@@ -100,6 +100,7 @@ def estimate(
     transfer=None,  # (V, K) of the white scene, where there is one already
     interreflection=None,  # Interreflection, likewise
     sky=None,  # CapturedSky, where the capture saw its light
+    hopeless="",  # why the light cannot be told, where that is known
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -108,7 +109,7 @@ def estimate(
     unless `captured` is (V, 3).
     """
     scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None)
-    problem = scene.problem()
+    problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
     if scene.under_sky:

@@ -11,6 +11,7 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
+from ..albedo.interior import closed_part, told, within
 from ..albedo.skylight import LEAST_TOLD, told_by_sky
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
@@ -34,7 +35,7 @@ class Appearance(NamedTuple):
     irradiance: (V, 3) float32, what every vertex received on the capture day, in the unit of `captured`; where it was
     not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
     capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], how much of a change of light is
-    applied to each vertex of a splat; all of it without.
+    applied to each vertex of a splat; all of it without. kept: whether splats and textures stay as captured.
     """
 
     albedo: NDArray[np.float32] | None
@@ -43,12 +44,16 @@ class Appearance(NamedTuple):
     prior: "Prior | None" = None
     capture: dict[str, Any] | None = None
     trust: NDArray[np.float32] | None = None
+    kept: bool = False
 
-    def received(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+    def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo.
 
-        Where the estimate is not trusted it is drawn towards what they received on the capture day.
+        Where the estimate is not trusted it is drawn towards what they received on the capture day; where splats and
+        textures stay as captured, it is what is shown at this exposure as it was then.
         """
+        if self.kept:
+            return self.irradiance / np.float32(exposure)
         if self.albedo is not None:
             radiance = np.asarray(radiance / np.maximum(self.albedo, np.float32(LEAST_ALBEDO)), np.float32)
         return radiance if self.trust is None else drawn_to_none(self.irradiance, radiance, self.trust)
@@ -92,6 +97,7 @@ def _without_light(
     cache = relighter.cache
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
+    parts.append(within(relighter.scene))
     key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
     kept = cache.get("albedo", *key)
     if kept is None:
@@ -104,9 +110,11 @@ def _without_light(
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
+    described["left_as_captured"] = bool(kept["closed"])
     check = {name: round(float(kept[name]), 3) for name in ("self_relight_db", "distrusted_share")}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
-    return Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
+    look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
+    return look._replace(kept=bool(kept["closed"]))
 
 
 def _sky_of(scene):
@@ -146,17 +154,25 @@ def _estimated(
 ) -> dict[str, Any]:
     from ..albedo import estimate, with_known_light
     from ..albedo.check import self_relight
+    from ..transfer.bounces import visible_fraction
 
     known = relighter.computed(CAPTURE)
     with relighter.stages.stage("albedo"):
+        part = None
         if capture_env is None:
-            found = estimate(relighter.occluder, captured, relighter.seed, **known, sky=_sky_of(relighter.scene))
+            scene = relighter.scene
+            part = closed_part(scene, relighter.occluder, visible_fraction(known["transfer"]))
+            hopeless = "" if part is None else told(part)
+            found = estimate(
+                relighter.occluder, captured, relighter.seed, **known, sky=_sky_of(scene), hopeless=hopeless
+            )
         else:
             found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
         check = self_relight(relighter.occluder, captured, found, **known)
     return {
         **check,
         "under_sky": np.array(found.under_sky),
+        "closed": np.array(part is not None),
         "albedo": found.albedo,
         "irradiance": found.irradiance,
         **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},

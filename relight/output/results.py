@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 PICTURE_SIZE = 960, 720
 
+LEAST_LIGHT = 1e-6
+"""Mean luminance of an environment below which its sky is black."""
+
 
 class Results:
     """Writes the results of a scene, light after light.
@@ -86,14 +89,17 @@ class Results:
         """The splats in the new light, row by row those of the source, in its frame."""
         from ..splats import Binding, under_sky
 
+        rows, frame = self._scene.background_splats, self._scene.scene_from_splat
+        if self._appearance.kept:  # the sky as bright as in the capture, whose exposure they have
+            exposure = self._appearance.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
+            return under_sky(self._splats, rows, light, frame, exposure, self._sky)
         if self._binding is None:
             with self._stages.stage("bind splats"):
                 self._binding = Binding(self._splats, self._scene, seed=self._seed)
         with self._stages.stage("relight splats"):
             received = self._appearance.received(radiance)
             relit = self._binding.relit(self._appearance.irradiance, received, exposure)
-            rows = self._scene.background_splats
-            return under_sky(relit, rows, light, self._scene.scene_from_splat, exposure, self._sky)
+            return under_sky(relit, rows, light, frame, exposure, self._sky)
 
     def _write_splats(self, folder, light, radiance, exposure):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
@@ -128,7 +134,7 @@ class Results:
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-            picture = self._texture.relit(appearance.received(radiance), exposure)
+            picture = self._texture.relit(appearance.received(radiance, exposure), exposure)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
             write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)
