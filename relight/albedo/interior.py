@@ -63,5 +63,5 @@ def told(part: float) -> str:
     """Why a closed room is left as captured, and what to do: the rest of a line."""
     return (
         f"it is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen, so splats and textures "
-        "stay as captured (--albedo captured, or its light as --capture-env, lights them all the same)"
+        "stay as captured (`albedo` captured, or its light as `capture_env`, lights them all the same)"
     )

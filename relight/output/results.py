@@ -90,8 +90,11 @@ class Results:
         from ..splats import Binding, under_sky
 
         rows, frame = self._scene.background_splats, self._scene.scene_from_splat
-        if self._appearance.kept:  # the sky as bright as in the capture, whose exposure they have
-            exposure = self._appearance.capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
+        capture = self._appearance.capture
+        if (
+            capture is not None and self._appearance.kept
+        ):  # the sky as bright as in the capture, whose exposure they have
+            exposure = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
             return under_sky(self._splats, rows, light, frame, exposure, self._sky)
         if self._binding is None:
             with self._stages.stage("bind splats"):

@@ -75,7 +75,7 @@ def test_only_what_was_captured_inside_a_place_closed_in_is_a_room(capture):
 def test_a_closed_room_stays_as_captured_and_says_so(opening):
     scene, splats = box(opening), some_splats()
     relighter = Relighter(scene)
-    with pytest.warns(DataWarning, match=r"closed room, where \d.*--albedo captured"):
+    with pytest.warns(DataWarning, match=r"closed room, where \d.*`albedo` captured"):
         look = appearance_of("estimated", None, relighter)
     assert look.kept and look.capture["left_as_captured"] and not look.capture["separable"]
     dark = np.zeros_like(look.captured)
