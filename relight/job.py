@@ -8,6 +8,7 @@ job.write(shaded, folders)    write
 
 import json
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.console import peak_mb
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
@@ -36,6 +38,9 @@ from .transfer.store import Cache
 
 if TYPE_CHECKING:
     from .planning.plan import Plan
+
+DEFAULT_FORMATS = ("glb", "png")
+"""What is written where nobody says; with a splat, that too."""
 
 AnyLight = Environment | str | os.PathLike[str]
 """An Environment, a file, or the name of a built-in one."""
@@ -65,7 +70,7 @@ class Job:
         albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
         capture_env: AnyLight | None = None,
         exposure_ev: float | None = None,
-        formats: Sequence[str] = ("glb", "png"),
+        formats: Sequence[str] | None = None,
         baked: Sequence[str] = (),
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
@@ -80,7 +85,8 @@ class Job:
         options: LightingOptions; within the default tolerance where they name neither that nor a budget. angles_deg:
         of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
-        2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
+        2^exposure_ev. formats: words of `output.kinds.FILES`; by default glb, png and, where the splat of the scene is
+        found, splat. baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
         the scene says. sky: what becomes of its far background, of `splats.SKIES`. animated: whether the scene is an
         animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
         messages: the warnings so far, for the report.
@@ -90,7 +96,8 @@ class Job:
         self.angles_deg = tuple(angles_deg)
         self._given, self._env, self._capture_env = scene, env, capture_env
         self._albedo, self._exposure_ev = albedo, exposure_ev
-        self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
+        self._formats = None if formats is None else tuple(formats)
+        self._baked, self._texture_size = tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
         self._messages = [] if messages is None else messages
 
@@ -111,11 +118,29 @@ class Job:
 
     @cached_property
     def splats(self) -> tuple[Splats, list[Path]] | None:
-        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none."""
+        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
+
+        Where nobody asked for them and they are not found, None, with a DataWarning.
+        """
+        asked = "splat" in (self._formats or ()) or (self._of_splats and (bool(self._baked) or self._splat is not None))
+        if not asked and "sha256" not in self.scene.source:
+            return None
         with self.stages.stage("load"):
-            if self._of_splats or "splat" in self._formats:
+            try:
                 return source_splats(self.scene, self._splat)
-        return None
+            except InputError as error:
+                if asked:
+                    raise
+                message = f"{error}; without it no splat is relit, and the picture shows the mesh"
+                warnings.warn(message, DataWarning, stacklevel=2)
+                return None
+
+    @cached_property
+    def formats(self) -> tuple[str, ...]:
+        """What is written of each light, of `output.kinds.FILES`."""
+        if self._formats is not None:
+            return self._formats
+        return DEFAULT_FORMATS if self.splats is None else (*DEFAULT_FORMATS, "splat")
 
     @cached_property
     def options(self) -> LightingOptions:
@@ -125,7 +150,7 @@ class Job:
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
-        if "splat" in self._formats or self._baked:
+        if self._shows_splats:
             self.splats  # noqa: B018  a splat that is missing is told before any work
         cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
@@ -276,9 +301,14 @@ class Job:
 
     @cached_property
     def _results(self) -> Results:
-        splats = self.splats if "splat" in self._formats or self._baked else None
+        splats = self.splats if self._shows_splats else None
         look, seed = self.appearance, self._wishes.seed
-        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky)
+        return Results(self.relighter, look, self.formats, self._baked, splats, self._texture_size, seed, self._sky)
+
+    @property
+    def _shows_splats(self) -> bool:
+        """Whether any result needs the splats: pictures show them too."""
+        return bool(self._baked) or self._formats is None or bool({"splat", "png"} & set(self._formats))
 
     @property
     def _name(self) -> str:

@@ -48,7 +48,7 @@ class Results:
         self._splats, self._paths = splats or (None, [])
         self._texture_size, self._seed, self._sky = texture_size, seed, sky
         self._scene, self._stages = relighter.scene, relighter.stages
-        self._preview: Any = None
+        self._picture: Any = None
         self._binding: Any = None
         self._texture: Any = None
 
@@ -59,8 +59,10 @@ class Results:
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
-        names = [FILES[kind] for kind in FILES if kind in self._kinds]
+        pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
+        names = [FILES[kind] for kind in FILES if kind in self._kinds or (kind == "png" and pictured)]
         told: dict = {}
+        relit = None
         with self._stages.stage("write"):
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
@@ -70,20 +72,27 @@ class Results:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
+        if self._splats is not None and pictured:
+            relit = self.relit_splats(light, radiance, exposure)
         if "splat" in self._kinds:
-            names += self._write_splats(folder, light, radiance, exposure)
+            names += self._write_splats(folder, relit)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
-        if "png" in self._kinds:
-            self._write_picture(folder, light, radiance, exposure)
+        if pictured:
+            with self._stages.stage("preview"):
+                image = self._drawn(relit, light, radiance, exposure)
+                mesh_files.write_png(folder / FILES["png"], image)
+            told["preview"] = {"shows": "mesh" if relit is None else "splat", "camera": self._picture.camera}
         return names, told
 
-    def _write_picture(self, folder, light, radiance, exposure):
-        from .preview import Preview
+    def _drawn(self, relit, light, radiance, exposure):
+        """The picture, (H, W, 3) uint8: of the relit splats where there are any, else of the mesh."""
+        from .picture import Picture
 
-        with self._stages.stage("preview"):
-            self._preview = self._preview or Preview(self._scene, None, *PICTURE_SIZE)
-            mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
+        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        if relit is None:
+            return self._picture.of_vertices(radiance, light, exposure)
+        return self._picture.of_splats(relit, light, exposure)
 
     def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
@@ -104,11 +113,10 @@ class Results:
             relit = self._binding.relit(self._appearance.irradiance, received, exposure)
             return under_sky(relit, rows, light, frame, exposure, self._sky)
 
-    def _write_splats(self, folder, light, radiance, exposure):
+    def _write_splats(self, folder, relit):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
         from ..splats import write_relit_ply
 
-        relit = self.relit_splats(light, radiance, exposure)
         with self._stages.stage("write"):
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["splat"], relit, source)
