@@ -133,7 +133,8 @@ def relight_scene(
     of a splat), "captured" (the default for other meshes), "white", or (V, 3) linear, as an array or a .npy file.
     capture_env: the light of the capture, where it is known. exposure_ev: show radiance times 2^exposure_ev; by default
     as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat; by default glb,
-    png and, where the splat that the scene was made from is found, splat. stages: times the work. What can be used again is kept in the cache of a scene folder. Raises InputError for what cannot be read or used.
+    png and, where the splat that the scene was made from is found, splat. stages: times the work.
+    What can be used again is kept in the cache of a scene folder. Raises InputError for what cannot be read or used.
     """
     job = Job(
         scene,

@@ -6,6 +6,7 @@ shaded = job.shaded()         shade
 job.write(shaded, folders)    write
 """
 
+import copy
 import json
 import os
 import warnings
@@ -75,6 +76,7 @@ class Job:
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
         sky: str = "new",
+        sheet: bool = False,
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -87,7 +89,8 @@ class Job:
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
         2^exposure_ev. formats: words of `output.kinds.FILES`; by default glb, png and, where the splat of the scene is
         found, splat. baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
-        the scene says. sky: what becomes of its far background, of `splats.SKIES`. animated: whether the scene is an
+        the scene says. sky: what becomes of its far background, of `splats.SKIES`. sheet: whether the lights are also
+        shown beside what was captured. animated: whether the scene is an
         animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
         messages: the warnings so far, for the report.
         """
@@ -99,7 +102,17 @@ class Job:
         self._formats = None if formats is None else tuple(formats)
         self._baked, self._texture_size = tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
+        self._sheet = sheet
         self._messages = [] if messages is None else messages
+
+    def under(self, env: AnyLight) -> "Job":
+        """The same job under another light: all that does not depend on the light is shared."""
+        self._results  # noqa: B018  what is shared is made first
+        other = copy.copy(self)
+        for name in ("environment", "plan", "_lights"):
+            other.__dict__.pop(name, None)
+        other._env = env
+        return other
 
     # load
 
@@ -196,11 +209,19 @@ class Job:
         """Fill a folder with the results of one light; returns their report, JSON-clean."""
         light, shading, exposure = shaded
         report = self.report(shaded)
+        alone = self._sheet and len(self.angles_deg) == 1
         with staged_folder(folder) as staging:
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
+            if self._sheet:
+                self._results.add_to_sheet(light, shading.radiance, exposure)
+                report["files"] += [self._results.write_sheet(staging, 1)] * alone
             report.update(told)
             self._write_report(staging, report)
         return report
+
+    def write_sheet(self, folder: str | os.PathLike[str]) -> Path:
+        """Write all lights so far side by side, with what was captured; returns the path of the picture."""
+        return Path(folder) / self._results.write_sheet(Path(folder))
 
     def report(self, shaded: Shaded) -> dict[str, Any]:
         """What was done and how, JSON-clean, without files and times."""

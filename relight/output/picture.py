@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
 
+PLAIN = 0.62
+"""Display value behind what no light is known of: no surface is as even."""
+
 NEAR = 0.002
 """Near plane of the splats, in diagonals of the scene."""
 
@@ -47,10 +50,13 @@ class Picture:
         self._directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
         self._pixel = 1.0 / self.view.fx
 
-    def of_splats(self, splats: Splats, environment: "Environment", exposure: float, inset: bool = True) -> NDArray:
+    def of_splats(
+        self, splats: Splats, environment: "Environment | None", exposure: float, inset: bool = True
+    ) -> NDArray:
         """The picture, (H, W, 3) uint8 sRGB, of splats in the frame that `scene_from_splat` starts from.
 
-        exposure: display value per unit of radiance, for what is behind them.
+        environment: what they were relit with, or None: before plain grey, without an inset. exposure: display value
+        per unit of radiance, for what is behind them.
         """
         frame = np.asarray(self._scene.scene_from_splat, np.float64)
         view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
@@ -70,12 +76,14 @@ class Picture:
 
     def _finished(self, image, environment, exposure, inset):
         image = np.ascontiguousarray(image, np.float32)
-        if inset:
+        if inset and environment is not None:
             add_inset(image, self.view, environment, exposure)
         return bytes_from_unit(image)
 
     def _behind(self, environment, exposure):
         """Display values, (H, W, 3) float32 sRGB, of the light and of the ground, without the scene."""
+        if environment is None:
+            return np.full((self.view.height, self.view.width, 3), PLAIN, np.float32)
         shown = behind(environment, self._directions, self._pixel / FINE, exposure)
         if not self._scene.is_place:
             self._shade_ground(shown, environment)

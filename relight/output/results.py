@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 PICTURE_SIZE = 960, 720
 
+SHEET, BEFORE = "sheet.png", ("captured", "albedo")
+"""The picture with all lights, and what stands before them on it."""
+
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
 
@@ -49,6 +52,8 @@ class Results:
         self._texture_size, self._seed, self._sky = texture_size, seed, sky
         self._scene, self._stages = relighter.scene, relighter.stages
         self._picture: Any = None
+        self._drawn_last: NDArray[np.uint8] | None = None
+        self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._binding: Any = None
         self._texture: Any = None
 
@@ -80,8 +85,8 @@ class Results:
             names += self._write_textures(folder, light, radiance, exposure, told)
         if pictured:
             with self._stages.stage("preview"):
-                image = self._drawn(relit, light, radiance, exposure)
-                mesh_files.write_png(folder / FILES["png"], image)
+                self._drawn_last = self._drawn(relit, light, radiance, exposure)
+                mesh_files.write_png(folder / FILES["png"], self._drawn_last)
             told["preview"] = {"shows": "mesh" if relit is None else "splat", "camera": self._picture.camera}
         return names, told
 
@@ -94,9 +99,46 @@ class Results:
             return self._picture.of_vertices(radiance, light, exposure)
         return self._picture.of_splats(relit, light, exposure)
 
+    def add_to_sheet(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> None:
+        """Keep the picture of a light that was just written, in half its size, for the sheet."""
+        with self._stages.stage("sheet"):
+            image = self._drawn_last
+            if image is None:
+                relit = None if self._splats is None else self.relit_splats(light, radiance, exposure)
+                image = self._drawn(relit, light, radiance, exposure)
+            self._drawn_last = None
+            if not self._on_sheet:
+                self._on_sheet = [(name, _halved(each)) for name, each in self._before()]
+            self._on_sheet.append((f"{light.name} {light.rotation_deg:g}°", _halved(image)))
+
+    def write_sheet(self, folder: Path, last: int | None = None) -> str:
+        """Write the sheet of all lights kept, or of the last so many: its name."""
+        from .sheet import sheet
+
+        first = [each for each in self._on_sheet if each[0] in BEFORE]
+        lights = self._on_sheet[len(first) :]
+        mesh_files.write_png(folder / SHEET, sheet(first + lights[-(last or len(lights)) :]))
+        return SHEET
+
+    def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:
+        """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey."""
+        from .picture import Picture
+
+        look = self._appearance
+        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        estimated = look.prior is not None and not look.kept and look.albedo is not None
+        if self._splats is None:
+            found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]
+            return [*found, (BEFORE[1], self._picture.of_vertices(look.albedo, None, 1.0))] if estimated else found
+        found = [(BEFORE[0], self._picture.of_splats(self._splats, None, 1.0))]
+        if estimated:
+            white = np.ones_like(look.captured)
+            found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
+        return found
+
     def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
-        from ..splats import Binding, under_sky
+        from ..splats import under_sky
 
         rows, frame = self._scene.background_splats, self._scene.scene_from_splat
         capture = self._appearance.capture
@@ -105,13 +147,19 @@ class Results:
         ):  # the sky as bright as in the capture, whose exposure they have
             exposure = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
             return under_sky(self._splats, rows, light, frame, exposure, self._sky)
+        binding = self._bound()
+        with self._stages.stage("relight splats"):
+            received = self._appearance.received(radiance)
+            relit = binding.relit(self._appearance.irradiance, received, exposure)
+            return under_sky(relit, rows, light, frame, exposure, self._sky)
+
+    def _bound(self) -> Any:
+        from ..splats import Binding
+
         if self._binding is None:
             with self._stages.stage("bind splats"):
                 self._binding = Binding(self._splats, self._scene, seed=self._seed)
-        with self._stages.stage("relight splats"):
-            received = self._appearance.received(radiance)
-            relit = self._binding.relit(self._appearance.irradiance, received, exposure)
-            return under_sky(relit, rows, light, frame, exposure, self._sky)
+        return self._binding
 
     def _write_splats(self, folder, relit):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
@@ -152,3 +200,10 @@ class Results:
             if "transfer" in self._baked:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names
+
+
+def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture in half its size."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    blocks = image[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).astype(np.float32)
+    return np.asarray(np.rint(blocks.mean(axis=(1, 3))), np.uint8)

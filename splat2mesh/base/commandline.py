@@ -29,8 +29,7 @@ class Parser(argparse.ArgumentParser):
         if unknown:
             options = [text for action in self._actions for text in action.option_strings]
             message = f"{unknown[1]}: no such option" + _guess(unknown[1], options)
-        print(f"error: {message}; {self.prog} --help shows all", file=sys.stderr)
-        raise SystemExit(2)
+        self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
 
 
 def joined(arguments: Sequence[str], signed: Iterable[str]) -> list[str]:

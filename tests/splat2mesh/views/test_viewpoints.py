@@ -14,8 +14,8 @@ from splat2mesh.splats.splats import Splats
 from splat2mesh.views import viewpoints
 from splat2mesh.views.viewpoints import (
     CANDIDATE_PIXELS,
-    PICTURE_ASPECT,
     ELEVATIONS_DEG,
+    PICTURE_ASPECT,
     bounds_of,
     candidate_views,
     fibonacci_sphere,
