@@ -49,7 +49,7 @@ def chosen(option: str, value: str, choices: Iterable[str]) -> str:
     known = {choice.lower(): choice for choice in choices}
     if value.lower() in known:
         return known[value.lower()]
-    listed = ", ".join(known.values())
+    listed = " ".join(known.values())
     raise InputError(f"{option} {value}: expected one of {listed}{_guess(value.lower(), known)}")
 
 
@@ -58,7 +58,7 @@ def several(option: str, values: Sequence[str] | None, choices: Iterable[str]) -
     choices = list(choices)
     words = [word for value in values or () for word in value.split(",") if word]
     if values is not None and not words:
-        raise InputError(f"{option}: expected some of {', '.join(choices)}")
+        raise InputError(f"{option}: expected some of {' '.join(choices)}")
     return list(dict.fromkeys(chosen(option, word, choices) for word in words))
 
 
