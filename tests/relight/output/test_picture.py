@@ -55,7 +55,7 @@ def test_nothing_hides_light_from_far_ground_and_a_body_on_it_hides_most_below_i
     catcher = Catcher(scene, RayCaster(scene.vertices, scene.faces))
     low, high = scene.bounds
     middle = 0.5 * (low + high)[[0, 2]]
-    far = middle + [30.0 * np.ptp(scene.bounds), 0.0]
+    far = middle + np.array([30.0 * np.ptp(scene.bounds), 0.0])
     below, away = catcher.shadow(EVEN, np.array([middle, far]))
     assert np.all(away == 1.0) and np.all(below < 0.1)
 
@@ -88,7 +88,7 @@ def test_a_sky_is_shown_as_bright_as_it_lights_but_for_the_air_at_its_horizon(na
     low = (directions[..., 1] < 0) & (directions[..., 1] > -0.2)
     sun = image.max(axis=-1) > 50.0  # which the image spreads over its texels
     compared = ~low & ~sun
-    np.testing.assert_allclose(seen[compared], image[compared], rtol=1e-3)
+    np.testing.assert_allclose(seen[compared], image[compared], rtol=5e-3)  # what is left of the air at -0.2
     if skies.sun_of(name):
         assert skies.seen(name, skies.sun_of(name)[0][None]).min() > 100.0
 
@@ -115,8 +115,7 @@ def test_the_arrow_comes_from_where_the_light_is():
         light = np.full((64, 128, 3), 0.01, np.float32)
         light[30:34, column] = 50.0
         image = np.zeros((480, 640, 3), np.float32)
-        rows, columns = add_inset(image, view, Environment(light), 0.3)
-        image[np.ix_(range(*rows.indices(480)), range(*columns.indices(640)))] *= 1.0
+        rows, _ = add_inset(image, view, Environment(light), 0.3)
         yellow = (image[..., 0] > 0.8) & (image[..., 2] < 0.4)
         assert yellow.any() and not image[: rows.start].any()
         found[name] = np.nonzero(yellow)[1].mean()
