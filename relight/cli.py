@@ -151,11 +151,12 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     with recorded_warnings() as messages:
         try:
             told: list[str] = []
+            scene: Path | None = source
             if is_splat(source):
-                source, told = _meshed(source, options, stages)
-            if source is None:
+                scene, told = _meshed(source, options, stages)
+            if scene is None:
                 return told, {"plan": None}
-            lines, result = _relit(source, lights, angles, options, stages, messages)
+            lines, result = _relit(scene, lights, angles, options, stages, messages)
         finally:
             stages.close()
     return told + lines, result
