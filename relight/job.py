@@ -29,8 +29,11 @@ from splat2mesh.splats.splats import Splats
 from .engine.appearance import CHOICES, Appearance, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
+from .light.skies import BUILTIN
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
+from .output.kinds import OF_SPLATS
+from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
@@ -70,6 +73,7 @@ class Job:
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
         sky: str = "new",
+        lights: Sequence[AnyLight] = (),
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -81,7 +85,8 @@ class Job:
         of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
         2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
-        the scene says. sky: what becomes of its far background, of `splats.SKIES`. animated: whether the scene is an
+        the scene says. sky: what becomes of its far background, of `splats.SKIES`. lights: others that what is live
+        has beside its own and the built-in ones. animated: whether the scene is an
         animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
         messages: the warnings so far, for the report.
         """
@@ -92,6 +97,7 @@ class Job:
         self._albedo, self._exposure_ev = albedo, exposure_ev
         self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
+        self._more_lights = tuple(lights)
         self._messages = [] if messages is None else messages
 
     # load
@@ -113,7 +119,7 @@ class Job:
     def splats(self) -> tuple[Splats, list[Path]] | None:
         """The splats that the scene was made from and the paths of their files; None for a mesh, which has none."""
         with self.stages.stage("load"):
-            if self._of_splats or "splat" in self._formats:
+            if self._of_splats or self._needs_splats:
                 return source_splats(self.scene, self._splat)
         return None
 
@@ -125,7 +131,7 @@ class Job:
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
-        if "splat" in self._formats or self._baked:
+        if self._needs_splats or self._baked:
             self.splats  # noqa: B018  a splat that is missing is told before any work
         cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
@@ -276,9 +282,20 @@ class Job:
 
     @cached_property
     def _results(self) -> Results:
-        splats = self.splats if "splat" in self._formats or self._baked else None
+        splats = self.splats if self._needs_splats or self._baked else None
         look, seed = self.appearance, self._wishes.seed
-        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky)
+        live = None
+        if {"live", "web"} & set(self._formats):
+            others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
+            tolerance = self._wishes.tolerance
+            live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
+        return Results(
+            self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky, live
+        )
+
+    @property
+    def _needs_splats(self) -> bool:
+        return bool(set(OF_SPLATS) & set(self._formats))
 
     @property
     def _name(self) -> str:
@@ -303,7 +320,16 @@ class Job:
             return 2.0**self._exposure_ev
         others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        return self._as_captured(exposure, self.environment)
+
+    def _exposure_of(self, light: Environment, radiance: NDArray[np.float32]) -> float:
+        """The same for one other light."""
+        if self._exposure_ev is not None:
+            return 2.0**self._exposure_ev
+        return self._as_captured(auto_exposure(radiance), light)
+
+    def _as_captured(self, exposure: float, light: Environment) -> float:
+        capture, mean = self.appearance.capture, light.mean_luminance
         if capture is None or not mean > 0.0:
             return exposure
         return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))

@@ -54,6 +54,7 @@ def described(live, splats):
         "splats": splats,
         "source": live.source,
         "frame": {"scene_from_splat": live.frame.tolist(), "up": "+y", "middle": live.middle.tolist()},
+        "camera": live.camera,
         "transfer": {
             "file": "transfer.bin",
             "bytes": 2 + weights,

@@ -12,6 +12,7 @@ from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
 from .kinds import FILES
+from .live_files import LiveFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -29,7 +30,7 @@ class Results:
 
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats.
+    background of splats. live: writes what is live, where `kinds` have that.
     """
 
     def __init__(
@@ -42,7 +43,9 @@ class Results:
         texture_size: int | None = None,
         seed: int = 0,
         sky: str = "new",
+        live: LiveFiles | None = None,
     ) -> None:
+        self._live = live
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
@@ -59,7 +62,7 @@ class Results:
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
-        names = [FILES[kind] for kind in FILES if kind in self._kinds]
+        names = [FILES[kind] for kind in FILES if kind in self._kinds and kind not in ("live", "web")]
         told: dict = {}
         with self._stages.stage("write"):
             if "glb" in self._kinds:
@@ -74,6 +77,9 @@ class Results:
             names += self._write_splats(folder, light, radiance, exposure)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
+        if self._live is not None:
+            written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
+            names += written
         if "png" in self._kinds:
             self._write_picture(folder, light, radiance, exposure)
         return names, told
