@@ -129,23 +129,30 @@ export function surfaceOf(bundle) {
   return { normals, places, own };
 }
 
-// Add suns to the changes. suns: [{direction, weight}], turned, of which each has the Shadow of the same index.
+// Add suns to the changes. suns: [{direction, weight}], turned, of which each has the Shadow of the same index, or null.
 export function addSuns(bundle, surface, suns, shadows, exposure, ratio) {
-  const { count, surface: bytes } = bundle, { normals, places, own: [red, green, blue] } = surface;
-  suns.forEach(({ direction: [dx, dy, dz], weight }, index) => {
-    const [wr, wg, wb] = weight.map((value) => value * exposure / Math.PI), shadow = shadows[index];
-    for (let n = 0, at = 0; n < count; n++, at += 8) {
-      if (bytes[at + 7] !== LIT) continue;
-      const i = 3 * n, nx = normals[i], ny = normals[i + 1], nz = normals[i + 2], r = bytes[at + 2] / 255;
-      const x = r * (nx * dx + ny * dy + nz * dz), facing = 0.5 * (x + Math.sqrt(x * x + 0.25 * (1 - r) * (1 - r)));
-      if (facing < 1e-3) continue;
-      const light = facing * (shadow ? shadow.lit(places[i], places[i + 1], places[i + 2], nx, ny, nz) : 1);
-      if (!light) continue;
+  suns.forEach(({ direction, weight }, index) => {
+    const share = surface.share ??= new Float32Array(bundle.count), [wr, wg, wb] = weight.map((value) => value * exposure / Math.PI);
+    faceSun(bundle, surface, direction, share);
+    if (shadows[index]) shadows[index].hide(surface.places, surface.normals, share);
+    const { count, surface: bytes } = bundle, [red, green, blue] = surface.own;
+    for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
+      const light = share[n];
+      if (light === 0) continue;
       ratio[i] += wr * light * red[bytes[at + 4]];
       ratio[i + 1] += wg * light * green[bytes[at + 5]];
       ratio[i + 2] += wb * light * blue[bytes[at + 6]];
     }
   });
+}
+
+// How much each splat faces a sun: the mean of max(0, n.d) over normals that agree as much as its own do.
+function faceSun({ count, surface: bytes }, { normals }, [dx, dy, dz], share) {
+  for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
+    const r = bytes[at + 2] / 255, x = r * (normals[i] * dx + normals[i + 1] * dy + normals[i + 2] * dz);
+    const facing = 0.5 * (x + Math.sqrt(x * x + 0.25 * (1 - r) * (1 - r)));
+    share[n] = bytes[at + 7] === LIT && facing > 1e-3 ? facing : 0;
+  }
 }
 
 export function albedoChanges(bundle, surface, ratio) {
@@ -160,41 +167,49 @@ export function usualGain(bundle, light, angle, exposure) {
 }
 
 const LOWEST_BITS = 0x38800000 >> 12, HIGHEST_BITS = 0x461c4000 >> 12; // 2^-14, 1e4
-const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => linear(byte / 255));
-let gainTable = null, curveTable = null;
+const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => Math.max(linear(byte / 255), 1e-4));
+const ROLLED = Float32Array.from({ length: 1025 }, (_, i) => 1 - Math.exp(-i / 128)); // up to 8: what is left is no step of a display
+let gainTable = null;
 
-// Gains of all splats as 16 bits, red, green, blue, and 1 where they are a colour instead: (N, 4) into `out`.
+function gainsByBits() {
+  const number = new Float32Array(1), bits = new Uint32Array(number.buffer);
+  return Uint16Array.from({ length: HIGHEST_BITS - LOWEST_BITS + 1 }, (_, i) => {
+    bits[0] = (i + LOWEST_BITS << 12) + 2048;
+    return Math.round(GAIN_UNIT * number[0] ** (1 / 2.4));
+  });
+}
+
+// Gains of all splats as 16 bits, red, green, blue, and 1 where they are a colour instead: (N, 4) into `out`. What would
+// be shown brighter than .8 runs into 1, in `ratio` too.
 export function gains(bundle, ratio, out) {
-  const { count, splats: { colors }, surface } = bundle;
-  if (!gainTable) {
-    const number = new Float32Array(1), bits = new Uint32Array(number.buffer);
-    gainTable = Uint16Array.from({ length: HIGHEST_BITS - LOWEST_BITS + 1 }, (_, i) => {
-      bits[0] = (i + LOWEST_BITS << 12) + 2048;
-      return Math.round(GAIN_UNIT * number[0] ** (1 / 2.4));
-    });
-  }
-  const bits = new Uint32Array(ratio.buffer, ratio.byteOffset, ratio.length), table = gainTable, most = table.length - 1;
-  for (let n = 0, i = 0, to = 0; n < count; n++, to += 4) {
-    if (surface[8 * n + 7] !== LIT) {
+  const { count, splats: { colors }, surface } = bundle, table = gainTable ??= gainsByBits(), most = table.length - 1;
+  const bits = new Int32Array(ratio.buffer, ratio.byteOffset, ratio.length), lit = LINEAR; // negative numbers have negative bits
+  for (let n = 0, i = 0, to = 0, at = 7; n < count; n++, i += 3, to += 4, at += 8) {
+    if (surface[at] !== LIT) {
       out[to] = out[to + 1] = out[to + 2] = GAIN_UNIT;
       out[to + 3] = 0;
-      i += 3;
       continue;
     }
-    for (let k = 0; k < 3; k++, i++) {
-      const color = LINEAR[colors[i]], shown = ratio[i] * color;
-      if (shown > 0.8) {
-        const start = color > 0.8 ? color : 0.8;
-        if (shown > start) {
-          const room = start < 0.999 ? 1 - start : 0.001;
-          ratio[i] = (start + room * (1 - Math.exp((start - shown) / room))) / color;
-        }
-      }
-      const index = (ratio[i] > 0 ? bits[i] >>> 12 : 0) - LOWEST_BITS;
-      out[to + k] = table[index < 0 ? 0 : index > most ? most : index];
-    }
+    const red = lit[colors[i]], green = lit[colors[i + 1]], blue = lit[colors[i + 2]];
+    if (ratio[i] * red > 0.8) ratio[i] = rolledOff(ratio[i], red);
+    if (ratio[i + 1] * green > 0.8) ratio[i + 1] = rolledOff(ratio[i + 1], green);
+    if (ratio[i + 2] * blue > 0.8) ratio[i + 2] = rolledOff(ratio[i + 2], blue);
+    const r = (bits[i] >> 12) - LOWEST_BITS, g = (bits[i + 1] >> 12) - LOWEST_BITS, b = (bits[i + 2] >> 12) - LOWEST_BITS;
+    out[to] = table[r < 0 ? 0 : r > most ? most : r];
+    out[to + 1] = table[g < 0 ? 0 : g > most ? most : g];
+    out[to + 2] = table[b < 0 ? 0 : b > most ? most : b];
     out[to + 3] = 0;
   }
+}
+
+// A change that would show more than .8 of a captured linear colour: it runs into 1, unless it was brighter then.
+function rolledOff(ratio, color) {
+  const start = color > 0.8 ? color : 0.8, shown = ratio * color;
+  if (shown <= start) return ratio;
+  const room = start < 0.999 ? 1 - start : 0.001, over = (shown - start) / room * 128;
+  if (over >= 1024) return (start + room) / color;
+  const at = over | 0;
+  return (start + room * (ROLLED[at] + (ROLLED[at + 1] - ROLLED[at]) * (over - at))) / color;
 }
 
 // Far background shows the sky, turned: colours in place of gains.

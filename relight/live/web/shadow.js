@@ -50,17 +50,22 @@ export class Shadow {
     }
   }
 
-  // The share of the sun, 0 to 1, at a place with a unit normal: four texels around, blended.
-  lit(x, y, z, nx, ny, nz) {
-    const { u, v, d, low, texel, size, depth } = this, off = BIAS * texel;
-    const px = x + off * nx, py = y + off * ny, pz = z + off * nz;
-    const column = (px * u[0] + py * u[1] + pz * u[2] - low[0]) / texel - 0.5, row = (px * v[0] + py * v[1] + pz * v[2] - low[1]) / texel - 0.5;
-    const left = Math.floor(column), top = Math.floor(row);
-    if (left < 0 || top < 0 || left > size - 2 || top > size - 2) return 1;
-    const t = px * d[0] + py * d[1] + pz * d[2] + 0.5 * off, right = column - left, down = row - top, at = top * size + left;
-    const a = depth[at] < t ? 1 - right : 0, b = depth[at + 1] < t ? right : 0;
-    const c = depth[at + size] < t ? 1 - right : 0, e = depth[at + size + 1] < t ? right : 0;
-    return (a + b) * (1 - down) + (c + e) * down;
+  // Take from each share (N) what is hidden at its place (N, 3), where surfaces face along normals (N, 3): four texels
+  // around the place, blended.
+  hide(places, normals, share) {
+    const { texel, size, depth } = this, off = BIAS * texel, [ux, uy, uz] = this.u, [vx, vy, vz] = this.v, [dx, dy, dz] = this.d;
+    const scale = 1 / texel, lowU = this.low[0] * scale + 0.5, lowV = this.low[1] * scale + 0.5, last = size - 2;
+    for (let n = 0, i = 0; n < share.length; n++, i += 3) {
+      if (share[n] === 0) continue;
+      const x = places[i] + off * normals[i], y = places[i + 1] + off * normals[i + 1], z = places[i + 2] + off * normals[i + 2];
+      const column = (x * ux + y * uy + z * uz) * scale - lowU, row = (x * vx + y * vy + z * vz) * scale - lowV;
+      if (!(column >= 0 && row >= 0 && column <= last && row <= last)) continue;
+      const left = column | 0, top = row | 0, right = column - left, down = row - top, at = top * size + left;
+      const t = x * dx + y * dy + z * dz + 0.5 * off;
+      const above = (depth[at] < t ? 1 - right : 0) + (depth[at + 1] < t ? right : 0);
+      const below = (depth[at + size] < t ? 1 - right : 0) + (depth[at + size + 1] < t ? right : 0);
+      share[n] *= above + (below - above) * down;
+    }
   }
 }
 
