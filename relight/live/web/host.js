@@ -50,6 +50,7 @@ async function host(container, splat, frame, camera, options = {}) {
   show(new Uint16Array(stream.width * stream.height * 4).fill(1024).map((value, i) => i % 4 === 3 ? 0 : value), [1, 1, 1]);
   gsplat.setWorkBufferModifier(MODIFIER);
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
+  if (viewer.state.cameraMode === "anim" && camera.outside !== false) viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
   return { viewer, app, entity, show, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 

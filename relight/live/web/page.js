@@ -63,7 +63,7 @@ async function readFiles({ files, packed }) {
 
 class Session {
   constructor(bundle, proxy, lights, stage, data, tell) {
-    Object.assign(this, { bundle, proxy, lights, stage, tell });
+    Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
     this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, view: "relit", sky: true, compare: false, line: 0.5 };
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);

@@ -114,7 +114,7 @@ def test_what_does_not_belong_together_is_refused(reader, folder, tmp_path, chan
     for name in ("splat.ply", "transfer.bin", "surface.bin", "basis.bin"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     if change == "another splat":
-        (tmp_path / "splat.ply").write_bytes((folder / "splat.ply").read_bytes()[:-1] + b"\0")
+        (tmp_path / "splat.ply").write_bytes((folder / "splat.ply").read_bytes()[:-4] + b"\0\0\0\1")
     if change == "fewer rows":
         meta["count"] -= 1
     if change == "a newer version":
