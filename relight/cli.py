@@ -1,6 +1,7 @@
 """The relight command: scene and light in, relit files out. Holds no mathematics, imports nothing heavy."""
 
 import argparse
+import contextlib
 import math
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ EXAMPLES = """examples:
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
-  relight garden --env sunset --format web         relit.html: one page to turn the light in, opened by any browser
+  relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
 
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/.
 A negative start needs an equals sign: --rotate=-30:30:10."""
@@ -42,8 +43,12 @@ def parser() -> argparse.ArgumentParser:
 
     add = parser.add_argument_group("light").add_argument
     names = "studio, overcast, noon, sunset"
-    several = "; given again, another light of --format live and web"
-    add("--env", action="append", metavar="FILE|NAME", help=f".exr or .hdr file, or {names} (default: studio){several}")
+    add(
+        "--env",
+        default="studio",
+        metavar="FILE|NAME",
+        help=f".exr or .hdr file, or {names} (default: %(default)s)",
+    )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
@@ -89,8 +94,12 @@ def parser() -> argparse.ArgumentParser:
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
     sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
     add("--sky", default="new", choices=("new", "keep", "drop"), metavar="WHICH", help=sky)
-    serve = "show a page that --format web wrote as a folder, SCENE, at http://127.0.0.1:PORT (default: 8000)"
-    add("--serve", nargs="?", const=8000, type=int, metavar="PORT", help=serve)
+    lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
+    add("--lights", nargs="+", default=[], metavar="FILE|NAME", help=lights)
+    serve = (
+        "show the page that --format web wrote as a folder, SCENE, in a browser of this machine (default: a free port)"
+    )
+    add("--serve", nargs="?", const=0, type=int, metavar="PORT", help=serve)
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
@@ -136,10 +145,8 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
     source = Path(options.scene)
     if options.serve is not None:
-        return _served(source, options)
-    lights = options.env or ["studio"]
-    options.env = lights[0]
-    _check(options, source, len(lights))
+        return _page_served(source, options)
+    _check(options, source)
     angles = angles_from(options.rotate)
     if (options.view or options.animate) and len(angles) > 1:
         raise _error(f"--rotate {options.rotate}: a session or an animation has one angle")
@@ -164,7 +171,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
                 texture_size=options.texture_size,
                 splat=options.splat,
                 sky=options.sky,
-                lights=lights[1:],
+                lights=options.lights,
                 animated=options.animate,
                 caching="none" if options.no_cache else "read" if options.plan else "keep",
                 stages=stages,
@@ -188,29 +195,27 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
 
 
-def _check(options: argparse.Namespace, source: Path, lights: int = 1) -> None:
+def _check(options: argparse.Namespace, source: Path) -> None:
     """Raise InputError, before any work, for options that make no sense."""
     if not source.exists():
         raise _error(f"{source}: no such scene folder or mesh file")
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
         raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
-    if lights > 1 and not {"live", "web"} & set(options.format):
-        raise _error(f"--env: {lights} lights; expected one, or --format live or web, which hold several")
+    if options.lights and not {"live", "web"} & set(options.format):
+        raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
     if options.screenshot and not options.view:
         raise _error("--screenshot: it is one of the session; give --view too")
 
 
-def _served(source: Path, options: argparse.Namespace) -> tuple[list[str], Any]:
+def _page_served(folder: Path, options: argparse.Namespace) -> tuple[list[str], Any]:
     from .live.serve import server_of
 
-    with server_of(source, options.serve) as server:
+    with server_of(folder, options.serve) as server:
         if not options.quiet:
-            print(f"{server.url} shows {source}; Ctrl-C ends it", file=sys.stderr)
-        try:
+            print(f"open {server.url} (Ctrl-C stops)", file=sys.stderr)
+        with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()
-        except KeyboardInterrupt:
-            pass
         return [], {"served": server.url}
 
 

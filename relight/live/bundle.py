@@ -4,8 +4,6 @@ import hashlib
 import json
 from pathlib import Path
 
-import numpy as np
-
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
 
@@ -89,7 +87,9 @@ def described(live, splats):
                 "whole": light.whole[: SPREAD_BANDS**2].tolist(),
                 "suns": [
                     {"direction": direction, "weight": weight}
-                    for direction, weight in zip(light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True)
+                    for direction, weight in zip(
+                        light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True
+                    )
                 ],
             }
             for file, light in zip(light_files(live), live.lights, strict=True)

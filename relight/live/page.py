@@ -80,7 +80,11 @@ def _script():
     """The viewer and what lights it as one module; names of ours in a block of their own."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     library = [_text(name) for name in ("light.js", "splats.js", "shadow.js", "live.js")]
-    names = [name for part in library for name in re.findall(r"^export (?:async )?(?:const|function|class) (\w+)", part, re.M)]
+    names = [
+        name
+        for part in library
+        for name in re.findall(r"^export (?:async )?(?:const|function|class) (\w+)", part, re.M)
+    ]
     parts = [re.sub(r"^import .*$", "", re.sub(r"^export ", "", part, flags=re.M), flags=re.M) for part in library]
     library_text = "".join(parts)
     return (

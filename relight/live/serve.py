@@ -25,7 +25,7 @@ class _Server(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_address[1]}/"
 
 
-def server_of(folder, port=8000):
+def server_of(folder, port=0):
     """A server, to be closed, of the page that `relight --format web` wrote as a folder; port 0 takes any.
 
     folder: that folder, or the one of results that holds it. Raises InputError where there is no page, and for a port

@@ -76,7 +76,14 @@ class LiveFiles:
                 radiance = self._relighter.shading(each, albedo, traced).radiance
                 lights.append((each, self._exposure_of(each, radiance)))
             self._live = live_of(
-                self._relighter, self._appearance, self._splats, lights, settings, self._tolerance, self._sky, self._seed
+                self._relighter,
+                self._appearance,
+                self._splats,
+                lights,
+                settings,
+                self._tolerance,
+                self._sky,
+                self._seed,
             )
         return self._live
 

@@ -174,9 +174,7 @@ def test_the_saved_ply_is_the_relit_splat(folder, tmp_path):
     np.testing.assert_allclose(agree, 1.0, atol=1e-5)
     gains = np.fromfile(tmp_path / "g", np.uint16).reshape(-1, 4)[:, :3] / 1024
     c = 0.28209479
-    np.testing.assert_allclose(
-        0.555 + c * saved.sh[:, 0], gains * (0.555 + c * packed.sh[:, 0]), atol=2e-3
-    )
+    np.testing.assert_allclose(0.555 + c * saved.sh[:, 0], gains * (0.555 + c * packed.sh[:, 0]), atol=2e-3)
     most = np.maximum(1.0, gains.max())
     ratio = saved.sh[:, 1:] / np.where(packed.sh[:, 1:] == 0, 1, packed.sh[:, 1:])
     assert (ratio <= np.minimum(gains[:, None], most) + 1e-3).all() and len(live.splats) == len(saved)

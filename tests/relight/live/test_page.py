@@ -37,7 +37,9 @@ def shown(page, **state):
     before = page.run("relight.drawn")
     page.run(f"relight.set({json.dumps(state)})")
     page.wait(f"relight.drawn > {before}")
-    page.run("new Promise((done) => { let n = 0; const next = () => ++n > 4 ? done() : requestAnimationFrame(next); next(); })")
+    page.run(
+        "new Promise((done) => { let n = 0; const next = () => ++n > 4 ? done() : requestAnimationFrame(next); next(); })"
+    )
     return page.picture() / 255.0
 
 
@@ -80,10 +82,14 @@ def test_one_lit_texel_lights_the_side_it_is_on(page, angle, side):
 def test_keys_and_dragging_turn_the_light(page):
     shown(page, light=0, turn=0, view="relit")
     for name in ("keyDown", "keyUp"):
-        page.call("Input.dispatchKeyEvent", type=name, key="]", code="BracketRight", text="]" if name == "keyDown" else "")
+        page.call(
+            "Input.dispatchKeyEvent", type=name, key="]", code="BracketRight", text="]" if name == "keyDown" else ""
+        )
     assert page.run("relight.state.turn") == 5
     for name, x in (("mousePressed", 100), ("mouseMoved", 180), ("mouseReleased", 180)):
-        page.call("Input.dispatchMouseEvent", type=name, x=x, y=120, button="left", buttons=1, clickCount=1, modifiers=8)
+        page.call(
+            "Input.dispatchMouseEvent", type=name, x=x, y=120, button="left", buttons=1, clickCount=1, modifiers=8
+        )
     assert page.run("relight.state.turn") == 45
 
 
@@ -125,7 +131,9 @@ def test_a_page_with_another_splat_says_so_and_shows_none(folder, tmp_path):
     (tmp_path / "x.html").write_text(re.sub(r'"sha256": "\w', '"sha256": "x', text), "utf-8")
     with Browser(f"file://{tmp_path}/x.html{NO_WINDOW}", (320, 240)) as browser:
         browser.wait("document.getElementById('relight-message')?.style.display === 'block'")
-        assert "is not the splat of this bundle" in browser.run("document.getElementById('relight-message').textContent")
+        assert "is not the splat of this bundle" in browser.run(
+            "document.getElementById('relight-message').textContent"
+        )
 
 
 @in_browser
