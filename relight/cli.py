@@ -213,7 +213,7 @@ def _page_served(folder: Path, options: argparse.Namespace) -> tuple[list[str], 
 
     with server_of(folder, options.serve) as server:
         if not options.quiet:
-            print(f"open {server.url} (Ctrl-C stops)", file=sys.stderr)
+            sys.stderr.write(f"open {server.url} (Ctrl-C stops)\n")
         with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()
         return [], {"served": server.url}

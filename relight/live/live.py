@@ -38,8 +38,8 @@ class Live(NamedTuple):
     scales, means, components: the basis, see `bundle`. surfaces: Surfaces. lights: list of Light. mean: of Response.
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
-    the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in degrees,
-    where to look from first, scene frame.
+    the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
+    degrees, where to look from first, scene frame.
     """
 
     splats: Splats

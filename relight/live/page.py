@@ -1,6 +1,6 @@
 """One HTML file that shows splats under live light; a folder to serve where one file would be too large.
 
-The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file everything
+The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file all of it
 is packed: gzip, then base64. In the folder the page reads the bundle beside it.
 """
 
@@ -64,7 +64,7 @@ def page_of(meta, names, contents=None, turn=0.0):
     data = {"meta": meta, "files": names, "packed": contents is not None, "turn": turn}
     data["splat"] = meta["splats"][0]["file"]
     packed = "".join(
-        f'<script type="text/plain" data-file="{name}">{base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()}</script>\n'
+        f'<script type="text/plain" data-file="{name}">{_packed(content)}</script>\n'
         for name, content in (contents or {}).items()
     )
     return _TEMPLATE.format(
@@ -74,6 +74,10 @@ def page_of(meta, names, contents=None, turn=0.0):
         packed=packed,
         script=_script(),
     )
+
+
+def _packed(content):
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
 def _script():

@@ -11,8 +11,6 @@ from .page import FOLDER, INDEX
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    extensions_map = {**SimpleHTTPRequestHandler.extensions_map, ".js": "text/javascript", ".glb": "model/gltf-binary"}
-
     def log_message(self, *_):
         pass
 

@@ -75,7 +75,7 @@ def test_gains_follow_the_curve_and_roll_off(folder, tmp_path):
 
 
 def test_shadows_of_suns_are_those_that_rays_find(folder, tmp_path):
-    relighter, _, _, live = live_scene()
+    live = live_scene()[3]
     with_sun, without = (str(tmp_path / name) for name in "ab")
     lit(folder, light=1, change=with_sun)
     lit(folder, light=1, change=without, sun=0)

@@ -15,6 +15,8 @@ from splat2mesh.base.errors import InputError
 
 NO_WINDOW = "#renderer=webgl&noui&nopanel&sky=0"
 
+FRAMES = "() => new Promise((done) => { let n = 0; const f = () => ++n > 4 ? done() : requestAnimationFrame(f); f(); })"
+
 in_browser = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 
 
@@ -37,9 +39,7 @@ def shown(page, **state):
     before = page.run("relight.drawn")
     page.run(f"relight.set({json.dumps(state)})")
     page.wait(f"relight.drawn > {before}")
-    page.run(
-        "new Promise((done) => { let n = 0; const next = () => ++n > 4 ? done() : requestAnimationFrame(next); next(); })"
-    )
+    page.run(f"({FRAMES})()")
     return page.picture() / 255.0
 
 
