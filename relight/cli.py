@@ -1,6 +1,7 @@
 """The relight command: scene and light in, relit files out. Holds no mathematics, imports nothing heavy."""
 
 import argparse
+import contextlib
 import math
 import sys
 from pathlib import Path
@@ -24,6 +25,7 @@ EXAMPLES = """examples:
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
+  relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
 
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
 
@@ -80,7 +82,8 @@ def parser() -> argparse.ArgumentParser:
     add = parser.add_argument_group("session").add_argument
     add("--view", action="store_true", help="open a window to turn, swap and compare lights in; h lists its keys")
     add("--screenshot", metavar="FILE", help="write a .png, .jpg or .webp of the session, and open no window")
-    serve = "the session in a browser of this machine, at the address that is printed (default port: any free one)"
+    serve = "the session, or the page that --format web wrote as a folder, in a browser of this machine, at the "
+    serve += "address that is printed (default port: any free one)"
     add("--serve", nargs="?", const=0, type=int, metavar="PORT", help=serve)
 
     add = parser.add_argument_group("motion").add_argument
@@ -99,6 +102,8 @@ def parser() -> argparse.ArgumentParser:
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
     sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
     add("--sky", default="new", metavar="WHICH", help=sky)
+    lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
+    add("--lights", nargs="+", default=[], metavar="FILE|NAME", help=lights)
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
@@ -144,6 +149,8 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
     source = Path(options.scene)
     _understand(options, source)
+    if options.serve is not None and _is_page(source):
+        return _page_served(source, options)
     angles = angles_from(options.rotate)
     lights = _lights(options.env)
     _check(options, angles, lights)
@@ -176,6 +183,8 @@ def _understand(options: argparse.Namespace, source: Path) -> None:
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
         raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
+    if options.lights and not {"live", "web"} & set(options.format or ()):
+        raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
     if options.screenshot:
         from .output.mesh_files import check_image
 
@@ -242,6 +251,7 @@ def _relit(
         splat=options.splat,
         sky=options.sky,
         sheet=options.sheet,
+        lights=options.lights,
         animated=options.animate,
         caching="none" if options.no_cache else "read" if options.plan else "keep",
         stages=stages,
@@ -279,6 +289,22 @@ def _served(job: "Job", port: int) -> tuple[list[str], Any]:
     job.stages.close()
     serve(**session, port=port, announce=lambda url: tell(f"open {url} (Ctrl-C stops)"))
     return [], {"served": True}
+
+
+def _is_page(source: Path) -> bool:
+    """Whether a folder is results of --format web, and no scene."""
+    return source.is_dir() and not (source / "scene.json").exists()
+
+
+def _page_served(folder: Path, options: argparse.Namespace) -> tuple[list[str], Any]:
+    from .live.serve import server_of
+
+    with server_of(folder, options.serve) as server:
+        if not options.quiet:
+            sys.stderr.write(f"open {server.url} (Ctrl-C stops)\n")
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()
+        return [], {"served": server.url}
 
 
 def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:

@@ -32,8 +32,11 @@ from splat2mesh.splats.splats import Splats
 from .engine.appearance import CHOICES, Appearance, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
+from .light.skies import BUILTIN
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
+from .output.kinds import OF_SPLATS
+from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
@@ -77,6 +80,7 @@ class Job:
         splat: str | os.PathLike[str] | None = None,
         sky: str = "new",
         sheet: bool = False,
+        lights: Sequence[AnyLight] = (),
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -90,7 +94,8 @@ class Job:
         2^exposure_ev. formats: words of `output.kinds.FILES`; by default glb, png and, where the splat of the scene is
         found, splat. baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
         the scene says. sky: what becomes of its far background, of `splats.SKIES`. sheet: whether the lights are also
-        shown beside what was captured. animated: whether the scene is an
+        shown beside what was captured. lights: others that what is live has beside its own and the built-in ones.
+        animated: whether the scene is an
         animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
         messages: the warnings so far, for the report.
         """
@@ -102,7 +107,7 @@ class Job:
         self._formats = None if formats is None else tuple(formats)
         self._baked, self._texture_size = tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
-        self._sheet = sheet
+        self._sheet, self._more_lights = sheet, tuple(lights)
         self._messages = [] if messages is None else messages
 
     def under(self, env: AnyLight) -> "Job":
@@ -135,7 +140,8 @@ class Job:
 
         Where nobody asked for them and they are not found, None, with a DataWarning.
         """
-        asked = "splat" in (self._formats or ()) or (self._of_splats and (bool(self._baked) or self._splat is not None))
+        wanted = bool(set(OF_SPLATS) & set(self._formats or ()))
+        asked = wanted or (self._of_splats and (bool(self._baked) or self._splat is not None))
         if not asked and "sha256" not in self.scene.source:
             return None
         with self.stages.stage("load"):
@@ -324,12 +330,19 @@ class Job:
     def _results(self) -> Results:
         splats = self.splats if self._shows_splats else None
         look, seed = self.appearance, self._wishes.seed
-        return Results(self.relighter, look, self.formats, self._baked, splats, self._texture_size, seed, self._sky)
+        live = None
+        if splats is not None and {"live", "web"} & set(self.formats):
+            others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
+            tolerance = self._wishes.tolerance
+            live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
+        return Results(
+            self.relighter, look, self.formats, self._baked, splats, self._texture_size, seed, self._sky, live
+        )
 
     @property
     def _shows_splats(self) -> bool:
         """Whether any result needs the splats: pictures show them too."""
-        return bool(self._baked) or self._formats is None or bool({"splat", "png"} & set(self._formats))
+        return bool(self._baked) or self._formats is None or bool({*OF_SPLATS, "png"} & set(self._formats))
 
     @property
     def _name(self) -> str:
@@ -354,7 +367,16 @@ class Job:
             return 2.0**self._exposure_ev
         others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        return self._as_captured(exposure, self.environment)
+
+    def _exposure_of(self, light: Environment, radiance: NDArray[np.float32]) -> float:
+        """The same for one other light."""
+        if self._exposure_ev is not None:
+            return 2.0**self._exposure_ev
+        return self._as_captured(auto_exposure(radiance), light)
+
+    def _as_captured(self, exposure: float, light: Environment) -> float:
+        capture, mean = self.appearance.capture, light.mean_luminance
         if capture is None or not mean > 0.0:
             return exposure
         return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))

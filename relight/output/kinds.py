@@ -6,7 +6,12 @@ FILES = {
     "npy": "radiance.npy",
     "splat": "relit_splat.ply",
     "png": "preview.png",
+    "live": "live/live.json",
+    "web": "relit.html",
 }
+
+OF_SPLATS = ("splat", "live", "web")
+"""Those that need the splats that the scene was made from."""
 
 BAKED = ("texture", "transfer")
 """What `--bake` can make: textured meshes, and images of the transfer for shaders."""

@@ -12,6 +12,7 @@ from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
 from .kinds import FILES
+from .live_files import LiveFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -32,7 +33,7 @@ class Results:
 
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats.
+    background of splats. live: writes what is live, where `kinds` have that.
     """
 
     def __init__(
@@ -45,7 +46,9 @@ class Results:
         texture_size: int | None = None,
         seed: int = 0,
         sky: str = "new",
+        live: LiveFiles | None = None,
     ) -> None:
+        self._live = live
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
@@ -65,7 +68,8 @@ class Results:
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
-        names = [FILES[kind] for kind in FILES if kind in self._kinds or (kind == "png" and pictured)]
+        kinds = {*self._kinds, "png"} if pictured else self._kinds
+        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web")]
         told: dict = {}
         relit = None
         with self._stages.stage("write"):
@@ -83,6 +87,9 @@ class Results:
             names += self._write_splats(folder, relit)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
+        if self._live is not None:
+            written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
+            names += written
         if pictured:
             with self._stages.stage("preview"):
                 self._drawn_last = self._drawn(relit, light, radiance, exposure)
