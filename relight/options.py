@@ -8,7 +8,7 @@ from typing import Any
 from splat2mesh.base.errors import InputError
 
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
-from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, Settings
+from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, VOLUME, Settings
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
@@ -26,7 +26,7 @@ class LightingOptions:
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
         shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
-    effects: "auto", "none", or some of shadows, sun, bounces, as names or as text with commas; kept as "auto" or a
+    effects: "auto", "none", or some of shadows, sun, bounces, volume, as names or as text with commas; kept as "auto" or a
         frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
@@ -105,11 +105,12 @@ class LightingOptions:
             return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
         rays = self.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
-        return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)
+        sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0
+        return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME in effects)
 
 
 def _able(method: str) -> frozenset[str]:
-    """The effects that a method can do: sun and bounces are traced among shadows, and all three need rays."""
+    """The effects that a method can do: the others are traced among shadows, and all need rays."""
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
 
 
@@ -123,7 +124,7 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
     if effects - set(EFFECTS):
         raise InputError(f"`effects` {listed!r}: expected auto or none alone, or some of {' '.join(EFFECTS)}")
     if effects - {SHADOWS} and SHADOWS not in effects:
-        raise InputError(f"`effects` {listed}: sun and bounces need shadows too")
+        raise InputError(f"`effects` {listed}: sun, bounces and volume need shadows too")
     if effects - _able(method):
         raise InputError(f"`effects` {listed}: the method {method} has none; leave it at auto")
     if method in SHADOWING and not effects:

@@ -1,11 +1,13 @@
 """A small sample of a scene's vertices and all that they see, which plans measure in place of the whole scene."""
 
+import copy
 import time
 
 import numpy as np
 
 from ..sh.sphere import fibonacci_sphere
 from ..transfer import sampling
+from ..transfer.threads import cores
 
 SCAN_VERTICES, SCAN_RAYS = 4096, 16
 """A coarse look at more vertices, for shadows so small that the sample may miss them. A shadow on a thousandth of the
@@ -22,6 +24,7 @@ class Sample:
     rows: (S,) indices. chunk: (S,), of each row. weights: (S,) float64, what share of the scene each stands for; sum 1.
     directions: (D, 3). open, seen: (S, D) float32, 4 / D times the cosine, without and with what hides the direction:
     products with the radiance of the directions are exit radiance of white vertices.
+    solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
     hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
     ray_s: seconds per ray on this machine and scene. rays: shot in all.
     """
@@ -49,7 +52,21 @@ class Sample:
             self.seen[row[hidden] + begin, column[hidden]] = 0.0
             self.rays += len(rays)
         self.ray_s = (time.perf_counter() - start) / max(1, self.rays)
+        self.solid = np.ones(len(self.rows), np.float32)
         self.hidden = self._scan()
+
+    def thickened(self, foliage):
+        """(The same Sample with leaves and grass as volumes, seconds that all the marches of a Foliage take)."""
+        start = time.perf_counter()
+        share, free = foliage.seen(self.rows, self.directions)
+        marches = np.count_nonzero(share) * len(self.directions)
+        march_s = (time.perf_counter() - start) / max(1, marches) / cores()
+        other, share = copy.copy(self), share[:, None]
+        even = np.float32(1.0 / len(self.directions))
+        other.open = self.open + share * (even - self.open)
+        other.seen = self.seen + share * (even * free - self.seen)
+        other.solid = 1.0 - share[:, 0]
+        return other, march_s * foliage.marches
 
     def mean_square(self, values):
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""

@@ -5,8 +5,11 @@ import numpy as np
 from .analytic import analytic
 from .bounces import Interreflection, visible_fraction
 from .store import Cache, array_key
+from .volume import Foliage
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
+
+SURFACES = "surfaces"  # instead of the key of a Foliage
 
 
 class Precomputed:
@@ -14,7 +17,8 @@ class Precomputed:
 
     A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
     From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
-    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far.
+    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the scene,
+    or None.
     """
 
     def __init__(self, scene, seed, cache=None, stages=None):
@@ -26,6 +30,7 @@ class Precomputed:
         self.rays_traced = 0
         self._stages = stages or Stages()
         self._occluder = self._visibility = None
+        self.foliage = Foliage.of_scene(scene)
         self._transfers, self._interreflections = {}, {}
 
     @property
@@ -39,9 +44,11 @@ class Precomputed:
         return self._occluder
 
     def transfer(self, settings):
-        """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
+        a volume only where the scene has one)."""
+        settings = settings._replace(volume=settings.volume and self.foliage is not None)
         for known, transfer in self._transfers.items():
-            if _serves(known, settings):
+            if _serves(known, settings, self._leaves(settings)):
                 return transfer, settings._replace(rays=known[2])
         found = self._kept(settings) or self._computed(settings)
         while len(self._transfers) >= KEPT_IN_MEMORY:
@@ -76,7 +83,7 @@ class Precomputed:
     def _kept(self, settings):
         """(key, transfer) of the smallest kept transfer that serves, or None."""
         for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
-            if key[4] != self.seed or not _serves(key, settings):
+            if key[4] != self.seed or not _serves(key, settings, self._leaves(settings)):
                 continue
             with self._stages.stage("transfer kept"):
                 kept = self.cache.get("transfer", *key)
@@ -97,6 +104,9 @@ class Precomputed:
                     transfer = from_visibility(visibility, bands)[0]
                 else:
                     transfer = visibility.transfer(bands)
+            if settings.volume:
+                with self._stages.stage("volume"):
+                    transfer = self.foliage.mixed(transfer)
         elif method == "neural-gash":
             from .neuralgash import neural_gash
 
@@ -105,8 +115,8 @@ class Precomputed:
                 transfer = np.ascontiguousarray(guess[:, : bands**2])
         else:
             with self._stages.stage("transfer"):
-                return _key(settings, 0, self.seed), analytic(self.scene.normals, bands)  # quicker than reading it
-        key = _key(settings, rays, self.seed)
+                return self._key(settings, 0), analytic(self.scene.normals, bands)  # quicker than reading it
+        key = self._key(settings, rays)
         with self._stages.stage("keep"):
             self.cache.put("transfer", *key, transfer=transfer)
         return key, transfer
@@ -116,8 +126,10 @@ class Precomputed:
         from .visibility import Visibility
 
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
+        if settings.volume:  # leaves and grass need no rays
+            mask = self.foliage.solid if mask is None else mask & self.foliage.solid
         traced = int(self.sizes.sum() if mask is None else mask.sum())
-        name = _chunks_text(settings.shadowed), self.seed
+        name = _chunks_text(settings.shadowed), self.seed, self._leaves(settings)
         visibility = self._visibility
         if visibility is None:
             kept = self.cache.get("visibility", *name)
@@ -146,25 +158,29 @@ class Precomputed:
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)
         return visibility
 
+    def _leaves(self, settings):
+        """Text for a file's name that tells volumes apart."""
+        return self.foliage.key if settings.volume else SURFACES
 
-def _key(settings, rays, seed):
-    """What a transfer is told apart by, as its file is named."""
-    return settings.method.replace("-", "_"), settings.bands, rays, _chunks_text(settings.shadowed), seed
+    def _key(self, settings, rays):
+        """What a transfer is told apart by, as its file is named."""
+        method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
+        return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
 
 
 def _key_of(texts):
     """The key that a file's name was made of, or None for another's file."""
     try:
-        method, bands, rays, chunks, seed = texts
-        return method, int(bands), int(rays), chunks, int(seed)
+        method, bands, rays, chunks, seed, leaves = texts
+        return method, int(bands), int(rays), chunks, int(seed), leaves
     except ValueError:
         return None
 
 
-def _serves(key, settings):
+def _serves(key, settings, leaves):
     """Whether the transfer of a key is as good as that of the settings, or better."""
-    method, bands, rays, chunks, _ = key
-    if method != settings.method.replace("-", "_") or bands < settings.bands or rays < settings.rays:
+    method, bands, rays, chunks, _, as_leaves = key
+    if as_leaves != leaves or method != settings.method.replace("-", "_") or bands < settings.bands or rays < settings.rays:
         return False
     return chunks in ("all", _chunks_text(settings.shadowed))
 

@@ -16,7 +16,7 @@ from ..light import skies
 from ..light.environment import Environment, turned_about_y
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
-from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
+from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import Wish, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
@@ -214,7 +214,7 @@ class Session:
         """What is still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.light is None:
             return ""
-        missing = [name for name in EFFECTS if name in self.effects & self.called_for]
+        missing = [name for name in EFFECTS if name in self.effects & self.called_for - {VOLUME}]  # with the shadows
         if SHADOWS in missing and "transfer" in self._found:
             missing.remove(SHADOWS)
             if BOUNCES in missing and self._bounced() is not None:
