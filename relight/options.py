@@ -8,7 +8,7 @@ from typing import Any
 from splat2mesh.base.errors import InputError
 
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
-from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, VOLUME, Settings
+from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, VOLUME, VOLUME_DIRECTIONS, Settings
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
@@ -106,7 +106,7 @@ class LightingOptions:
         rays = self.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
         sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0
-        return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME in effects)
+        return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME_DIRECTIONS * (VOLUME in effects))
 
 
 def _able(method: str) -> frozenset[str]:

@@ -10,7 +10,7 @@ from splat2mesh.base.extras import installed
 
 from ..light import sun_split
 from ..options import DEFAULT_TOLERANCE, LightingOptions
-from ..transfer import SHADOWING
+from ..transfer import SHADOWING, volume
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
 from .effect_errors import EffectErrors
@@ -43,6 +43,9 @@ NEAR_LEAST = 1.1
 
 MAX_SPLITS = 3
 """How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
+
+VOLUME_PART = 0.35
+"""Of the tolerance, for the directions from which light comes to leaves and grass."""
 
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
 
@@ -82,12 +85,17 @@ def planned(
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
     leaves = None
     if foliage is not None and options.fixed_method not in UNSHADOWED:
-        thickened, volume_s = sample.thickened(foliage)
+        thickened, direction_s = sample.thickened(foliage)
         measured = EffectErrors(thickened, environment, albedo, bouncing)
         error = measured.changed(sample.seen)
-        wanted = error > SKIPPED * wish if effects is None else VOLUME in effects
-        leaves = _Leaves(wanted, error, volume_s, len(foliage.rows))
-    if leaves is None or not leaves.wanted:
+        if error > SKIPPED * wish if effects is None else VOLUME in effects:
+            good = [count for count, noise in volume.NOISE.items() if noise * measured.leafy <= VOLUME_PART * wish]
+            count = min(good, default=max(volume.NOISE))
+            lost = volume.NOISE[count] * measured.leafy
+            leaves = _Leaves(count, error, count * direction_s, len(foliage.rows), lost)
+        else:
+            leaves = _Leaves(0, error, 0.0, len(foliage.rows), error)
+    if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
     choice = _Choice(measured, environment, options, tolerance, angles, leaves)
     best = choice.best()
@@ -109,12 +117,14 @@ def planned(
 
 
 class _Leaves(NamedTuple):
-    """Of leaves and grass: whether they are volumes, the error of their being surfaces, what it takes, of how many."""
+    """Of leaves and grass: directions from which light comes to them, 0 where they are surfaces; the error of their
+    being surfaces; seconds; how many vertices; the error as done."""
 
-    wanted: bool
+    directions: int
     error: float
     seconds: float
     vertices: int
+    lost: float
 
 
 def _quickest(candidate):
@@ -201,7 +211,7 @@ class _Choice:
             left = measured.open_truncation(settings.bands, **self.rest(settings))
             rows.append(("bands", left, f"{settings.bands} kept"))
         if self._leaves is not None:
-            told = f"{self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
+            told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
             rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
         if measured.bounced is None:
             rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
@@ -226,8 +236,8 @@ class _Choice:
         yield from (self._rated(settings) for settings in self._analytic())
         if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
             return
-        volume = self._leaves is not None and self._leaves.wanted
-        if not self._shadowed.any() and not volume:
+        leafy = 0 if self._leaves is None else self._leaves.directions
+        if not self._shadowed.any() and not leafy:
             return
         shadowed = None if self._shadowed.all() else tuple(map(bool, self._shadowed))
         all_bands = BANDS if self._bands is None else (self._bands,)
@@ -239,7 +249,7 @@ class _Choice:
                         for rays in known if self._rays is None else (self._rays,):
                             stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
                             yield self._rated(
-                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, volume)
+                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
                             )
 
     def _methods(self, bands, shadowed):
@@ -252,7 +262,7 @@ class _Choice:
 
     def _analytic(self):
         """Settings without rays, where none are asked for."""
-        leafy = self._leaves is not None and self._leaves.wanted  # there is no light through leaves without shadows
+        leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
         if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
                 yield Settings("analytic", bands)
@@ -294,6 +304,7 @@ class _Choice:
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
+        parts += [0.0 if self._leaves is None else self._leaves.lost]
         if settings.rays:
             parts += [self._truncation(settings), self._sun_width(settings)]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]

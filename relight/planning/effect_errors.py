@@ -92,6 +92,12 @@ class EffectErrors:
         return float((self._norm(self._through(seen - self.sample.seen, self._light)) / self.total).max())
 
     @cached_property
+    def leafy(self):
+        """The light of leaves and grass over all, where the sample has them as volumes."""
+        light = self._full * (1.0 - self.sample.solid)[:, None, None]
+        return float((self._norm(light) / self.total).max())
+
+    @cached_property
     def bleeding(self):
         """Error of bouncing light without the colours of surfaces."""
         if self.bounced is None:

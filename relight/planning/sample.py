@@ -56,17 +56,17 @@ class Sample:
         self.hidden = self._scan()
 
     def thickened(self, foliage):
-        """(The same Sample with leaves and grass as volumes, seconds that all the marches of a Foliage take)."""
+        """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""
+        foliage.probe_count  # noqa: B018  is found once, and not timed
         start = time.perf_counter()
-        share, free = foliage.seen(self.rows, self.directions)
-        marches = np.count_nonzero(share) * len(self.directions)
+        share, free, marches = foliage.seen(self.rows, self.directions)
         march_s = (time.perf_counter() - start) / max(1, marches) / cores()
         other, share = copy.copy(self), share[:, None]
         even = np.float32(1.0 / len(self.directions))
         other.open = self.open + share * (even - self.open)
         other.seen = self.seen + share * (even * free - self.seen)
         other.solid = 1.0 - share[:, 0]
-        return other, march_s * foliage.marches
+        return other, march_s * foliage.probe_count
 
     def mean_square(self, values):
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""

@@ -46,7 +46,7 @@ class Precomputed:
     def transfer(self, settings):
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
         a volume only where the scene has one)."""
-        settings = settings._replace(volume=settings.volume and self.foliage is not None)
+        settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
         for known, transfer in self._transfers.items():
             if _serves(known, settings, self._leaves(settings)):
                 return transfer, settings._replace(rays=known[2])
@@ -106,7 +106,7 @@ class Precomputed:
                     transfer = visibility.transfer(bands)
             if settings.volume:
                 with self._stages.stage("volume"):
-                    transfer = self.foliage.mixed(transfer)
+                    transfer = self.foliage.mixed(transfer, settings.volume)
         elif method == "neural-gash":
             from .neuralgash import neural_gash
 
@@ -129,7 +129,7 @@ class Precomputed:
         if settings.volume:  # leaves and grass need no rays
             mask = self.foliage.solid if mask is None else mask & self.foliage.solid
         traced = int(self.sizes.sum() if mask is None else mask.sum())
-        name = _chunks_text(settings.shadowed), self.seed, self._leaves(settings)
+        name = _chunks_text(settings.shadowed), self.seed, self.foliage.key if settings.volume else SURFACES
         visibility = self._visibility
         if visibility is None:
             kept = self.cache.get("visibility", *name)
@@ -160,7 +160,7 @@ class Precomputed:
 
     def _leaves(self, settings):
         """Text for a file's name that tells volumes apart."""
-        return self.foliage.key if settings.volume else SURFACES
+        return f"{self.foliage.key}x{settings.volume}" if settings.volume else SURFACES
 
     def _key(self, settings, rays):
         """What a transfer is told apart by, as its file is named."""

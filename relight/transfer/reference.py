@@ -39,7 +39,7 @@ def reference(
     light = sunlight(occluder, rows, suns)
     if foliage is None or not len(suns):
         return light
-    share, free = foliage.seen(np.arange(len(occluder.origins))[rows], suns.directions)
+    share, free, _ = foliage.seen(np.arange(len(occluder.origins))[rows], suns.directions)
     own = (free @ (suns.weights / (4.0 * np.pi))).astype(np.float32)
     return light + share[:, None] * (own - light)
 

@@ -7,8 +7,9 @@ SHADOWS, SUN, BOUNCES, VOLUME = EFFECTS = ("shadows", "sun", "bounces", "volume"
 directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo.
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
-SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
-"""Where nothing is planned: the defaults of `sun_split.split`, of `bounces.Interreflection` and of `with_bounces`."""
+SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE, VOLUME_DIRECTIONS = 0.007, 64, 1e-3, 512
+"""Where nothing is planned: the defaults of `sun_split.split`, `bounces.Interreflection`, `with_bounces` and
+`volume.Foliage`."""
 
 
 class Settings(NamedTuple):
@@ -19,7 +20,7 @@ class Settings(NamedTuple):
     sun_tolerance: estimated error that the split of the sun may leave; 0 for no split.
     bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
     bounce_tolerance: what bounces still to come may contribute, relative, when they stop.
-    volume: whether leaves and grass are volumes; they are surfaces like all else without.
+    volume: directions from which light comes to leaves and grass; 0 where they are surfaces like all else.
     """
 
     method: str
@@ -29,7 +30,7 @@ class Settings(NamedTuple):
     sun_tolerance: float = 0.0
     bounce_rays: int = 0
     bounce_tolerance: float = 0.0
-    volume: bool = False
+    volume: int = 0
 
     @property
     def effects(self) -> frozenset[str]:
@@ -47,5 +48,5 @@ class Settings(NamedTuple):
         if self.bounce_rays:
             parts.append(f"bounces ({self.bounce_rays} rays)")
         if self.volume:
-            parts.append("volume")
+            parts.append(f"volume ({self.volume} directions)")
         return ", ".join(parts)

@@ -23,7 +23,7 @@ from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
 from ..transfer.settings import Settings
 
-CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4, True)
+CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4, 2048)
 """Settings of the reference at every vertex, for the error mode."""
 
 SAMPLE = 256
@@ -263,7 +263,7 @@ def restricted(settings, effects):
     if SUN not in effects:
         settings = settings._replace(sun_tolerance=0.0)
     if VOLUME not in effects:
-        settings = settings._replace(volume=False)
+        settings = settings._replace(volume=0)
     return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounce_tolerance=0.0)
 
 
