@@ -25,13 +25,16 @@ from .threads import in_slices
 LEAST = 0.02
 """Volume from which a vertex takes any part: less is a rounding of a surface."""
 
+FEW, MANY = 0.2, 0.5
+"""Mean volume about a vertex: up to the first a speck on a surface, from the second on leaves or grass throughout."""
+
 WHOLLY = 0.98
 """Volume from which a vertex is nothing else, and needs no rays."""
 
 NOISE = {128: 0.06, 256: 0.034, 512: 0.021, 1024: 0.0125, 2048: 0.007}
 """Relative error of the light of volumes by directions: the worst of three lights in a trained garden, against 4,096."""
 
-CLEARANCE = 0.75
+CLEARANCE = 1.0
 """Cells between a probe and where its march begins: leaves that are seen are those before the others."""
 
 NEAR = 12
@@ -71,9 +74,9 @@ class Foliage:
     def of_scene(cls, scene):
         """That of a Scene, or None where it has no leaves or grass, or its folder does not say how thick they are."""
         measured = scene.measured
-        if measured is None or measured.depth is None or not (measured.foliage > LEAST).any():
+        if measured is None or measured.depth is None or not (measured.foliage > FEW).any():
             return None
-        return cls(scene.vertices, measured.foliage, measured.depth)
+        return cls(scene.vertices, settled(scene.vertices, measured.foliage, measured.depth), measured.depth)
 
     @property
     def solid(self):
@@ -139,6 +142,19 @@ class Foliage:
         return _Lattice(self._points, PROBE * float(self._depth.cells[0]))
 
 
+def settled(
+    vertices,  # (V, 3) scene frame
+    volume,  # (V,) in [0, 1], as measured for each
+    depth,  # OpticalDepth
+):
+    """How far each vertex is a volume, (V,) float32 in [0, 1], as all about it have it: one leaf decides nothing, and
+    in grass no blade is left a surface."""
+    lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
+    mean = lattice.interpolate(lattice.means(volume))[:, 0]
+    share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)
+    return (share * share * (3.0 - 2.0 * share)).astype(np.float32)
+
+
 class _Lattice:
     """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate.
 
@@ -151,7 +167,8 @@ class _Lattice:
         size = np.ceil(at.max(axis=0)).astype(np.int64) + 2
         keys = np.ravel_multi_index(at.astype(np.int64).T, size)
         self._keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
-        self.points = np.stack([np.bincount(cell, column) / count for column in points.T], axis=1)
+        self._cell, self._held = cell, count
+        self.points = np.stack([self.means(column)[:, 0] for column in points.T], axis=1)
         base = np.floor(at - 0.5).astype(np.int64)
         beyond = at - 0.5 - base
         columns, weights = [], []
@@ -165,6 +182,10 @@ class _Lattice:
         weights = np.stack(weights, axis=1)
         self._columns = np.stack(columns, axis=1)
         self._weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+
+    def means(self, values):
+        """Means of values (R,) of the points by their probes: (P, 1)."""
+        return (np.bincount(self._cell, values) / self._held)[:, None]
 
     def around(self, rows):
         """Probes (S, 8) about some of the points, (S,), and their weights."""

@@ -20,6 +20,10 @@ from where they begin."""
 CORE = 2.0, 98.0
 """Percentiles of the thick splats' places along each axis that the innermost box holds."""
 
+ASKEW = 0.5
+"""Of its face, what a leaf that may be turned any way hides on the mean: a flat thing's mean projected area is half of
+it. In a generated garden the whole face, and three quarters of a cell less before it, were a tenth worse."""
+
 OCCUPIED = 0.3
 """Optical depth from which a cell belongs to something, and may be the ground of its column."""
 
@@ -46,6 +50,7 @@ def optical_depth(
     reaching = 1 + math.ceil(math.log(max(widest, 1.0)) / math.log(GROWTH))
     levels = int(np.clip(reaching, LEVELS, MOST_LEVELS))
     pattern = normal_points(SAMPLES)
+    hiding = bare.opacities * (1.0 - (1.0 - ASKEW) * np.asarray(volume, np.float32))
     origins, cells, grids = [], [], []
     for level in range(levels):
         box = size * GROWTH**level
@@ -54,7 +59,7 @@ def optical_depth(
         origins.append(center - shape * cell / 2)
         cells.append(cell)
         depth = np.zeros(shape.prod(), np.float32)
-        deal(bare.means, bare.scales, bare.quats_wxyz, bare.opacities, pattern, origins[-1], cell, shape, depth)
+        deal(bare.means, bare.scales, bare.quats_wxyz, hiding, pattern, origins[-1], cell, shape, depth)
         grids.append(_grounded(depth.reshape(shape)))
     return OpticalDepth.of_levels(origins, cells, grids)
 
