@@ -8,7 +8,18 @@ from typing import Any
 from splat2mesh.base.errors import InputError
 
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
-from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, VOLUME, VOLUME_DIRECTIONS, Settings
+from .transfer.settings import (
+    BOUNCE_RAYS,
+    BOUNCE_TOLERANCE,
+    BOUNCES,
+    EFFECTS,
+    SHADOWS,
+    SUN,
+    SUN_TOLERANCE,
+    VOLUME,
+    VOLUME_DIRECTIONS,
+    Settings,
+)
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
@@ -26,8 +37,8 @@ class LightingOptions:
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
         shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
-    effects: "auto", "none", or some of shadows, sun, bounces, volume, as names or as text with commas; kept as "auto" or a
-        frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
+    effects: "auto", "none", or some of shadows, sun, bounces, volume, as names or as text with commas; kept as "auto"
+        or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.

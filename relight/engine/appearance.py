@@ -98,7 +98,10 @@ def _without_light(
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts.append(within(relighter.scene))
-    key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts) + relighter.leaves, relighter.seed
+    key = (
+        array_key(captured, None if capture_env is None else capture_env.radiance, *parts) + relighter.leaves,
+        relighter.seed,
+    )
     kept = cache.get("albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)

@@ -294,7 +294,10 @@ class _Choice:
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
         sample = self.measured.sample
         once, each = costs.seconds(
-            settings, int(sizes.sum()), int(traced * sample.weights[sample.solid > 0.0].sum()), sample.ray_s,
+            settings,
+            int(sizes.sum()),
+            int(traced * sample.weights[sample.solid > 0.0].sum()),
+            sample.ray_s,
             self.sun_count(settings),
         )
         once += self._leaves.seconds if settings.volume else 0.0

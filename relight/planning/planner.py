@@ -87,6 +87,12 @@ class Planner:
         effects = None if options.fixed_effects is None else sorted(options.fixed_effects)
         fixed = options.fixed_method, options.bands, options.rays, effects
         foliage = self._precomputed.foliage
-        wishes = self._tolerance, options.budget_s, *fixed, self._precomputed.seed, None if foliage is None else foliage.key
+        wishes = (
+            self._tolerance,
+            options.budget_s,
+            *fixed,
+            self._precomputed.seed,
+            None if foliage is None else foliage.key,
+        )
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

@@ -24,6 +24,9 @@ ROUNDS = 2
 DEPTH_TOLERANCE = 0.03
 """Of the diagonal: where mesh and splats are further apart in a view, the picture tells nothing of the mesh's light."""
 
+NEARER = 2.0
+"""Times the depth, where that is less than the diagonal: what a place shows from within is nearer than it is wide."""
+
 MIN_ALPHA = 0.5
 """Of a pixel that takes part in the fit."""
 
@@ -154,7 +157,8 @@ class _Look:
         self.view, self.color = view, rendering.color
         self.base = rendering.color + np.float32(CURVE_OFFSET) * rendering.alpha[..., None]
         apart = np.abs(hits.distance - rendering.depth_median)
-        self._known = (rendering.alpha > MIN_ALPHA) & (apart < DEPTH_TOLERANCE * surface.diagonal)
+        wide = np.minimum(surface.diagonal, NEARER * rendering.depth_median)
+        self._known = (rendering.alpha > MIN_ALPHA) & (apart < DEPTH_TOLERANCE * wide)
         self._corners = surface.faces[hits.faces[self._known]]
         second, third = hits.uv[self._known].T
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)

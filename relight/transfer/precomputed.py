@@ -17,8 +17,8 @@ class Precomputed:
 
     A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
     From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
-    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the scene,
-    or None.
+    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
+    scene, or None.
     """
 
     def __init__(self, scene, seed, cache=None, stages=None):
@@ -180,7 +180,12 @@ def _key_of(texts):
 def _serves(key, settings, leaves):
     """Whether the transfer of a key is as good as that of the settings, or better."""
     method, bands, rays, chunks, _, as_leaves = key
-    if as_leaves != leaves or method != settings.method.replace("-", "_") or bands < settings.bands or rays < settings.rays:
+    if (
+        as_leaves != leaves
+        or method != settings.method.replace("-", "_")
+        or bands < settings.bands
+        or rays < settings.rays
+    ):
         return False
     return chunks in ("all", _chunks_text(settings.shadowed))
 

@@ -32,7 +32,7 @@ WHOLLY = 0.98
 """Volume from which a vertex is nothing else, and needs no rays."""
 
 NOISE = {128: 0.06, 256: 0.034, 512: 0.021, 1024: 0.0125, 2048: 0.007}
-"""Relative error of the light of volumes by directions: the worst of three lights in a trained garden, against 4,096."""
+"""Relative error of the light of volumes by directions, over 4,096: the worst of three lights in a trained garden."""
 
 CLEARANCE = 1.0
 """Cells between a probe and where its march begins: leaves that are seen are those before the others."""
