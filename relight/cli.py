@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.version import VERSION
 
-from .output.kinds import BAKED, FILES
+from .output.kinds import BAKED, FILES, HARMONICS
 from .transfer import METHODS
 from .transfer.settings import EFFECTS
 
@@ -86,6 +86,10 @@ def parser() -> argparse.ArgumentParser:
     add("-o", "--output", metavar="OUT", help=output)
     kinds = f"any of {' '.join(FILES)} (default: glb png)"
     add("--format", nargs="+", default=["glb", "png"], choices=FILES, metavar="KIND", help=kinds)
+    live = "with --format glb: live.glb too, whose light a shader turns (docs/engines.md)"
+    add("--live", action="store_true", help=live)
+    harmonics = "colour of an albedo splat that depends on the view: zero, keep (default: %(default)s)"
+    add("--harmonics", default="zero", choices=HARMONICS, metavar="WHICH", help=harmonics)
     bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
     add("--bake", nargs="+", choices=BAKED, metavar="WHAT", help=bake)
     add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
@@ -161,6 +165,8 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
                 texture_size=options.texture_size,
                 splat=options.splat,
                 sky=options.sky,
+                live=options.live,
+                harmonics=options.harmonics,
                 animated=options.animate,
                 caching="none" if options.no_cache else "read" if options.plan else "keep",
                 stages=stages,
@@ -191,6 +197,8 @@ def _check(options: argparse.Namespace, source: Path) -> None:
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
         raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
+    if options.live and "glb" not in options.format:
+        raise _error("--live: it is of --format glb; give that too")
     if options.screenshot and not options.view:
         raise _error("--screenshot: it is one of the session; give --view too")
 

@@ -31,6 +31,7 @@ from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
+from .output.kinds import OF_SPLATS
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
@@ -70,6 +71,8 @@ class Job:
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
         sky: str = "new",
+        live: bool = False,
+        harmonics: str = "zero",
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -81,9 +84,9 @@ class Job:
         of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
         2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
-        the scene says. sky: what becomes of its far background, of `splats.SKIES`. animated: whether the scene is an
-        animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
-        messages: the warnings so far, for the report.
+        the scene says. sky: what becomes of its far background, of `splats.SKIES`. live, harmonics: of `Results`.
+        animated: whether the scene is an animated .glb. caching: "keep" what is computed in the scene's folder, "read"
+        what was kept there, or "none". messages: the warnings so far, for the report.
         """
         self._wishes = options or LightingOptions()
         self.stages = stages or Stages()
@@ -91,6 +94,7 @@ class Job:
         self._given, self._env, self._capture_env = scene, env, capture_env
         self._albedo, self._exposure_ev = albedo, exposure_ev
         self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
+        self._live, self._harmonics = live, harmonics
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
         self._messages = [] if messages is None else messages
 
@@ -113,7 +117,7 @@ class Job:
     def splats(self) -> tuple[Splats, list[Path]] | None:
         """The splats that the scene was made from and the paths of their files; None for a mesh, which has none."""
         with self.stages.stage("load"):
-            if self._of_splats or "splat" in self._formats:
+            if self._of_splats or self._wants_splats:
                 return source_splats(self.scene, self._splat)
         return None
 
@@ -125,8 +129,12 @@ class Job:
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
-        if "splat" in self._formats or self._baked:
+        if self._wants_splats or self._baked:
             self.splats  # noqa: B018  a splat that is missing is told before any work
+        if "usd" in self._formats:
+            from .output.usd import library
+
+            library()  # as is a package
         cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
 
@@ -276,9 +284,15 @@ class Job:
 
     @cached_property
     def _results(self) -> Results:
-        splats = self.splats if "splat" in self._formats or self._baked else None
+        splats = self.splats if self._wants_splats or self._baked else None
         look, seed = self.appearance, self._wishes.seed
-        return Results(self.relighter, look, self._formats, self._baked, splats, self._texture_size, seed, self._sky)
+        more = self._texture_size, seed, self._sky, self._live, self._harmonics
+        return Results(self.relighter, look, self._formats, self._baked, splats, *more)
+
+    @property
+    def _wants_splats(self) -> bool:
+        """Whether a result needs the splats."""
+        return bool({*OF_SPLATS} & {*self._formats})
 
     @property
     def _name(self) -> str:
