@@ -101,6 +101,10 @@ class Binding:
             sh[self.lit] = relit_rows
         return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
 
+    def spread(self, of_vertices):
+        """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit."""
+        return self.places.interpolate(self._wide.shared(self.surface.of_vertices(of_vertices)))
+
     def _fit(self, of_nodes, logs, mean, rounds):
         """Corrections (N, 3) float32 to add to the constant coefficients, so that pictures of the relit splats agree
         with pictures of the captured ones times the light ratio of the mesh.

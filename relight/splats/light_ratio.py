@@ -59,14 +59,30 @@ def log_gain(
     ratio = np.divide(
         before * after + soft * usual, below, out=np.broadcast_to(usual, below.shape).copy(), where=below > 0
     )
-    excess = np.where(captured > _DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, _DARKEST), 0.0)
-    ratio += excess * (usual - ratio)
+    ratio += _excess(captured, before) * (usual - ratio)
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
     room = np.maximum(1.0 - start, _LEAST_ROOM)
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
     ratio = np.where(shown > start, rolled / np.maximum(captured, _DARKEST), ratio)
     logs = np.log(np.clip(ratio, LEAST, MOST)) / CURVE_POWER
     return logs.astype(np.float32), (shares @ logs / shares.sum()).astype(np.float32)
+
+
+def linear_parts(
+    captured,  # (V, 3) linear colours as captured
+    before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
+):
+    """(own, usual), (V, 3) float64 both: the light ratio of `log_gain`, before its roll-off, is linear in the new light.
+
+    ratio = own * after + usual * r, with r = mean(after) / mean(before). Raises InputError as `log_gain` does.
+    """
+    captured, before = _checked(captured, "colours"), _checked(before, "before")
+    soft = (SOFTNESS * np.median(before, axis=0)) ** 2
+    below = before * before + soft
+    own = np.divide(before, below, out=np.zeros_like(below), where=below > 0.0)
+    usual = np.divide(soft, below, out=np.ones_like(below), where=below > 0.0)
+    diffuse = 1.0 - _excess(captured, before)
+    return own * diffuse, 1.0 + (usual - 1.0) * diffuse
 
 
 def relit_sh(
@@ -86,6 +102,11 @@ def relit_sh(
     if sh.shape[1] > 1:
         result[:, 1:] *= np.exp(np.minimum(logs, np.maximum(mean, np.float32(0.0))))[:, None]
     return result
+
+
+def _excess(captured, before):
+    """Share (V, 3) of a captured colour that exceeds what arrived."""
+    return np.where(captured > _DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, _DARKEST), 0.0)
 
 
 def _checked(values, name):

@@ -1,0 +1,116 @@
+"""The bundle that every loader reads: docs/live.md describes it."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from splat2mesh.base.version import VERSION
+from splat2mesh.splats.formats import write_splats
+
+from .lights import IMAGE, rgbe
+from .proxy import write_proxy
+from .response import BANDS, SPREAD_BANDS
+from .surface import OWN_STEPS
+
+FORMAT, FORMAT_VERSION = "relight-live", 1
+
+META = "live.json"
+
+
+def write_bundle(folder, live, exact=True):
+    """Write the files of a Live into a folder that exists; returns their names. exact: whether splat.ply too."""
+    folder = Path(folder)
+    kinds = ["compressed.ply"] + ["ply"] * exact
+    for kind in kinds:
+        write_splats(folder / f"splat.{kind}", live.splats, kind)
+    contents = {"transfer.bin": live.transfer, "surface.bin": live.surfaces.packed, "basis.bin": basis_bytes(live)}
+    for name, content in contents.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.tobytes())
+    names = [f"splat.{kind}" for kind in kinds] + list(contents)
+    for file, light in zip(light_files(live), live.lights, strict=True):
+        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).write_bytes(rgbe(light.image).tobytes())
+        names.append(file)
+    write_proxy(folder / "proxy.glb", *live.proxy)
+    splats = [
+        {"file": f"splat.{kind}", "sha256": sha256(folder / f"splat.{kind}"), "count": len(live.splats)}
+        for kind in kinds
+    ]
+    (folder / META).write_text(json.dumps(described(live, splats), indent=1) + "\n", encoding="utf-8")
+    return [META, *names, "proxy.glb"]
+
+
+def described(live, splats):
+    """What live.json says: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
+    clusters, weights = live.components.shape[:2]
+    return {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "generator": f"relight {VERSION}",
+        "count": len(live.splats),
+        "order": "row i = splat i",
+        "splats": splats,
+        "source": live.source,
+        "frame": {"scene_from_splat": live.frame.tolist(), "up": "+y", "middle": live.middle.tolist()},
+        "transfer": {
+            "file": "transfer.bin",
+            "bytes": 2 + weights,
+            "weights": weights,
+            "errors": live.errors,
+        },
+        "basis": {
+            "file": "basis.bin",
+            "clusters": clusters,
+            "weights": weights,
+            "direct": BANDS**2,
+            "spread": SPREAD_BANDS**2,
+        },
+        "surface": {
+            "file": "surface.bin",
+            "bytes": 8,
+            "lift": live.surfaces.lift,
+            "own": live.surfaces.own.tolist(),
+            "own_steps": OWN_STEPS,
+        },
+        "mean": live.mean.tolist(),
+        "brightness": live.brightness,
+        "lights": [
+            {
+                "name": light.name,
+                "file": file,
+                "width": IMAGE[1],
+                "height": IMAGE[0],
+                "exposure": light.exposure,
+                "mean": light.mean,
+                "rest": light.rest.tolist(),
+                "whole": light.whole[: SPREAD_BANDS**2].tolist(),
+                "suns": [
+                    {"direction": direction, "weight": weight}
+                    for direction, weight in zip(light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True)
+                ],
+            }
+            for file, light in zip(light_files(live), live.lights, strict=True)
+        ],
+        "proxy": {"file": "proxy.glb", "vertices": len(live.proxy[0]), "faces": len(live.proxy[1])},
+    }
+
+
+def basis_bytes(live):
+    """scales (C, 1 + W) float32, means (C, K, 3) int16, components (C, W, K, 3) int8, little-endian, end to end."""
+    return live.scales.astype("<f4").tobytes() + live.means.astype("<i2").tobytes() + live.components.tobytes()
+
+
+def light_files(live):
+    """Names of the lights' images."""
+    return [f"lights/{number}.rgbe" for number in range(len(live.lights))]
+
+
+def sha256(path):
+    """SHA-256 of a file, as a hex string."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

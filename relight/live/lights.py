@@ -1,0 +1,87 @@
+"""Lights as they travel: a small image for the sky, coefficients about +y, and a few suns."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..light.environment import Environment
+from ..light.sun_split import DEFAULT_TOLERANCE, pooled, split
+from ..light.suns import Suns
+from ..sh import harmonics
+from .harmonics import about_y, evaluate
+from .response import BANDS, SPREAD_BANDS
+
+IMAGE = (64, 128)
+"""Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
+
+MOST_SUNS = 4
+"""Each is a shadow map for whoever draws. What is left in the harmonics is blurred by as much as they blur."""
+
+
+class Light(NamedTuple):
+    """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
+    (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
+    mean: its mean luminance. name: as it is shown.
+    """
+
+    name: str
+    image: np.ndarray
+    rest: np.ndarray
+    whole: np.ndarray
+    suns: Suns
+    exposure: float
+    mean: float
+
+
+def light_of(environment, exposure):
+    """The Light of an Environment, as turned."""
+    rest, suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)
+    image = pooled(environment.radiance, IMAGE)
+    shift = environment.rotation_deg / 360.0 * IMAGE[1]
+    if shift:  # whole columns of the finer image cannot be shifted by a fraction: the small one is blended
+        low = int(np.floor(shift))
+        share = shift - low
+        image = np.roll(image, -low, axis=1) * (1.0 - share) + np.roll(image, -low - 1, axis=1) * share
+    whole = about_y(environment.sh(BANDS))
+    mean = environment.mean_luminance
+    return Light(environment.name, image.astype(np.float32), about_y(rest.sh(BANDS)), whole, suns, float(exposure), mean)
+
+
+def capture_light(response, shares):
+    """The Light of the capture day, by least squares: that which leaves every vertex as it is. None where none does.
+
+    response: Response. shares: (V,) weights of the vertices. Harmonics alone; the sky is what they look like.
+    """
+    few, direct = SPREAD_BANDS**2, BANDS**2
+    degree, _ = harmonics.degrees_and_orders(BANDS)
+    light = np.zeros((direct, 3))
+    for c in range(3):
+        values = response.values[:, :direct, c].astype(np.float64)
+        values[:, :few] += response.values[:, direct:, c]
+        normal = (values * shares[:, None]).T @ values / shares.sum()
+        held = (1.0 + degree) ** 4 * 1e-5 * np.trace(normal)  # what no vertex tells stays small
+        held[0] = 0.0
+        light[:, c] = np.linalg.solve(normal + np.diag(held), (values * shares[:, None]).sum(axis=0) / shares.sum())
+    if not (np.isfinite(light).all() and light[0].min() > 0.0):
+        return None
+    from ..light.projections import texel_directions
+
+    image = np.maximum(evaluate(texel_directions(*IMAGE).reshape(-1, 3), BANDS) @ light, 0.0)
+    mean = float(light[0] @ [0.2126, 0.7152, 0.0722]) / np.sqrt(4.0 * np.pi)
+    return Light("capture", image.reshape(*IMAGE, 3).astype(np.float32), light, light, Suns.none(), 1.0, mean)
+
+
+def rgbe(image):
+    """(..., 4) uint8 of radiance (..., 3): mantissas and a shared exponent, as Radiance files have them."""
+    largest = image.max(axis=-1)
+    _, exponent = np.frexp(np.where(largest > 1e-32, largest, 0.0))
+    mantissa = np.floor(np.ldexp(image, 8 - exponent[..., None]))
+    bytes_ = np.concatenate([np.clip(mantissa, 0, 255), exponent[..., None] + 128], axis=-1)
+    bytes_[largest <= 1e-32] = 0
+    return bytes_.astype(np.uint8)
+
+
+def from_rgbe(packed):
+    """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of what rounds to them."""
+    scale = np.ldexp(1.0, packed[..., 3:].astype(int) - 136)
+    return np.where(packed[..., 3:] > 0, (packed[..., :3] + 0.5) * scale, 0.0).astype(np.float32)

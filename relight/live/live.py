@@ -1,0 +1,226 @@
+"""A scene's splats ready for any light: their responses compressed, their surfaces, and lights to begin with."""
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.color import luminance
+from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.surface.decimate import decimate
+
+from ..sh import harmonics
+from ..splats.binding import Binding
+from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
+from .compression import CHOICES, compress, principal
+from .lights import capture_light, light_of
+from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, light_vector, response_of
+from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
+
+TOLERANCE = 0.03
+"""Relative error of the light that the bytes may add, where none is asked for: 1.2% of a display value."""
+
+DIRECTIONS = 64
+"""Numbers that a response is worked with before it is compressed; what they leave out is a tenth of what bytes do."""
+
+PROXY_VERTICES = 50_000
+"""Of the mesh that hides suns, stops a walker and catches shadows: 1.8 MB."""
+
+ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
+"""Of the lights under which the error of the bytes is measured."""
+
+_BATCH = 1 << 16
+
+
+class Live(NamedTuple):
+    """splats: Splats, in the order of the bundle. order: (N,) their rows in the source. transfer: (N, 2 + W) uint8.
+    scales, means, components: the basis, see `bundle`. surfaces: Surfaces. lights: list of Light. mean: of Response.
+    proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
+    relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
+    the sky is seen from, splat frame. source: dict of file and sha256.
+    """
+
+    splats: Splats
+    order: np.ndarray
+    transfer: np.ndarray
+    means: np.ndarray
+    components: np.ndarray
+    scales: np.ndarray
+    surfaces: Surfaces
+    lights: list
+    mean: np.ndarray
+    proxy: tuple
+    frame: np.ndarray
+    errors: list
+    brightness: float | None
+    middle: np.ndarray
+    source: dict
+
+
+def live_of(relighter, appearance, splats, environments, settings, exposure_of, tolerance=None, sky="new", seed=0):
+    """The Live of a scene.
+
+    relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of Environment, the
+    first is shown first. settings: Settings whose rays and bounces are used, in 10 bands. exposure_of: function of an
+    Environment, display value per radiance. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`.
+    Raises InputError where there is nothing to light.
+    """
+    scene = relighter.scene
+    if not len(splats):
+        raise InputError("there are no splats to light")
+    kinds = np.full(len(splats), LIT, np.uint8)
+    order = _spatial_order(splats)
+    binding = Binding(splats, scene, views=(), seed=seed)
+    kinds[~binding.lit] = UNLIT
+    if appearance.kept:
+        kinds[:] = UNLIT
+    if sky != "keep" and len(scene.background_splats):
+        kinds[scene.background_splats] = SKY
+    shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
+    with relighter.stages.stage("response"):
+        response = response_of(relighter, appearance, settings._replace(bands=BANDS), shares)
+        lights = [light_of(each, exposure_of(each)) for each in environments]
+        captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()))
+        lights += [captured] if captured is not None and not appearance.kept else []
+    with relighter.stages.stage("spread"):
+        reduced, restore = _reduced(binding, response, appearance, shares, splats)
+    with relighter.stages.stage("compress"):
+        found, errors = _compressed(reduced, restore, lights, TOLERANCE if tolerance is None else tolerance, seed)
+    with relighter.stages.stage("surface"):
+        surface = surfaces(binding, splats.means, scene, response.own, kinds)
+        vertices, faces = decimate(scene.vertices.astype(np.float64), scene.faces, PROXY_VERTICES)
+    means, scales, components = _as_bytes(found, restore)
+    transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
+    rows = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
+    transfer[binding.lit] = rows
+    capture = appearance.capture
+    near = splats.means[binding.lit & (kinds != SKY)]
+    return Live(
+        splats=splats.take(order),
+        order=order,
+        transfer=transfer[order],
+        means=means,
+        components=components,
+        scales=scales,
+        surfaces=surface._replace(packed=surface.packed[order]),
+        lights=lights,
+        mean=response.mean,
+        proxy=(vertices.astype(np.float32), faces),
+        frame=np.asarray(scene.scene_from_splat, np.float64),
+        errors=errors,
+        brightness=None if capture is None else float(capture["brightness"]),
+        middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
+        source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
+    )
+
+
+class _Restore(NamedTuple):
+    """From reduced rows (N, D) back to responses: mean + rows @ directions, (COEFFICIENTS * 3) long."""
+
+    mean: np.ndarray
+    directions: np.ndarray
+    counts: np.ndarray
+
+    def of(self, rows):
+        return (rows @ self.directions.astype(np.float32)).reshape(*rows.shape[:-1], COEFFICIENTS, 3)
+
+
+def _reduced(binding, response, appearance, shares, splats):
+    """Rows (N, D) float32 of the lit splats, and how they become responses again.
+
+    Columns weigh as much as usual lights hold of their band, rows as much as an error shows: in the derivative of
+    g (c + .055), g = k^(1/2.4).
+    """
+    column = np.repeat(_usual_bands(), 3)
+    even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
+    flat = response.values.reshape(len(response.values), -1)
+    counts = shares * _visible_error(even, appearance.captured)
+    mean, directions = principal(flat * column.astype(np.float32), np.maximum(counts, 1e-9 * counts.max()), DIRECTIONS)
+    reduced = np.zeros((len(flat), len(directions)), np.float32)
+    for start in range(0, len(flat), _BATCH):
+        part = slice(start, start + _BATCH)
+        reduced[part] = (flat[part] * column - mean) @ directions.T
+    rows = np.concatenate([binding.spread(part) for part in np.array_split(reduced, 4, axis=1)], axis=1)
+    even = np.maximum(binding.spread(even), np.float32(1e-3))
+    lit = splats if binding.lit.all() else splats.take(binding.lit)
+    counts = _visible_error(even, np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0), lit.opacities)
+    return rows, _Restore(mean / column, directions / column, counts.astype(np.float32))
+
+
+def _visible_error(ratio, color, opacity=1.0):
+    """How much a squared error of the ratio counts, (N,)."""
+    ratio = luminance(np.maximum(ratio, 1e-3))
+    return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
+
+
+def _usual_bands():
+    """Root mean square coefficient in each band of the built-in lights, (COEFFICIENTS,)."""
+    from ..light import skies
+
+    degree, _ = harmonics.degrees_and_orders(BANDS)
+    power = np.zeros(BANDS)
+    for draw in skies.BUILTIN.values():
+        light = harmonics.project_latlong(draw(), BANDS)
+        power += np.bincount(degree, np.square(light).mean(axis=1)) / (2 * np.arange(BANDS) + 1)
+    usual = np.sqrt(power / len(skies.BUILTIN))[degree]
+    return np.concatenate([usual, usual[: SPREAD_BANDS**2]])
+
+
+def _compressed(rows, restore, lights, tolerance, seed):
+    """The first of CHOICES within the tolerance, in order of the bytes that it takes in all, else the best; and what
+    each that was tried takes and leaves, a list of dicts."""
+    from .harmonics import turned
+
+    turns = [
+        light_vector(turned(light.rest, a), turned(light.whole, a)) * light.exposure
+        for light in lights
+        for a in ANGLES_DEG
+    ]
+    vectors = np.stack(turns).astype(np.float32)  # (T, COEFFICIENTS, 3)
+    small = np.einsum("dkc,tkc->dtc", restore.of(np.eye(rows.shape[1], dtype=np.float32)), vectors)
+    base = np.einsum("kc,tkc->tc", restore.mean.reshape(COEFFICIENTS, 3), vectors)
+    every = slice(None, None, -(-len(rows) // _BATCH))
+    truth = np.einsum("nd,dtc->ntc", rows[every], small) + base
+    tried, best = [], None
+    for choice in sorted(CHOICES, key=lambda c: _total(c, len(rows))):
+        found = compress(rows, restore.counts, choice, seed)
+        off = np.einsum("nd,dtc->ntc", found.rows(every) - rows[every], small)
+        error = float(np.sqrt(np.square(off).mean(axis=(0, 2)) / np.square(truth).mean(axis=(0, 2))).max())
+        tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
+        if best is None or error < best[0]:
+            best = error, found
+        if error <= tolerance:
+            break
+    else:
+        warnings.warn(
+            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was asked for", DataWarning, stacklevel=2
+        )
+    return best[1], tried
+
+
+def _total(choice, count):
+    return choice.bytes * count + choice.clusters * (choice.weights + 2) * COEFFICIENTS * 3
+
+
+def _as_bytes(found, restore):
+    """(means (C, K, 3) int16, scales (C, 1 + W) float32, components (C, W, K, 3) int8): value = scale * integer."""
+    means = restore.of(found.means) + restore.mean.reshape(COEFFICIENTS, 3).astype(np.float32)
+    components = restore.of(found.components)
+    scales = np.concatenate([_peak(means, 32767)[:, None], _peak(components, 127)], axis=1).astype(np.float32)
+    return (
+        np.rint(means / scales[:, 0, None, None]).astype(np.int16),
+        scales,
+        np.rint(components / scales[:, 1:, None, None]).astype(np.int8),
+    )
+
+
+def _peak(values, largest):
+    return np.maximum(np.abs(values).max(axis=(-2, -1)), 1e-20) / largest
+
+
+def _spatial_order(splats):
+    """Rows along a Z-order curve, those without a finite place last."""
+    finite = np.isfinite(splats.means).all(axis=1)
+    rows = np.flatnonzero(finite)
+    return np.concatenate([rows[splats.take(finite).spatial_order()], np.flatnonzero(~finite)])

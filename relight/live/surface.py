@@ -1,0 +1,71 @@
+"""What suns and the view of the albedo need of a splat, in 8 bytes: where its surface lies, which way it faces, how much
+a light on it changes it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+UNLIT, LIT, SKY = 0, 1, 2
+"""Kinds of splats: those that stay as captured, those that take the light, and far background, which shows the sky."""
+
+OWN_STEPS = 32.0
+"""Steps a stop of the light ratio per light: 2.2% each, over four stops to either side."""
+
+_BATCH = 1 << 16
+
+
+class Surfaces(NamedTuple):
+    """packed: (N, 8) uint8. lift: scene units per step of the fourth byte. own: (3,) of its middle step."""
+
+    packed: np.ndarray
+    lift: float
+    own: np.ndarray
+
+
+def octahedral(normals):
+    """(N, 2) int8 of unit vectors (N, 3): the octahedron unfolded, z up."""
+    x, y, z = (normals / np.maximum(np.abs(normals).sum(axis=1, keepdims=True), 1e-12)).T
+    fold = z < 0.0
+    u = np.where(fold, (1.0 - np.abs(y)) * np.where(x < 0.0, -1.0, 1.0), x)
+    v = np.where(fold, (1.0 - np.abs(x)) * np.where(y < 0.0, -1.0, 1.0), y)
+    return np.rint(np.stack([u, v], axis=1) * 127.0).astype(np.int8)
+
+
+def from_octahedral(packed):
+    """Unit vectors (N, 3) float32 of `octahedral`."""
+    u, v = packed.astype(np.float32).T / np.float32(127.0)
+    z = 1.0 - np.abs(u) - np.abs(v)
+    fold = np.maximum(-z, 0.0)
+    normals = np.stack([u - np.copysign(fold, u), v - np.copysign(fold, v), z], axis=1)
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def surfaces(binding, means, scene, own, kinds):
+    """The Surfaces of N splats.
+
+    binding: Binding. means: (N, 3) centres, splat frame. own: (V, 3) of `response.Response`. kinds: (N,) uint8.
+    """
+    lit = binding.lit
+    normals = binding.spread(scene.normals.astype(np.float32))
+    ratio = np.maximum(binding.spread(own), np.float32(1e-12))
+    length = np.linalg.norm(normals, axis=1)
+    unit = normals / np.maximum(length, 1e-6)[:, None]
+    frame = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
+    lift = np.zeros(len(normals), np.float32)
+    places = means[lit]
+    for start in range(0, len(places), _BATCH):
+        part = slice(start, start + _BATCH)
+        gap = binding.surface.caster.closest(places[part]).points - places[part]
+        lift[part] = np.einsum("nc,nc->n", gap @ frame.T, unit[part])
+    most = float(np.percentile(np.abs(lift), 99.0)) if len(lift) else 0.0
+    step = max(most, 1e-9) / 127.0
+    middle = np.median(ratio, axis=0) if len(ratio) else np.ones(3, np.float32)
+    packed = np.zeros((len(means), 8), np.uint8)
+    rows = np.zeros((len(normals), 8), np.uint8)
+    rows[:, :2] = octahedral(unit).view(np.uint8)
+    rows[:, 2] = np.clip(np.rint(length * 255.0), 0, 255)
+    rows[:, 3] = np.clip(np.rint(lift / step), -127, 127).astype(np.int8).view(np.uint8)
+    rows[:, 4:7] = np.clip(np.rint(np.log2(ratio / middle) * OWN_STEPS) + 128, 0, 255)
+    packed[lit] = rows
+    packed[:, 7] = kinds
+    return Surfaces(packed, step, middle.astype(np.float64))
