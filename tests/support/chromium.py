@@ -21,8 +21,12 @@ import pytest
 START = [
     "--headless=new",
     "--no-sandbox",
+    "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+    "--enable-features=Vulkan",
     "--hide-scrollbars",
     "--mute-audio",
     "--disable-background-networking",
