@@ -28,7 +28,9 @@ def model():
 
     # k = table[cluster, 0] + sum over w of weight[w] table[cluster, 1 + w]: one product with weights that begin by 1.
     rows = node("Gather", ["table", "cluster"], "rows", axis=0)
-    first = node("Slice", ["weights", constant("zero", [0], np.int64), constant("one_", [1], np.int64), "one_"], "column")
+    first = node(
+        "Slice", ["weights", constant("zero", [0], np.int64), constant("one_", [1], np.int64), "one_"], "column"
+    )
     ones = node("Add", [node("Mul", [first, constant("none", 0.0)], "nothing"), constant("one", 1.0)], "ones")
     factors = node("Concat", [ones, "weights"], "factors", axis=1)
     across = node("Unsqueeze", [factors, constant("middle", [1], np.int64)], "across")
@@ -63,7 +65,9 @@ def model():
         tensor("dc", TensorProto.FLOAT, ["N", 3]),
     ]
     graph = helper.make_graph(nodes, "relight_splat", inputs, [tensor("relit", TensorProto.FLOAT, ["N", 3])], constants)
-    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 15)], producer_name="splat2mesh", ir_version=8)
+    made = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 15)], producer_name="splat2mesh", ir_version=8
+    )
     checker.check_model(made, full_check=True)
     return made
 

@@ -88,7 +88,9 @@ def described(live, splats):
                 "whole": light.whole[: SPREAD_BANDS**2].tolist(),
                 "suns": [
                     {"direction": direction, "weight": weight}
-                    for direction, weight in zip(light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True)
+                    for direction, weight in zip(
+                        light.suns.directions.tolist(), light.suns.weights.tolist(), strict=True
+                    )
                 ],
             }
             for file, light in zip(light_files(live), live.lights, strict=True)

@@ -44,7 +44,9 @@ def light_of(environment, exposure):
         image = np.roll(image, -low, axis=1) * (1.0 - share) + np.roll(image, -low - 1, axis=1) * share
     whole = about_y(environment.sh(BANDS))
     mean = environment.mean_luminance
-    return Light(environment.name, image.astype(np.float32), about_y(rest.sh(BANDS)), whole, suns, float(exposure), mean)
+    return Light(
+        environment.name, image.astype(np.float32), about_y(rest.sh(BANDS)), whole, suns, float(exposure), mean
+    )
 
 
 def capture_light(response, shares):

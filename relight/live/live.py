@@ -194,7 +194,9 @@ def _compressed(rows, restore, lights, tolerance, seed):
             break
     else:
         warnings.warn(
-            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was asked for", DataWarning, stacklevel=2
+            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was asked for",
+            DataWarning,
+            stacklevel=2,
         )
     return best[1], tried
 

@@ -36,7 +36,9 @@ START = [
 
 def browser_path():
     """The path of Chromium. Skips without one."""
-    found = next((path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None)
+    found = next(
+        (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+    )
     if found is None:
         pytest.skip("Chromium is not installed")
     return found
@@ -58,7 +60,11 @@ class Browser:
 
         command = [browser_path(), *START, f"--user-data-dir={self._profile}", "--window-size={},{}".format(*size)]
         self._process = subprocess.Popen(
-            [*command, "about:blank"], close_fds=False, preexec_fn=place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [*command, "about:blank"],
+            close_fds=False,
+            preexec_fn=place,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         os.close(read_theirs)
         os.close(write_theirs)

@@ -29,7 +29,10 @@ def read(path):
     for name, index in primitive["attributes"].items():
         accessor = document["accessors"][index]
         width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
-        assert accessor["componentType"] == 5126 and REQUIRED.get(name.rpartition(":")[2], accessor["type"]) == accessor["type"]
+        assert (
+            accessor["componentType"] == 5126
+            and REQUIRED.get(name.rpartition(":")[2], accessor["type"]) == accessor["type"]
+        )
         start = document["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
         arrays[name] = np.frombuffer(binary, "<f4", accessor["count"] * width, start).reshape(-1, width)
     return primitive, arrays

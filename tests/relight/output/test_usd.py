@@ -54,7 +54,9 @@ def test_the_splats_are_a_particle_field_in_the_scene_frame(written):
     low, high = np.array(field.GetExtentAttr().Get())
     reach = SEEN_TO * splats.scales.max()
     assert (low >= placed(splats, TILT).means.min(axis=0) - 1.001 * reach).all()
-    assert (low <= placed(splats, TILT).means.min(axis=0)).all() and (high >= placed(splats, TILT).means.max(axis=0)).all()
+    assert (low <= placed(splats, TILT).means.min(axis=0)).all() and (
+        high >= placed(splats, TILT).means.max(axis=0)
+    ).all()
 
 
 def test_the_proxy_is_the_mesh_and_the_dome_is_the_light(written):
@@ -77,7 +79,9 @@ def test_the_proxy_is_the_mesh_and_the_dome_is_the_light(written):
     # What the unturned picture has at +z shines from where the light has it.
     matrix = np.array(UsdGeom.Xformable(dome).ComputeLocalToWorldTransform(Usd.TimeCode.Default()))[:3, :3]
     np.testing.assert_allclose(
-        light.lookup(np.array([[0.0, 0.0, 1.0]]) @ matrix), Environment(light.radiance).lookup(np.array([[0.0, 0, 1]])), rtol=1e-5
+        light.lookup(np.array([[0.0, 0.0, 1.0]]) @ matrix),
+        Environment(light.radiance).lookup(np.array([[0.0, 0, 1]])),
+        rtol=1e-5,
     )
 
 

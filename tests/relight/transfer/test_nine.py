@@ -24,22 +24,25 @@ def exact(scene, light):
     return with_bounces(np.maximum(transfer[:, :9] @ light.astype(np.float32), 0.0), albedo, bounces, 1e-6)[0]
 
 
+def off(found, truth):
+    return np.sqrt(np.square(found - truth).sum() / np.square(truth).sum())
+
+
 def test_a_constant_sky_is_exact_bounces_and_all(scene):
     light = np.zeros((9, 3))
     light[0] = np.sqrt(4.0 * np.pi) * np.array([1.0, 0.8, 0.6])
     transfer, albedo, bounces = scene
     found = sent(with_received(transfer, albedo, bounces), albedo, light)
-    # Bounces stop where those left out would add a thousandth.
-    assert np.abs(found - exact(scene, light)).max() < 2e-3 * exact(scene, light).max()
+    # Bounces stop where those left out would add a thousandth of all light.
+    assert off(found, exact(scene, light)) < 1e-3
 
 
 def test_any_other_light_is_near_with_one_tint(scene):
     light = lamp_light().sh(3)
     transfer, albedo, bounces = scene
     found, truth = sent(with_received(transfer, albedo, bounces), albedo, light), exact(scene, light)
-    error = np.sqrt(np.square(found - truth).sum() / np.square(truth).sum())
-    assert error < 0.03
-    assert error < np.sqrt(np.square(sent(with_received(transfer, None), albedo, light) - truth).sum() / np.square(truth).sum())
+    # Of light that bounces the colour changes from place to place and from side to side; without any it is darker.
+    assert off(found, truth) < 0.02 < 0.1 < off(sent(with_received(transfer, None), albedo, light), truth)
 
 
 def test_without_bounces_the_transfer_is_kept_and_the_tint_white(scene):
