@@ -120,8 +120,8 @@ def relight_scene(
     albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
     capture_env: AnyLight | None = None,
     exposure_ev: float | None = None,
-    formats: Sequence[str] = ("glb", "png"),
-    live: bool = False,
+    formats: Sequence[str] | None = None,
+    live_mesh: bool = False,
     harmonics: str = "zero",
     stages: Stages | None = None,
     **wishes: Any,
@@ -134,8 +134,9 @@ def relight_scene(
     counter-clockwise from above. albedo: "estimated" (the light of the capture taken out: the default for what was made
     of a splat), "captured" (the default for other meshes), "white", or (V, 3) linear, as an array or a .npy file.
     capture_env: the light of the capture, where it is known. exposure_ev: show radiance times 2^exposure_ev; by default
-    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat, albedo-splat, splat-glb,
-    usd. live: with glb, the mesh with live light too. harmonics: "zero", or "keep" what of an albedo splat's colours
+    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat, albedo-splat,
+    splat-glb, usd, live, web; by default glb, png and, where the splat that the scene was made from is found, splat.
+    live_mesh: live.glb too, whose light shaders turn. harmonics: "zero", or "keep" what of an albedo splat's colours
     depends on the view. stages: times the work. What can be used again is kept in the cache of a scene folder. Raises
     InputError for what cannot be read or used.
     """
@@ -148,7 +149,7 @@ def relight_scene(
         capture_env=capture_env,
         exposure_ev=exposure_ev,
         formats=formats,
-        live=live,
+        live_mesh=live_mesh,
         harmonics=harmonics,
         stages=stages,
     )

@@ -1,11 +1,13 @@
 """The relight command: scene and light in, relit files out. Holds no mathematics, imports nothing heavy."""
 
 import argparse
+import contextlib
 import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splat2mesh.base.commandline import Parser, chosen, several, share
 from splat2mesh.base.version import VERSION
 
 from .output.kinds import BAKED, FILES, HARMONICS
@@ -16,14 +18,16 @@ if TYPE_CHECKING:
     from .job import Job
 
 EXAMPLES = """examples:
+  relight garden.ply --env sunset                  meshes the splat into the scene folder garden/ first
   relight garden                                   under the built-in studio: garden/relit/studio_0/
   relight garden --env stpeters.exr --rotate 45
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
+  relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
+  relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
 
-Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/.
-A negative start needs an equals sign: --rotate=-30:30:10."""
+Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
 
 MAX_ANGLES = 3600
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32
@@ -31,21 +35,23 @@ MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files
 
 def parser() -> argparse.ArgumentParser:
     """The command line of relight."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="relight",
         description="Put a scene under any light, with the shadows of everything on everything.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("scene", metavar="SCENE", help="scene folder of splat2mesh, or a mesh: .ply .obj .glb .stl")
+    parser.signed = ("--rotate",)
+    scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
+    parser.add_argument("scene", metavar="SCENE", help=scene)
 
     add = parser.add_argument_group("light").add_argument
     names = "studio, overcast, noon, sunset"
     add(
         "--env",
         default="studio",
-        metavar="FILE|NAME",
-        help=f".exr or .hdr file, or {names} (default: %(default)s)",
+        metavar="FILE|NAME|FOLDER",
+        help=f".exr or .hdr file, a folder of them, each of which lights the scene, or {names} (default: %(default)s)",
     )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
@@ -59,10 +65,10 @@ def parser() -> argparse.ArgumentParser:
     capture = "the light of the capture, where it is known (.exr, .hdr): then only its exposure is estimated"
     add("--capture-env", metavar="FILE", help=capture)
     method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
-    add("--method", default="auto", choices=METHODS, metavar="NAME", help=method)
+    add("--method", default="auto", metavar="NAME", help=method)
     tolerance = "relative error of the light that is accepted; what it does not call for is not computed "
-    tolerance += "(default: 0.01, of places 0.03)"
-    add("--tolerance", type=float, metavar="ERROR", help=tolerance)
+    tolerance += "(default: 0.01, which is 1%%, of places 0.03)"
+    add("--tolerance", metavar="ERROR", help=tolerance)
     budget = "the most exact light in so much time, instead of a tolerance"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
     effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} (default: %(default)s)"
@@ -75,7 +81,10 @@ def parser() -> argparse.ArgumentParser:
 
     add = parser.add_argument_group("session").add_argument
     add("--view", action="store_true", help="open a window to turn, swap and compare lights in; h lists its keys")
-    add("--screenshot", metavar="FILE", help="with --view: write this .png of it, and open no window")
+    add("--screenshot", metavar="FILE", help="write a .png, .jpg or .webp of the session, and open no window")
+    serve = "the session, or the page that --format web wrote as a folder, in a browser of this machine, at the "
+    serve += "address that is printed (default port: any free one)"
+    add("--serve", nargs="?", const=0, type=int, metavar="PORT", help=serve)
 
     add = parser.add_argument_group("motion").add_argument
     add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
@@ -84,18 +93,21 @@ def parser() -> argparse.ArgumentParser:
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
-    kinds = f"any of {' '.join(FILES)} (default: glb png)"
-    add("--format", nargs="+", default=["glb", "png"], choices=FILES, metavar="KIND", help=kinds)
-    live = "with --format glb: live.glb too, whose light a shader turns (docs/engines.md)"
+    kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one)"
+    add("--format", nargs="+", action="extend", metavar="KIND", help=kinds)
+    add("--sheet", action="store_true", help="sheet.png too: captured, albedo and the lights side by side")
+    live = "with --format glb: live.glb too, whose light shaders turn (docs/engines.md)"
     add("--live", action="store_true", help=live)
     harmonics = "colour of an albedo splat that depends on the view: zero, keep (default: %(default)s)"
-    add("--harmonics", default="zero", choices=HARMONICS, metavar="WHICH", help=harmonics)
+    add("--harmonics", default="zero", metavar="WHICH", help=harmonics)
     bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
-    add("--bake", nargs="+", choices=BAKED, metavar="WHAT", help=bake)
+    add("--bake", nargs="+", action="extend", metavar="WHAT", help=bake)
     add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
     sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
-    add("--sky", default="new", choices=("new", "keep", "drop"), metavar="WHICH", help=sky)
+    add("--sky", default="new", metavar="WHICH", help=sky)
+    lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
+    add("--lights", nargs="+", default=[], metavar="FILE|NAME", help=lights)
     add("--overwrite", action="store_true", help="replace results that exist")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
@@ -137,70 +149,171 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from splat2mesh.base.console import recorded_warnings, wants_progress
     from splat2mesh.base.progress import Stages
 
-    from .options import LightingOptions
+    from .meshing import is_splat
 
     source = Path(options.scene)
-    _check(options, source)
+    _understand(options, source)
+    if options.serve is not None and _is_page(source):
+        return _page_served(source, options)
     angles = angles_from(options.rotate)
-    if (options.view or options.animate) and len(angles) > 1:
-        raise _error(f"--rotate {options.rotate}: a session or an animation has one angle")
-    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
-    lighting = LightingOptions(**{name: getattr(options, name) for name in names})
-    folders = [] if options.plan or options.view else _output_folders(options, source, angles)
+    lights = _lights(options.env)
+    _check(options, angles, lights)
     stages = Stages(show=wants_progress(options))
     with recorded_warnings() as messages:
         try:
-            from .job import Job
-
-            job = Job(
-                source,
-                options.env,
-                lighting,
-                angles_deg=angles,
-                albedo=options.albedo,
-                capture_env=options.capture_env,
-                exposure_ev=options.exposure,
-                formats=options.format,
-                baked=options.bake or (),
-                texture_size=options.texture_size,
-                splat=options.splat,
-                sky=options.sky,
-                live=options.live,
-                harmonics=options.harmonics,
-                animated=options.animate,
-                caching="none" if options.no_cache else "read" if options.plan else "keep",
-                stages=stages,
-                messages=messages,
-            )
-            if options.plan:
-                return _planned(job)
-            if options.view:
-                return _viewed(job, options.screenshot)
-            if options.animate:
-                note, report = job.film(folders[0], options.fps, options.overwrite)
-                lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
-                return lines, {"outputs": [str(folders[0])], "reports": [report]}
-            reports = [job.write(shaded, folder) for shaded, folder in zip(job.shaded(), folders, strict=True)]
+            told: list[str] = []
+            scene: Path | None = source
+            if is_splat(source):
+                scene, told = _meshed(source, options, stages)
+            if scene is None:
+                return told, {"plan": None}
+            lines, result = _relit(scene, lights, angles, options, stages, messages)
         finally:
             stages.close()
+    return told + lines, result
+
+
+def _understand(options: argparse.Namespace, source: Path) -> None:
+    """Put the words of options into the form that the library knows. Raises InputError for what makes no sense."""
+    if not source.exists():
+        raise _error(f"{source}: no such scene folder, splat or mesh file")
+    options.method = chosen("--method", options.method, METHODS)
+    options.sky = chosen("--sky", options.sky, ("new", "keep", "drop"))
+    options.format = several("--format", options.format, FILES) if options.format else None
+    options.harmonics = chosen("--harmonics", options.harmonics, HARMONICS)
+    options.bake = several("--bake", options.bake, BAKED)
+    options.tolerance = share("--tolerance", options.tolerance)
+    if options.albedo and not Path(options.albedo).exists() and "." not in options.albedo:
+        options.albedo = chosen("--albedo", options.albedo, ("estimated", "captured", "white"))
+    if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
+        limit = f"{MAX_EXPOSURE_EV:g}"
+        raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
+    if options.live and "glb" not in (options.format or FILES):
+        raise _error("--live: it is of --format glb; give that too")
+    if options.lights and not {"live", "web"} & set(options.format or ()):
+        raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
+    if options.screenshot:
+        from .output.mesh_files import check_image
+
+        check_image(options.screenshot)
+        options.view = True
+
+
+def _check(options: argparse.Namespace, angles: list[float], lights: list[str]) -> None:
+    """Raise InputError, before any work, for options that do not go together."""
+    one = "a session" if options.view or options.serve is not None else "an animation" if options.animate else ""
+    if one and len(angles) > 1:
+        raise _error(f"--rotate {options.rotate}: {one} has one angle")
+    if one and len(lights) > 1 and options.animate:
+        raise _error(f"--env {options.env}: an animation has one light")
+    if options.serve is not None and (options.view or not 0 <= options.serve < 65536):
+        raise _error(f"--serve {options.serve or ''}: expected a port up to 65535, and no --view beside it")
+
+
+def _lights(env: str) -> list[str]:
+    """The lights of `--env`: itself, or all that its folder holds, by name."""
+    folder = Path(env)
+    if not folder.is_dir():
+        return [env]
+    found = sorted(str(path) for path in folder.iterdir() if path.suffix.lower() in (".exr", ".hdr"))
+    if not found:
+        raise _error(f"--env {env}: the folder holds no .exr and no .hdr file")
+    return found
+
+
+def _meshed(splat: Path, options: argparse.Namespace, stages: Any) -> tuple[Path | None, list[str]]:
+    """The scene folder of a splat, made where it is not there yet, and what to tell; with --plan nothing is made."""
+    from .meshing import planned, scene_folder
+
+    if not options.plan:
+        return scene_folder(splat, stages)
+    folder = planned(splat)
+    if folder is not None:
+        return folder, []
+    return None, [f"{splat} is meshed first: splat2mesh {splat} --plan shows how. Light is planned once that is done."]
+
+
+def _relit(
+    source: Path, lights: list[str], angles: list[float], options: argparse.Namespace, stages: Any, messages: list[str]
+) -> tuple[list[str], Any]:
+    """Do what is asked of a scene or mesh: lines of the summary, and the result."""
+    from .job import Job
+    from .options import LightingOptions
+
+    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
+    lighting = LightingOptions(**{name: getattr(options, name) for name in names})
+    writes = not (options.plan or options.view or options.serve is not None)
+    folders = _output_folders(options, source, lights, angles) if writes else []
+    job = Job(
+        source,
+        lights[0],
+        lighting,
+        angles_deg=angles,
+        albedo=options.albedo,
+        capture_env=options.capture_env,
+        exposure_ev=options.exposure,
+        formats=options.format,
+        baked=options.bake,
+        texture_size=options.texture_size,
+        splat=options.splat,
+        sky=options.sky,
+        sheet=options.sheet,
+        lights=options.lights,
+        live_mesh=options.live,
+        harmonics=options.harmonics,
+        animated=options.animate,
+        caching="none" if options.no_cache else "read" if options.plan else "keep",
+        stages=stages,
+        messages=messages,
+    )
+    if options.plan:
+        return _planned(job)
+    if options.serve is not None:
+        return _served(job, options.serve)
+    if options.view:
+        return _viewed(job, options.screenshot)
+    if options.animate:
+        note, report = job.film(folders[0], options.fps, options.overwrite)
+        lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
+        return lines, {"outputs": [str(folders[0])], "reports": [report]}
+    reports, left = [], iter(folders)
+    for light in lights:
+        job = job if light == lights[0] else job.under(light)
+        reports += [job.write(shaded, next(left)) for shaded in job.shaded()]
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
+    if options.sheet and len(folders) > 1:
+        lines.append(str(job.write_sheet(folders[0].parent)))
     if options.verbose:
         lines += job.plan.table() if job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
     return lines, {"outputs": [str(folder) for folder in folders], "reports": reports}
 
 
-def _check(options: argparse.Namespace, source: Path) -> None:
-    """Raise InputError, before any work, for options that make no sense."""
-    if not source.exists():
-        raise _error(f"{source}: no such scene folder or mesh file")
-    if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
-        limit = f"{MAX_EXPOSURE_EV:g}"
-        raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
-    if options.live and "glb" not in options.format:
-        raise _error("--live: it is of --format glb; give that too")
-    if options.screenshot and not options.view:
-        raise _error("--screenshot: it is one of the session; give --view too")
+def _served(job: "Job", port: int) -> tuple[list[str], Any]:
+    from splat2mesh.base.console import tell
+
+    from .viewer import serve
+
+    session = job.session()
+    job.stages.close()
+    serve(**session, port=port, announce=lambda url: tell(f"open {url} (Ctrl-C stops)"))
+    return [], {"served": True}
+
+
+def _is_page(source: Path) -> bool:
+    """Whether a folder is results of --format web, and no scene."""
+    return source.is_dir() and not (source / "scene.json").exists()
+
+
+def _page_served(folder: Path, options: argparse.Namespace) -> tuple[list[str], Any]:
+    from .live.serve import server_of
+
+    with server_of(folder, options.serve) as server:
+        if not options.quiet:
+            sys.stderr.write(f"open {server.url} (Ctrl-C stops)\n")
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()
+        return [], {"served": server.url}
 
 
 def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
@@ -224,19 +337,24 @@ def _error(message: str) -> Exception:
     return InputError(message)
 
 
-def _output_folders(options: argparse.Namespace, source: Path, angles: list[float]) -> list[Path]:
-    """The folder of every angle. Raises InputError, before any work, for one that may not be written."""
+def _output_folders(options: argparse.Namespace, source: Path, lights: list[str], angles: list[float]) -> list[Path]:
+    """The folder of every light and angle. Raises InputError, before any work, for one that may not be written."""
     from splat2mesh.base.outputs import check_output
 
-    if options.output and len(angles) == 1:
+    if options.output and len(angles) == len(lights) == 1:
         folders = [Path(options.output)]
     else:
         default = source / "relit" if source.is_dir() else Path(f"{source.stem}_relit")
         parent = Path(options.output or default)
-        folders = [parent / f"{Path(options.env).stem}_{_plain(angle)}" for angle in angles]
+        folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
     for folder in folders:
         check_output(folder, options.overwrite, marker="report.json")
     return folders
+
+
+def _name(light: str) -> str:
+    """What a light is called in the name of a folder: that of its file, or of the sky that it is, whatever its case."""
+    return Path(light).stem if Path(light).exists() else Path(light).stem.lower()
 
 
 def _plain(number: float) -> str:

@@ -6,8 +6,10 @@ shaded = job.shaded()         shade
 job.write(shaded, folders)    write
 """
 
+import copy
 import json
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.console import peak_mb
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
@@ -29,14 +32,20 @@ from splat2mesh.splats.splats import Splats
 from .engine.appearance import CHOICES, Appearance, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
+from .light.skies import BUILTIN
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import OF_SPLATS
+from .output.engine_files import EngineFiles
+from .output.kinds import FOR_ENGINES, OF_SPLATS
+from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
     from .planning.plan import Plan
+
+DEFAULT_FORMATS = ("glb", "png")
+"""What is written where nobody says; with a splat, that too."""
 
 AnyLight = Environment | str | os.PathLike[str]
 """An Environment, a file, or the name of a built-in one."""
@@ -66,12 +75,14 @@ class Job:
         albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
         capture_env: AnyLight | None = None,
         exposure_ev: float | None = None,
-        formats: Sequence[str] = ("glb", "png"),
+        formats: Sequence[str] | None = None,
         baked: Sequence[str] = (),
         texture_size: int | None = None,
         splat: str | os.PathLike[str] | None = None,
         sky: str = "new",
-        live: bool = False,
+        sheet: bool = False,
+        lights: Sequence[AnyLight] = (),
+        live_mesh: bool = False,
         harmonics: str = "zero",
         animated: bool = False,
         caching: str = "keep",
@@ -83,20 +94,34 @@ class Job:
         options: LightingOptions; within the default tolerance where they name neither that nor a budget. angles_deg:
         of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
         other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
-        2^exposure_ev. formats, baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
-        the scene says. sky: what becomes of its far background, of `splats.SKIES`. live, harmonics: of `Results`.
-        animated: whether the scene is an animated .glb. caching: "keep" what is computed in the scene's folder, "read"
-        what was kept there, or "none". messages: the warnings so far, for the report.
+        2^exposure_ev. formats: words of `output.kinds.FILES`; by default glb, png and, where the splat of the scene is
+        found, splat. baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
+        the scene says. sky: what becomes of its far background, of `splats.SKIES`. sheet: whether the lights are also
+        shown beside what was captured. lights: others that what is live has beside its own and the built-in ones.
+        live_mesh, harmonics: of `EngineFiles`. animated: whether the scene is an animated .glb. caching: "keep" what is
+        computed in the scene's folder, "read" what was kept there, or "none". messages: the warnings so far, for the
+        report.
         """
         self._wishes = options or LightingOptions()
         self.stages = stages or Stages()
         self.angles_deg = tuple(angles_deg)
         self._given, self._env, self._capture_env = scene, env, capture_env
         self._albedo, self._exposure_ev = albedo, exposure_ev
-        self._formats, self._baked, self._texture_size = tuple(formats), tuple(baked), texture_size
-        self._live, self._harmonics = live, harmonics
+        self._formats = None if formats is None else tuple(formats)
+        self._baked, self._texture_size = tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
+        self._sheet, self._more_lights = sheet, tuple(lights)
+        self._live_mesh, self._harmonics = live_mesh, harmonics
         self._messages = [] if messages is None else messages
+
+    def under(self, env: AnyLight) -> "Job":
+        """The same job under another light: all that does not depend on the light is shared."""
+        self._results  # noqa: B018  what is shared is made first
+        other = copy.copy(self)
+        for name in ("environment", "plan", "_lights"):
+            other.__dict__.pop(name, None)
+        other._env = env
+        return other
 
     # load
 
@@ -115,11 +140,30 @@ class Job:
 
     @cached_property
     def splats(self) -> tuple[Splats, list[Path]] | None:
-        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none."""
+        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
+
+        Where nobody asked for them and they are not found, None, with a DataWarning.
+        """
+        wanted = bool(set(OF_SPLATS) & set(self._formats or ()))
+        asked = wanted or (self._of_splats and (bool(self._baked) or self._splat is not None))
+        if not asked and "sha256" not in self.scene.source:
+            return None
         with self.stages.stage("load"):
-            if self._of_splats or self._wants_splats:
+            try:
                 return source_splats(self.scene, self._splat)
-        return None
+            except InputError as error:
+                if asked:
+                    raise
+                message = f"{error}; without it no splat is relit, and the picture shows the mesh"
+                warnings.warn(message, DataWarning, stacklevel=2)
+                return None
+
+    @cached_property
+    def formats(self) -> tuple[str, ...]:
+        """What is written of each light, of `output.kinds.FILES`."""
+        if self._formats is not None:
+            return self._formats
+        return DEFAULT_FORMATS if self.splats is None else (*DEFAULT_FORMATS, "splat")
 
     @cached_property
     def options(self) -> LightingOptions:
@@ -129,12 +173,12 @@ class Job:
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
-        if self._wants_splats or self._baked:
+        if self._shows_splats:
             self.splats  # noqa: B018  a splat that is missing is told before any work
-        if "usd" in self._formats:
+        if "usd" in (self._formats or ()):
             from .output.usd import library
 
-            library()  # as is a package
+            library()  # so is a package
         cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
 
@@ -179,11 +223,19 @@ class Job:
         """Fill a folder with the results of one light; returns their report, JSON-clean."""
         light, shading, exposure = shaded
         report = self.report(shaded)
+        alone = self._sheet and len(self.angles_deg) == 1
         with staged_folder(folder) as staging:
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
+            if self._sheet:
+                self._results.add_to_sheet(light, shading.radiance, exposure)
+                report["files"] += [self._results.write_sheet(staging, 1)] * alone
             report.update(told)
             self._write_report(staging, report)
         return report
+
+    def write_sheet(self, folder: str | os.PathLike[str]) -> Path:
+        """Write all lights so far side by side, with what was captured; returns the path of the picture."""
+        return Path(folder) / self._results.write_sheet(Path(folder))
 
     def report(self, shaded: Shaded) -> dict[str, Any]:
         """What was done and how, JSON-clean, without files and times."""
@@ -284,15 +336,24 @@ class Job:
 
     @cached_property
     def _results(self) -> Results:
-        splats = self.splats if self._wants_splats or self._baked else None
+        splats = self.splats if self._shows_splats else None
         look, seed = self.appearance, self._wishes.seed
-        more = self._texture_size, seed, self._sky, self._live, self._harmonics
-        return Results(self.relighter, look, self._formats, self._baked, splats, *more)
+        live = None
+        if splats is not None and {"live", "web"} & set(self.formats):
+            others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
+            tolerance = self._wishes.tolerance
+            live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
+        engines = None
+        if self._live_mesh or {*FOR_ENGINES} & {*self.formats}:
+            more = self._live_mesh, self._harmonics, self._sky
+            engines = EngineFiles(self.relighter, look, self.formats, splats, *more)
+        more = self._texture_size, seed, self._sky, live, engines
+        return Results(self.relighter, look, self.formats, self._baked, splats, *more)
 
     @property
-    def _wants_splats(self) -> bool:
-        """Whether a result needs the splats."""
-        return bool({*OF_SPLATS} & {*self._formats})
+    def _shows_splats(self) -> bool:
+        """Whether any result needs the splats: pictures show them too."""
+        return bool(self._baked) or self._formats is None or bool({*OF_SPLATS, "png"} & set(self._formats))
 
     @property
     def _name(self) -> str:
@@ -317,7 +378,16 @@ class Job:
             return 2.0**self._exposure_ev
         others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        return self._as_captured(exposure, self.environment)
+
+    def _exposure_of(self, light: Environment, radiance: NDArray[np.float32]) -> float:
+        """The same for one other light."""
+        if self._exposure_ev is not None:
+            return 2.0**self._exposure_ev
+        return self._as_captured(auto_exposure(radiance), light)
+
+    def _as_captured(self, exposure: float, light: Environment) -> float:
+        capture, mean = self.appearance.capture, light.mean_luminance
         if capture is None or not mean > 0.0:
             return exposure
         return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from .base.commandline import Parser, chosen
 from .base.console import peak_mb, run, wants_progress
 from .base.version import VERSION
 
@@ -23,12 +24,13 @@ then: relight garden --env stpeters.exr --rotate 45"""
 
 def parser() -> argparse.ArgumentParser:
     """The command line of splat2mesh."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="splat2mesh",
         description="Turn a trained Gaussian splat into a clean, chunked triangle mesh that relight can light.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.signed = ("--up", "--eye")
     add = parser.add_argument
     add(
         "input",
@@ -121,7 +123,8 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     source = Path(options.input)
     if not source.exists():
         raise InputError(f"{source}: no such file")
-    output = Path(options.output or _default_output(source))
+    _understand(options)
+    output = Path(options.output or default_output(source))
     if options.plan:
         return _plan(options)
     check_output(output, options.overwrite, META)
@@ -154,12 +157,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         stages.close()
     seconds = time.perf_counter() - start
     counts = scene.statistics
-    lines = [
-        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
-        f"from {counts['splats']:,} splats{_level(scene)}, {seconds:.1f} s"
-    ]
-    if scene.settings.get("up_from", "").startswith("the floor"):
-        lines.append(f"  up is told by {scene.settings['up_from']}; --up overrules")
+    lines = [*told(scene, output, seconds), f"  next: relight {output} --env sunset"]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
     result = {
@@ -170,6 +168,34 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         "peak_mb": peak_mb(),
     }
     return lines, result
+
+
+def told(scene: Any, output: Path, seconds: float | None = None) -> list[str]:
+    """What a summary says of a Scene that was written: its size, and what told which way is up."""
+    counts, took = scene.statistics, "" if seconds is None else f", {seconds:.1f} s"
+    lines = [
+        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
+        f"from {counts['splats']:,} splats{_level(scene)}{took}"
+    ]
+    objects = scene.settings.get("objects") or {"": scene.settings}
+    for name, settings in objects.items():
+        if settings.get("up_from", "asked for") != "asked for":
+            lines.append(f"  up{f' of {name}' if name else ''}: {settings['up_from']} (--up overrules)")
+    return lines
+
+
+def _understand(options: argparse.Namespace) -> None:
+    """Put the words of options into the form that the library knows. Raises InputError for others."""
+    from .surface.extract import EFFORTS, WAYS
+    from .views.standpoints import CHOICES
+    from .views.upright import UP_CHOICES
+
+    up = options.up.lower()
+    options.up = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
+    options.detail = chosen("--detail", options.detail, EFFORTS)
+    options.surface = chosen("--surface", options.surface, WAYS)
+    options.background = chosen("--background", options.background, ("cut", "keep"))
+    options.stand = chosen("--from", options.stand, CHOICES)
 
 
 def _level(scene: Any) -> str:
@@ -209,7 +235,7 @@ def _point(text: str) -> tuple[float, ...]:
     return point
 
 
-def _default_output(source: Path) -> str:
+def default_output(source: Path) -> str:
     """The input's name, in the current folder; never the folder that is the input."""
     source = source.resolve()
     if source.name in ("meta.json", "lod-meta.json"):

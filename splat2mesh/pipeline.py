@@ -113,7 +113,7 @@ def convert(
     with stages.stage("picture"):
         shown = dilated(foreground, training_pixel(foreground))
         if standing.kind == "outside":
-            view = picture_view(shown, rotation[1, :3])
+            view = picture_view(shown, rotation[1, :3], within=surface != "field")
         else:
             view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
         camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)

@@ -1,13 +1,19 @@
-"""Live light in Blender: reads live.glb of `relight SCENE --format glb --live`; a slider turns the light.
+"""Live light in Blender: reads live.glb of `relight SCENE --format glb --live`, with a slider.
 
-Install: Edit > Preferences > Add-ons > Install from Disk. Then File > Import > Live light (.glb), and the sidebar of the
-3D view (N), tab Relight. From a script: `import relight_light; relight_light.load("live.glb")`.
+Install: Edit > Preferences > Add-ons > Install from Disk. Then File > Import > Live light (.glb), and the sidebar
+of the 3D view (N), tab Relight. From a script: `import relight_light; relight_light.load("live.glb")`.
 
 Blender's own importer drops the transfer (16-bit attributes of four numbers), so the file is read here, by its
-specification. The light is in the shader nodes alone: three Attribute nodes for the transfer, nine products, and a driver
-for each number of the light, which is a short sum of sines and cosines of the angle. Such drivers need no permission to
-run Python, so that a saved .blend works without this add-on.
+specification. The light is in the shader nodes alone: Attribute nodes for the transfer, nine products, and a driver for
+each number of the light, which is a short sum of sines and cosines of the angle. Such drivers need no permission to run
+Python, so that a saved .blend works without this add-on.
 """
+
+import json
+import math
+import struct
+
+import numpy as np
 
 bl_info = {
     "name": "Relight: live light",
@@ -18,12 +24,6 @@ bl_info = {
     "description": "A mesh whose light can be turned, swapped and exposed",
     "category": "Import-Export",
 }
-
-import json
-import math
-import struct
-
-import numpy as np
 
 KEY, VERSION = "relight_live", 1
 ANGLE, EXPOSURE = "relight_angle", "relight_exposure"  # custom properties of the Blender scene

@@ -1,8 +1,8 @@
 """Writes relight_splat.onnx, the kernel of live light on splats for Unity's Inference Engine (opset 15, any count).
 
-Inputs: cluster (N,) int32, weights (N, W) float32 as bytes hold them, table (C, 1 + W, 3) float32 of one light, and
-dc (N, 3) float32, the constant coefficients as captured. Output: relit (N, 3), the same under the light. Run again after
-a change: `python integrations/unity/make_onnx.py`.
+Inputs: cluster (N,) int32, weights (N, W) float32 as bytes hold them, table (C, 1 + W, 3) float32 of one light,
+and dc (N, 3) float32, the constant coefficients as captured. Output: relit (N, 3), the same under the light. Run
+again after a change: `python integrations/unity/make_onnx.py`.
 """
 
 import sys

@@ -2,6 +2,7 @@
 
 import contextlib
 import copy
+import difflib
 import io
 import math
 import os
@@ -35,6 +36,7 @@ class Environment:
     radiance: (H, W, 3) float32 linear, read-only: canonical lat-long, NOT turned by `rotation_deg`.
     name: for file names and reports.
     rotation_deg: active rotation about +y in [0, 360), counter-clockwise seen from +y (+z goes to +x).
+    formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
     repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
         it (0 without any); "infinite": the largest finite value of its channel; "negative": 0.
     """
@@ -48,6 +50,7 @@ class Environment:
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
+        self.formula: str | None = None
         self._derived: dict = {}  # results computed from the unrotated image, by key, shared with all rotated copies
 
     @classmethod
@@ -57,8 +60,11 @@ class Environment:
         Angular maps and vertical crosses are recognised and resampled; anything else is taken as lat-long.
         Raises InputError for an unknown name and for files that are missing, damaged or of another kind.
         """
-        if str(source) in skies.BUILTIN:
-            return cls(skies.BUILTIN[str(source)](), str(source))
+        builtin = str(source).lower()
+        if builtin in skies.BUILTIN and not os.path.lexists(source):
+            environment = cls(skies.BUILTIN[builtin](), builtin)
+            environment.formula = builtin
+            return environment
         path = Path(source)
         image = _read(path)
         image, repaired = _repaired(image, path.name)
@@ -179,8 +185,7 @@ def _read(path):
     try:
         data = path.read_bytes()
     except FileNotFoundError:
-        names = ", ".join(skies.BUILTIN)
-        raise InputError(f"{path} does not exist: give an .exr or .hdr file, or one of {names}") from None
+        raise InputError(_unknown(path)) from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror}") from None
     if not data:
@@ -193,6 +198,19 @@ def _read(path):
         f"{path} is neither OpenEXR nor Radiance HDR: give a file that holds linear radiance, "
         "which PNG, JPEG and other display pictures do not"
     )
+
+
+def _unknown(path):
+    """What to say of a file that does not exist: it may be meant as a name, or as a file beside it."""
+    beside = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
+    lights = [name for name in beside if name.lower().endswith((".exr", ".hdr"))]
+    known = {name.lower(): str(path.parent / name) for name in lights}
+    if path.parent == Path("."):
+        known |= {name: name for name in skies.BUILTIN}
+    near = difflib.get_close_matches(path.name.lower(), known, 1)
+    meant = f"did you mean {known[near[0]]}? " if near else ""
+    names = ", ".join(skies.BUILTIN)
+    return f"{path} does not exist: {meant}Give an .exr or .hdr file, or one of {names}"
 
 
 def _read_exr(path):

@@ -3,6 +3,8 @@
 Left, right and front are those of a camera on +z that looks at the origin: -x is left, +z the front.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +20,62 @@ _SUBSAMPLES = 16  # a side of each texel near a disc's rim
 
 def studio() -> NDArray:
     """Photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings."""
-    directions = texel_directions(HEIGHT, WIDTH)
+    return _image("studio")
+
+
+def overcast() -> NDArray:
+    """Overcast day: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3, over a grey ground it lights."""
+    return _image("overcast")
+
+
+def noon() -> NDArray:
+    """Clear day, sun 60 degrees up: five sixths of the light on level ground are the sun's, one the sky's."""
+    return _image("noon")
+
+
+def sunset() -> NDArray:
+    """Sun 6 degrees up on the left: warm light along the ground, a quarter as much on it as the sky's."""
+    return _image("sunset")
+
+
+BUILTIN = {"studio": studio, "overcast": overcast, "noon": noon, "sunset": sunset}
+
+
+def seen(
+    name: str,  # of BUILTIN
+    directions: NDArray,  # (..., 3) unit, canonical frame
+) -> NDArray:
+    """Radiance (..., 3) float32 of the same sky as an eye sees it, in any detail: for pictures, never for light.
+
+    The sun is a disc of its true size. Far ground fades into the air above the horizon, which the image, whose
+    texels are 0.7 degrees wide, does not resolve.
+    """
+    sky, scale, sun, ground = _constants(name)
+    directions = np.asarray(directions, np.float64)
+    result = sky(directions)
+    if sun is not None:
+        center, radiance = sun
+        inside = directions @ center > np.cos(np.radians(_SUN_RADIUS_DEG))
+        result = result + inside[..., None] * radiance
+    if ground is not None:
+        below = directions[..., 1] < 0.0
+        low = directions[below]
+        level = low * [1.0, 0.0, 1.0]
+        level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)
+        air = (_HAZE * np.exp(low[..., 1] / _HAZE_HEIGHT))[..., None]
+        result[below] = _mix(ground, sky(level), air)
+    return (result / scale).astype(np.float32)
+
+
+def sun_of(name: str) -> tuple[NDArray, NDArray] | None:
+    """Direction (3,) of the sun of a sky of BUILTIN, canonical frame, and its colour (3,); None where it has none."""
+    if name not in _SUNS:
+        return None
+    angles, color, _ = _SUNS[name]
+    return _direction(*angles), np.array(color)
+
+
+def _studio_light(directions):
     height = directions[..., 1:2]
     image = np.where(height > 0, 0.40 + 0.35 * height, 0.40 + 0.20 * height) * np.array([0.97, 0.99, 1.05])
     for center, half_size, color in (
@@ -28,41 +85,63 @@ def studio() -> NDArray:
         ((0.0, 1.0, 0.02), (0.30, 0.30), (2.0, 2.0, 2.0)),  # overhead
     ):
         image += _softbox(directions, center, half_size)[..., None] * color
-    return _normalised(image)
+    return image
 
 
-def overcast() -> NDArray:
-    """Overcast day: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3, over a grey ground it lights."""
-    directions = texel_directions(HEIGHT, WIDTH)
-    sky = (1.0 + 2.0 * np.maximum(directions[..., 1:2], 0.0)) / 3.0 * np.array([0.97, 1.0, 1.06])
-    return _normalised(_over_ground(sky, directions))
+def _overcast_sky(directions):
+    return (1.0 + 2.0 * np.maximum(directions[..., 1:2], 0.0)) / 3.0 * np.array([0.97, 1.0, 1.06])
 
 
-def noon() -> NDArray:
-    """Clear day, sun 60 degrees up: five sixths of the light on level ground are the sun's, one the sky's."""
-    directions = texel_directions(HEIGHT, WIDTH)
-    sun = _direction(azimuth_deg=-35.0, elevation_deg=60.0)
+def _noon_sky(directions):
+    sun = _direction(*_SUNS["noon"][0])
     blue = _mix((0.80, 0.90, 1.05), (0.28, 0.50, 1.10), np.sqrt(np.maximum(directions[..., 1:2], 0.0)))
     blue = _mix(blue, (1.05, 1.0, 0.95), np.exp(8.0 * (directions @ sun - 1.0))[..., None])  # whiter about the sun
-    sky = _clear_sky(directions, sun)[..., None] * blue
-    sky = _with_sun(sky, directions, sun, (1.05, 1.0, 0.92), level_share=5.0)
-    return _normalised(_over_ground(sky, directions))
+    return _clear_sky(directions, sun)[..., None] * blue
 
 
-def sunset() -> NDArray:
-    """Sun 6 degrees up on the left: warm light along the ground, a quarter as much on it as the sky's."""
-    directions = texel_directions(HEIGHT, WIDTH)
-    sun = _direction(azimuth_deg=-60.0, elevation_deg=6.0)
+def _sunset_sky(directions):
+    sun = _direction(*_SUNS["sunset"][0])
     height = np.sqrt(np.maximum(directions[..., 1:2], 0.0))
     towards = 0.5 + 0.5 * (directions @ sun)[..., None]
     horizon = _mix((0.62, 0.55, 0.70), (1.90, 0.92, 0.36), towards**3)
     sky = _mix(horizon, (0.22, 0.33, 0.62), height)
-    sky = sky + np.array([3.0, 1.5, 0.5]) * towards**60  # haze about the sun
-    sky = _with_sun(sky, directions, sun, (1.50, 0.94, 0.50), level_share=0.25)
-    return _normalised(_over_ground(sky, directions))
+    return sky + np.array([3.0, 1.5, 0.5]) * towards**60  # haze about the sun
 
 
-BUILTIN = {"studio": studio, "overcast": overcast, "noon": noon, "sunset": sunset}
+_SKIES = {"studio": _studio_light, "overcast": _overcast_sky, "noon": _noon_sky, "sunset": _sunset_sky}
+
+_SUNS = {"noon": ((-35.0, 60.0), (1.05, 1.0, 0.92), 5.0), "sunset": ((-60.0, 6.0), (1.50, 0.94, 0.50), 0.25)}
+"""Azimuth and elevation in degrees, colour, and light on level ground over that of the sky."""
+
+_HAZE, _HAZE_HEIGHT = 0.8, 0.02
+"""Part of the air's light in that of the farthest ground, and the slope, as a sine, by which 1/e of it is left."""
+
+
+def _image(name):
+    directions = texel_directions(HEIGHT, WIDTH)
+    image = _SKIES[name](directions)
+    if name in _SUNS:
+        angles, color, share = _SUNS[name]
+        image = _with_sun(image, directions, _direction(*angles), color, level_share=share)
+    return _normalised(image if name == "studio" else _over_ground(image, directions))
+
+
+@lru_cache
+def _constants(name):
+    """Of a sky: its formula, its mean, (direction, radiance) of its sun or None, and radiance of its ground or None."""
+    directions = texel_directions(HEIGHT, WIDTH)
+    image, sun, ground = _SKIES[name](directions), None, None
+    if name in _SUNS:
+        angles, color, share = _SUNS[name]
+        center = _direction(*angles)
+        power = _sun_power(image, directions, center, share)
+        solid_angle = 2.0 * np.pi * (1.0 - np.cos(np.radians(_SUN_RADIUS_DEG)))
+        sun = center, power / solid_angle * np.asarray(color) / luminance(color)
+        image = _with_sun(image, directions, center, color, share)
+    if name != "studio":
+        image = _over_ground(image, directions)
+        ground = image[-1, 0]
+    return _SKIES[name], _mean(image), sun, ground
 
 
 def _direction(azimuth_deg, elevation_deg):
@@ -102,10 +181,15 @@ def _clear_sky(directions, sun):
 def _with_sun(sky, directions, sun, color, level_share):
     """The sky with a sun that brings `level_share` times the sky's own luminous light onto level ground."""
     areas = row_solid_angles(HEIGHT, WIDTH)
-    level = np.sum(luminance(sky) * areas * np.maximum(directions[..., 1], 0.0))
     disc = _disc(directions, sun) * areas
-    power = level_share * level / sun[1]  # irradiance of a surface that faces the sun
+    power = _sun_power(sky, directions, sun, level_share)
     return sky + (disc * power / disc.sum() / areas)[..., None] * (np.asarray(color) / luminance(color))
+
+
+def _sun_power(sky, directions, sun, level_share):
+    """Irradiance of a surface that faces the sun."""
+    level = np.sum(luminance(sky) * row_solid_angles(HEIGHT, WIDTH) * np.maximum(directions[..., 1], 0.0))
+    return level_share * level / sun[1]
 
 
 def _disc(directions, center):
@@ -127,6 +211,9 @@ def _over_ground(sky, directions):
     return np.where(above, sky, _GROUND_ALBEDO * irradiance / np.pi)
 
 
+def _mean(image):
+    return np.sum(luminance(image) * row_solid_angles(HEIGHT, WIDTH)) / (4.0 * np.pi)
+
+
 def _normalised(image):
-    mean = np.sum(luminance(image) * row_solid_angles(HEIGHT, WIDTH)) / (4.0 * np.pi)
-    return (image / mean).astype(np.float32)
+    return (image / _mean(image)).astype(np.float32)

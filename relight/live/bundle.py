@@ -4,8 +4,6 @@ import hashlib
 import json
 from pathlib import Path
 
-import numpy as np
-
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
 
@@ -54,6 +52,7 @@ def described(live, splats):
         "splats": splats,
         "source": live.source,
         "frame": {"scene_from_splat": live.frame.tolist(), "up": "+y", "middle": live.middle.tolist()},
+        "camera": live.camera,
         "transfer": {
             "file": "transfer.bin",
             "bytes": 2 + weights,

@@ -77,7 +77,7 @@ def principal(values, counts, most):
 def compress(rows, counts, choice, seed=0):
     """Compressed rows (N, D) float32, each of which counts so much (N,) float32.
 
-    The sum of squared errors over the D columns, times the counts, is what is kept small. Raises InputError for no rows.
+    The sum of squared errors over the D columns, times the counts, is kept small. Raises InputError for no rows.
     """
     if rows.ndim != 2 or not len(rows) or len(counts) != len(rows):
         raise InputError(f"expected rows (N, D) and counts (N,), found {rows.shape} and {np.shape(counts)}")

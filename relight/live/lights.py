@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..light.environment import Environment
+from splat2mesh.scene.color import luminance
+
 from ..light.sun_split import DEFAULT_TOLERANCE, pooled, split
 from ..light.suns import Suns
 from ..sh import harmonics
@@ -16,6 +17,10 @@ IMAGE = (64, 128)
 
 MOST_SUNS = 4
 """Each is a shadow map for whoever draws. What is left in the harmonics is blurred by as much as they blur."""
+
+
+NEAR_DEG = 3.0
+"""Suns closer to one another are one: half as much as the soft rim of a shadow of 10 bands."""
 
 
 class Light(NamedTuple):
@@ -36,6 +41,7 @@ class Light(NamedTuple):
 def light_of(environment, exposure):
     """The Light of an Environment, as turned."""
     rest, suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)
+    suns = _joined(suns)
     image = pooled(environment.radiance, IMAGE)
     shift = environment.rotation_deg / 360.0 * IMAGE[1]
     if shift:  # whole columns of the finer image cannot be shifted by a fraction: the small one is blended
@@ -47,6 +53,21 @@ def light_of(environment, exposure):
     return Light(
         environment.name, image.astype(np.float32), about_y(rest.sh(BANDS)), whole, suns, float(exposure), mean
     )
+
+
+def _joined(suns):
+    """Suns that stand closer than NEAR_DEG as one: a disc needs one shadow."""
+    directions, weights = [], []
+    for direction, weight in zip(suns.directions, suns.weights, strict=True):
+        close = [i for i, other in enumerate(directions) if other @ direction > np.cos(np.radians(NEAR_DEG))]
+        if close:
+            i = close[0]
+            moved = directions[i] * luminance(weights[i]) + direction * luminance(weight)
+            directions[i], weights[i] = moved / np.linalg.norm(moved), weights[i] + weight
+        else:
+            directions.append(direction)
+            weights.append(weight)
+    return Suns(np.array(directions), np.array(weights)) if directions else suns
 
 
 def capture_light(response, shares):

@@ -38,7 +38,8 @@ class Live(NamedTuple):
     scales, means, components: the basis, see `bundle`. surfaces: Surfaces. lights: list of Light. mean: of Response.
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
-    the sky is seen from, splat frame. source: dict of file and sha256.
+    the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
+    degrees, where to look from first, scene frame.
     """
 
     splats: Splats
@@ -56,14 +57,15 @@ class Live(NamedTuple):
     brightness: float | None
     middle: np.ndarray
     source: dict
+    camera: dict
 
 
-def live_of(relighter, appearance, splats, environments, settings, exposure_of, tolerance=None, sky="new", seed=0):
+def live_of(relighter, appearance, splats, environments, settings, tolerance=None, sky="new", seed=0):
     """The Live of a scene.
 
-    relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of Environment, the
-    first is shown first. settings: Settings whose rays and bounces are used, in 10 bands. exposure_of: function of an
-    Environment, display value per radiance. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`.
+    relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
+    display value per radiance). settings: Settings whose rays and bounces are used, in 10 bands. tolerance: relative
+    error that the bytes may add. sky: of `splats.SKIES`.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
@@ -80,7 +82,7 @@ def live_of(relighter, appearance, splats, environments, settings, exposure_of, 
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
         response = response_of(relighter, appearance, settings._replace(bands=BANDS), shares)
-        lights = [light_of(each, exposure_of(each)) for each in environments]
+        lights = [light_of(*each) for each in environments]
         captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()))
         lights += [captured] if captured is not None and not appearance.kept else []
     with relighter.stages.stage("spread"):
@@ -112,6 +114,7 @@ def live_of(relighter, appearance, splats, environments, settings, exposure_of, 
         brightness=None if capture is None else float(capture["brightness"]),
         middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
+        camera=_first_view(scene, vertices),
     )
 
 
@@ -219,6 +222,17 @@ def _as_bytes(found, restore):
 
 def _peak(values, largest):
     return np.maximum(np.abs(values).max(axis=(-2, -1)), 1e-20) / largest
+
+
+def _first_view(scene, vertices):
+    """Where to look from first: an object whole from its front, somewhat from above; a place as its preview does."""
+    camera = scene.preview_camera
+    if camera is not None and scene.capture.get("from", "outside") != "outside":
+        return {"position": list(camera["eye"]), "target": list(camera["target"]), "fov": 75.0}
+    low, high = np.percentile(vertices, [1, 99], axis=0)
+    middle, reach = (low + high) / 2, np.linalg.norm(high - low) / 2
+    toward = np.array([0.35, 0.4, 1.0]) / np.linalg.norm([0.35, 0.4, 1.0])
+    return {"position": (middle + 2.3 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
 
 
 def _spatial_order(splats):

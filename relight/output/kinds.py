@@ -9,10 +9,15 @@ FILES = {
     "splat-glb": "relit_splat.glb",
     "usd": "relit_splat.usdc",
     "png": "preview.png",
+    "live": "live/live.json",
+    "web": "relit.html",
 }
 
-OF_SPLATS = ("splat", "albedo-splat", "splat-glb", "usd")
-"""Those that need the splat of the scene."""
+FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
+"""Those that `engine_files.EngineFiles` writes."""
+
+OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES)
+"""Those that need the splats that the scene was made from."""
 
 HARMONICS = ("zero", "keep")
 """What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""

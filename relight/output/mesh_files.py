@@ -92,15 +92,36 @@ def write_npy(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray) -
         np.save(file, radiance)
 
 
+IMAGES = {".png": {}, ".jpg": {"quality": 92}, ".jpeg": {"quality": 92}, ".webp": {"quality": 90}}
+"""Kinds of pictures, by the end of their names, and how they are written."""
+
+
 def write_png(
     path: str | os.PathLike[str],
     image: NDArray,  # (H, W, 3) uint8 sRGB
 ) -> None:
-    """Write a picture."""
+    """Write a picture as PNG, whatever its name."""
+    _write_image(path, image, ".png")
+
+
+def write_image(path: str | os.PathLike[str], image: NDArray) -> None:
+    """Write a picture, (H, W, 3) uint8 sRGB, as the kind that its name ends in. Raises InputError for other endings."""
+    _write_image(path, image, check_image(path))
+
+
+def check_image(path: str | os.PathLike[str]) -> str:
+    """The end of a picture's name, a key of IMAGES. Raises InputError for others."""
+    kind = os.path.splitext(path)[1].lower()
+    if kind not in IMAGES:
+        raise InputError(f"{path}: a picture is one of {' '.join(IMAGES)}, found {kind or 'no ending'}")
+    return kind
+
+
+def _write_image(path, image, kind):
     import imageio.v3 as iio
 
     with staged_file(path) as staging:
-        iio.imwrite(staging, image, extension=".png")
+        iio.imwrite(staging, image, extension=kind, **IMAGES[kind])
 
 
 def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:

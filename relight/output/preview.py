@@ -1,6 +1,7 @@
 """Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,7 +45,7 @@ class Preview:
 
     The scene shows its vertices' radiance on both sides of a face; where a ray misses it, the environment
     shows, sharp and at the same exposure. `camera` is the one in use: the given one, the scene's or
-    `default_camera`.
+    `default_camera`; `view` is it as a View in the scene frame, `caster` the RayCaster of the scene.
     Raises InputError for an impossible camera or picture size.
     """
 
@@ -57,9 +58,12 @@ class Preview:
             )
         self.camera = camera or scene.preview_camera or default_camera(scene, width / height)
         self._scene, self._faces = scene, scene.faces
-        self._view, self._samples = _view(self.camera, width, height), samples
-        raycaster = RayCaster(scene.vertices, self._faces)
-        self._passes = [(rows, view, *_cast(raycaster, view)) for rows, view in _split(self._view, samples)]
+        self.view, self._samples = _view(self.camera, width, height), samples
+        self.caster = RayCaster(scene.vertices, self._faces)
+
+    @cached_property
+    def _passes(self) -> list[tuple]:
+        return [(rows, view, *_cast(self.caster, view)) for rows, view in _split(self.view, self._samples)]
 
     def render(self, radiance: NDArray, environment: "Environment", exposure: float = 1.0) -> NDArray:
         """The picture under one light: (H, W, 3) uint8 sRGB.
@@ -68,13 +72,26 @@ class Preview:
         radiance. Samples are averaged after their highlights are compressed: edges before a sun stay smooth.
         """
         radiance = check_radiance(self._scene, radiance) * np.float32(exposure)
-        image = np.zeros((self._view.height, self._view.width, 3), np.float32)
+        image = np.zeros((self.view.height, self.view.width, 3), np.float32)
         for rows, view, hit, faces, weights in self._passes:
             color = np.empty((len(hit), 3), np.float32)
             color[hit] = np.einsum("pk,pkc->pc", weights, radiance[self._faces[faces]])
             color[~hit] = environment.lookup(_directions(view)[~hit]) * np.float32(exposure)
             image[rows] += compress_highlights(color).reshape(image[rows].shape)
         return bytes_from_unit(srgb_from_linear(image / self._samples))
+
+    def layer(self, radiance: NDArray, exposure: float = 1.0) -> tuple[NDArray, NDArray]:
+        """The scene alone: display-linear colour (H, W, 3) float32, premultiplied, and how much of each pixel it
+        covers, (H, W) float32."""
+        shown = compress_highlights(check_radiance(self._scene, radiance) * np.float32(exposure))
+        image = np.zeros((self.view.height, self.view.width, 4), np.float32)
+        for rows, _, hit, faces, weights in self._passes:
+            layer = np.zeros((len(hit), 4), np.float32)
+            layer[hit, :3] = np.einsum("pk,pkc->pc", weights, shown[self._faces[faces]])
+            layer[hit, 3] = 1.0
+            image[rows] += layer.reshape(image[rows].shape)
+        image /= np.float32(self._samples)
+        return image[..., :3], image[..., 3]
 
 
 def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:

@@ -11,7 +11,9 @@ from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
-from .kinds import FILES
+from .engine_files import EngineFiles
+from .kinds import FILES, FOR_ENGINES
+from .live_files import LiveFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
+
+SHEET, BEFORE = "sheet.png", ("captured", "albedo")
+"""The picture with all lights, and what stands before them on it."""
 
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
@@ -29,7 +34,7 @@ class Results:
 
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats. live: whether "glb" brings the mesh with live light too. harmonics: of `kinds.HARMONICS`.
+    background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     """
 
     def __init__(
@@ -42,20 +47,20 @@ class Results:
         texture_size: int | None = None,
         seed: int = 0,
         sky: str = "new",
-        live: bool = False,
-        harmonics: str = "zero",
+        live: LiveFiles | None = None,
+        engines: EngineFiles | None = None,
     ) -> None:
+        self._live, self._engines = live, engines
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
         self._texture_size, self._seed, self._sky = texture_size, seed, sky
-        self._live, self._harmonics = live, harmonics
         self._scene, self._stages = relighter.scene, relighter.stages
-        self._preview: Any = None
+        self._picture: Any = None
+        self._drawn_last: NDArray[np.uint8] | None = None
+        self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._binding: Any = None
         self._texture: Any = None
-        self._nine: Any = None
-        self._bare: Any = None
 
     def write(
         self, folder: Path, light: "Environment", radiance: NDArray[np.float32], exposure: float
@@ -64,8 +69,11 @@ class Results:
 
         radiance: (V, 3) linear. exposure: display value per unit of it.
         """
-        names = [FILES[kind] for kind in FILES if kind in self._kinds]
+        pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
+        kinds = {*self._kinds, "png"} if pictured else self._kinds
+        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES)]
         told: dict = {}
+        relit = None
         with self._stages.stage("write"):
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
@@ -75,33 +83,69 @@ class Results:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
-        if "glb" in self._kinds and self._live:
-            names += self._write_live(folder, light, exposure)
-        if "albedo-splat" in self._kinds:
-            names += self._write_albedo_splats(folder)
-        relit = self.relit_splats(light, radiance, exposure) if {"splat", "splat-glb", "usd"} & {*self._kinds} else None
+        if self._splats is not None and (pictured or (self._engines is not None and self._engines.wants_relit)):
+            relit = self.relit_splats(light, radiance, exposure)
         if "splat" in self._kinds:
             names += self._write_splats(folder, relit)
-        if "splat-glb" in self._kinds:
-            from .splat_glb import write_splat_glb
-
-            with self._stages.stage("write"):
-                extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-                write_splat_glb(folder / FILES["splat-glb"], relit, self._scene.scene_from_splat, extras)
-        if "usd" in self._kinds:
-            names += self._write_usd(folder, relit, light, exposure)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
-        if "png" in self._kinds:
-            self._write_picture(folder, light, radiance, exposure)
+        if self._engines is not None:
+            names += self._engines.write(folder, light, exposure, relit, self._bound)
+        if self._live is not None:
+            written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
+            names += written
+        if pictured:
+            with self._stages.stage("preview"):
+                self._drawn_last = self._drawn(relit, light, radiance, exposure)
+                mesh_files.write_png(folder / FILES["png"], self._drawn_last)
+            told["preview"] = {"shows": "mesh" if relit is None else "splat", "camera": self._picture.camera}
         return names, told
 
-    def _write_picture(self, folder, light, radiance, exposure):
-        from .preview import Preview
+    def _drawn(self, relit, light, radiance, exposure):
+        """The picture, (H, W, 3) uint8: of the relit splats where there are any, else of the mesh."""
+        from .picture import Picture
 
-        with self._stages.stage("preview"):
-            self._preview = self._preview or Preview(self._scene, None, *PICTURE_SIZE)
-            mesh_files.write_png(folder / FILES["png"], self._preview.render(radiance, light, exposure))
+        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        if relit is None:
+            return self._picture.of_vertices(radiance, light, exposure)
+        return self._picture.of_splats(relit, light, exposure)
+
+    def add_to_sheet(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> None:
+        """Keep the picture of a light that was just written, in half its size, for the sheet."""
+        with self._stages.stage("sheet"):
+            image = self._drawn_last
+            if image is None:
+                relit = None if self._splats is None else self.relit_splats(light, radiance, exposure)
+                image = self._drawn(relit, light, radiance, exposure)
+            self._drawn_last = None
+            if not self._on_sheet:
+                self._on_sheet = [(name, _halved(each)) for name, each in self._before()]
+            self._on_sheet.append((f"{light.name} {light.rotation_deg:g}°", _halved(image)))
+
+    def write_sheet(self, folder: Path, last: int | None = None) -> str:
+        """Write the sheet of all lights kept, or of the last so many: its name."""
+        from .sheet import sheet
+
+        first = [each for each in self._on_sheet if each[0] in BEFORE]
+        lights = self._on_sheet[len(first) :]
+        mesh_files.write_png(folder / SHEET, sheet(first + lights[-(last or len(lights)) :]))
+        return SHEET
+
+    def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:
+        """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey."""
+        from .picture import Picture
+
+        look = self._appearance
+        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        estimated = look.prior is not None and not look.kept and look.albedo is not None
+        if self._splats is None:
+            found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]
+            return [*found, (BEFORE[1], self._picture.of_vertices(look.albedo, None, 1.0))] if estimated else found
+        found = [(BEFORE[0], self._picture.of_splats(self._splats, None, 1.0))]
+        if estimated:
+            white = np.ones_like(look.captured)
+            found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
+        return found
 
     def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
@@ -120,8 +164,7 @@ class Results:
             relit = binding.relit(self._appearance.irradiance, received, exposure)
             return under_sky(relit, rows, light, frame, exposure, self._sky)
 
-    def _bound(self):
-        """The Binding of the splats."""
+    def _bound(self) -> Any:
         from ..splats import Binding
 
         if self._binding is None:
@@ -129,73 +172,12 @@ class Results:
                 self._binding = Binding(self._splats, self._scene, seed=self._seed)
         return self._binding
 
-    @property
-    def _source(self):
-        """The one file that the splats were read from, or None."""
-        return self._paths[0] if len(self._paths) == 1 else None
-
-    def _write_live(self, folder, light, exposure):
-        """The mesh with live light: names of files beyond FILES."""
-        from ..engine.nine import nine_coefficients
-        from .live_glb import FILE, write_live_glb
-
-        albedo = self._appearance.albedo
-        if self._nine is None:
-            with self._stages.stage("live"):
-                self._nine = nine_coefficients(self._relighter, albedo)
-        with self._stages.stage("write"):
-            write_live_glb(folder / FILE, self._scene, albedo, *self._nine, light, exposure)
-        return [FILE]
-
-    def _albedo_splats(self):
-        """The splats with the light of the capture taken out, and their normals (N, 3)."""
-        from ..splats import albedo_splats, normals_of
-
-        if self._bare is None:
-            binding, rows = self._bound(), self._scene.background_splats
-            with self._stages.stage("albedo splats"):
-                sky = "keep" if self._sky == "keep" else "drop"
-                look = None if self._appearance.kept else binding
-                bare = albedo_splats(self._splats, look, self._appearance, rows, self._harmonics, sky)
-                self._bare = bare, normals_of(binding)
-        return self._bare
-
-    def _write_albedo_splats(self, folder):
-        """The splats as albedo, and the mesh in their frame and in that of PlayCanvas: names of files beyond FILES."""
-        from ..splats import write_relit_ply
-        from .proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
-
-        splats, normals = self._albedo_splats()
-        back = np.linalg.inv(self._scene.scene_from_splat)
-        name = FILES["albedo-splat"]
-        names = ["proxy.glb", f"{name.partition('.')[0]}.collision.glb"]
-        albedo = self._appearance.albedo
-        with self._stages.stage("write"):
-            write_relit_ply(folder / name, splats, self._source, normals)
-            white = np.ones_like(self._appearance.captured)
-            write_proxy_glb(folder / names[0], self._scene, back, white if albedo is None else albedo)
-            write_proxy_glb(folder / names[1], self._scene, PLAYCANVAS_FROM_SPLAT @ back)
-        return names
-
-    def _write_usd(self, folder, relit, light, exposure):
-        """Splats, proxy and dome as USD: names of files beyond FILES."""
-        from .usd import LIGHT, write_usd
-
-        looks = {"relit": relit}
-        if "albedo-splat" in self._kinds:
-            looks["albedo"] = self._albedo_splats()[0]
-        albedo = self._appearance.albedo
-        shown = np.ones_like(self._appearance.captured) if albedo is None else albedo
-        with self._stages.stage("write"):
-            write_usd(folder, looks, self._scene, shown, light, exposure)
-        return [LIGHT]
-
     def _write_splats(self, folder, relit):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
         from ..splats import write_relit_ply
 
         with self._stages.stage("write"):
-            source = self._source
+            source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["splat"], relit, source)
             kind = kind_of(source) if source else "ply"
             if kind == "ply" or kind not in WRITERS:
@@ -229,3 +211,10 @@ class Results:
             if "transfer" in self._baked:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names
+
+
+def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A picture in half its size."""
+    height, width = image.shape[0] // 2, image.shape[1] // 2
+    blocks = image[: 2 * height, : 2 * width].reshape(height, 2, width, 2, 3).astype(np.float32)
+    return np.asarray(np.rint(blocks.mean(axis=(1, 3))), np.uint8)

@@ -72,7 +72,7 @@ def linear_parts(
     captured,  # (V, 3) linear colours as captured
     before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
 ):
-    """(own, usual), (V, 3) float64 both: the light ratio of `log_gain`, before its roll-off, is linear in the new light.
+    """(own, usual), (V, 3) float64 both: the light ratio of `log_gain`, before its roll-off, is linear in new light.
 
     ratio = own * after + usual * r, with r = mean(after) / mean(before). Raises InputError as `log_gain` does.
     """

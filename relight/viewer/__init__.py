@@ -8,7 +8,7 @@ colours the surface, `controls` the keys, `window`, `stage`, `panel` and `camera
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..transfer.store import Cache
 
-__all__ = ["record_turntable", "view"]
+__all__ = ["record_turntable", "serve", "view"]
 
 
 def view(
@@ -33,7 +33,9 @@ def view(
     *,
     albedos: Mapping[str, NDArray[np.floating] | None] | None = None,  # name -> (V, 3) linear or None for white
     environments_folder: str | os.PathLike[str] | None = None,  # its .exr and .hdr files can be chosen too
-    screenshot: str | os.PathLike[str] | None = None,  # PNG to write instead of opening a window, with the panel
+    screenshot: str
+    | os.PathLike[str]
+    | None = None,  # .png, .jpg or .webp to write instead of opening a window, with the panel
     off_screen: bool = False,  # no window: returns the Window for a loop of its own
     size: tuple[int, int] | None = None,  # width, height
     exposure: float | None = None,  # display value per unit of radiance
@@ -47,8 +49,11 @@ def view(
     first of the albedos is shown first. With `screenshot` no window opens: the picture is written when its light is
     complete. Raises InputError for input that cannot be used, a missing PyVista and a missing display.
     """
+    from ..output.mesh_files import check_image, write_image
     from .window import SIZE, Window, in_notebook, load_pyvista
 
+    if screenshot:
+        check_image(screenshot)
     notebook = in_notebook() and not (screenshot or off_screen)
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
@@ -61,10 +66,8 @@ def view(
 
             return shown(window)
         if screenshot:
-            from ..output.mesh_files import write_png
-
             window.finish()
-            write_png(screenshot, window.picture())
+            write_image(screenshot, window.picture())
         elif off_screen:
             return window
         else:
@@ -73,6 +76,37 @@ def view(
         session.close()
         raise
     window.close()
+
+
+def serve(
+    scene: AnyScene,
+    environment: "Environment | str | os.PathLike[str]" = "studio",
+    options: LightingOptions | str | None = None,
+    *,
+    port: int = 0,  # any free one
+    announce: Callable[[str], None] = lambda url: None,  # told the address, with its token, once it can be opened
+    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,
+    environments_folder: str | os.PathLike[str] | None = None,
+    size: tuple[int, int] | None = None,
+    exposure: float | None = None,
+    state: Mapping[str, Any] | None = None,
+    cache: "Cache | None" = None,
+    **wishes: Any,
+) -> None:
+    """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
+
+    Raises InputError as `view` does, for a missing trame and for a port that is taken.
+    """
+    from .notebook import serve as served
+    from .window import SIZE, Window, load_pyvista
+
+    load_pyvista(True)
+    options = LightingOptions.of(options, **wishes)
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache)
+    try:
+        served(Window(session, size or SIZE, off_screen=True), port, announce)
+    finally:
+        session.close()
 
 
 def record_turntable(

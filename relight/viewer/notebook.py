@@ -1,12 +1,19 @@
 """The session in a notebook or a browser, drawn here and streamed there by trame."""
 
 import asyncio
+import secrets
+import socket
+import sys
+from contextlib import contextmanager
 
 from splat2mesh.base.errors import InputError
 
 from .window import IDLE_SECONDS
 
-_MISSING = 'the session in a notebook needs trame: pip install "splat2mesh[view]" "trame-pyvista[jupyter]"'
+_MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
+
+TOKEN_BYTES = 16
+"""Of the token in the address: whoever does not have it cannot talk to the session, not even from this machine."""
 
 
 def shown(window):
@@ -16,16 +23,19 @@ def shown(window):
     except ImportError:
         raise InputError(_MISSING) from None
     window.tick()
+    window.plotter.notebook = True  # or PyVista shows nothing: the window was made without one
     widget = window.plotter.show(jupyter_backend="server", return_viewer=True, auto_close=False)
     window.loop = asyncio.get_running_loop().create_task(ticking(window, get_viewer(window.plotter).update))
     return widget
 
 
 def serve(window, port=0, announce=lambda url: None):
-    """Serve a Window to browsers until it is closed; `announce` is told the address. Only this machine can reach it.
+    """Serve a Window to browsers until it is closed; `announce` is told the address, which holds a token.
 
-    Raises InputError where trame is missing.
+    Only this machine can reach it. port: 0 for any free one. Raises InputError where trame is missing, and for a port
+    that is taken.
     """
+    _check_port(port)
     try:
         from trame.app import get_server
         from trame_pyvista.ui import get_viewer, plotter_ui
@@ -34,7 +44,8 @@ def serve(window, port=0, announce=lambda url: None):
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import html
 
-    server = get_server("relight", client_type="vue3")
+    server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
+    server.cli.set_defaults(authKey=token)
     window.tick()
     with VAppLayout(server) as layout:
         keys = html.Div(
@@ -48,11 +59,12 @@ def serve(window, port=0, announce=lambda url: None):
     viewer = get_viewer(window.plotter)
 
     async def run():
-        task = server.start(
-            port=port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
-        )
+        with _no_arguments():
+            task = server.start(
+                port=port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
+            )
         await server.ready
-        announce(f"http://127.0.0.1:{server.port}/")
+        announce(f"http://127.0.0.1:{server.port}/?secret={token}")
         try:
             await ticking(window, viewer.update)
         finally:
@@ -60,6 +72,26 @@ def serve(window, port=0, announce=lambda url: None):
             task.cancel()
 
     asyncio.run(run())
+
+
+def _check_port(port):
+    """Raise InputError for a port that another program has."""
+    with socket.socket() as tried:
+        tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            tried.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise InputError(f"port {port} cannot be used ({error.strerror}): choose another, or none") from None
+
+
+@contextmanager
+def _no_arguments():
+    """Within it the process seems to have no arguments: trame reads them as its own."""
+    kept, sys.argv = sys.argv, sys.argv[:1]
+    try:
+        yield
+    finally:
+        sys.argv = kept
 
 
 async def ticking(window, push):

@@ -13,6 +13,7 @@ from typing import Any
 from .errors import DataWarning, InputError, with_options
 
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT = 0, 1, 2
+EXIT_INTERRUPTED = 130  # 128 and the number of SIGINT, as shells have it
 
 THREADS = {
     # Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
@@ -43,9 +44,15 @@ def run(
         os.environ.setdefault(name, value)
     names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
     with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: print(
-            f"warning: {with_options(str(message), names)}", file=sys.stderr
-        )
+        told: set[str] = set()
+
+        def show(message: Any, *_: Any, **__: Any) -> None:
+            text = f"warning: {with_options(str(message), names)}"
+            if text not in told:  # once is enough
+                told.add(text)
+                print(text, file=sys.stderr)
+
+        warnings.showwarning = show
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", DataWarning)
         try:
@@ -53,7 +60,7 @@ def run(
         except InputError as error:
             return _fail(with_options(str(error), names), EXIT_BAD_INPUT, options)
         except KeyboardInterrupt:
-            return _fail("interrupted", EXIT_FAILED, options)
+            return _fail("interrupted", EXIT_INTERRUPTED, options)
         except Exception as error:
             text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
             return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
@@ -102,6 +109,11 @@ def recorded_warnings() -> Iterator[list[str]]:
         yield messages
     finally:
         warnings.showwarning = show
+
+
+def tell(message: str) -> None:
+    """Say something on stderr while the work goes on."""
+    print(message, file=sys.stderr, flush=True)
 
 
 def wants_progress(options: Namespace) -> bool:

@@ -16,8 +16,12 @@ OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
 """Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
 
-PICTURE_ASPECT, PICTURE_ELEVATION = 4 / 3, np.radians(18.0)
-"""Shape of the picture that a scene is shown with, and the angle from which it looks down."""
+PICTURE_ASPECT = 4 / 3
+"""Shape of the picture that a scene is shown with."""
+
+FLATNESSES, ELEVATIONS_DEG = (0.3, 0.9), (24.0, 10.0)
+"""Height of a thing over its width, and the angle from which its picture looks down on it: a table shows its top, what
+stands upright is seen as one stands before it, with the horizon behind."""
 
 PICTURE_FOV_DEG = 75.0
 """Angle of a picture from inside."""
@@ -111,24 +115,29 @@ def candidate_views(splats, count, up, seed=0):
     return views
 
 
-def picture_view(splats, up):
-    """A view that makes a good picture of a splat: from slightly above and the side with most to see, or from inside.
+def picture_view(splats, up, within=False):
+    """A view that makes a good picture of a splat: from slightly above and the side with most to see.
 
-    splats: dilated Splats. up: (3,) unit. Returns a View with the aspect PICTURE_ASPECT.
+    splats: dilated Splats. up: (3,) unit. within: whether it may be a room, to be shown from inside where that is much
+    sharper. Returns a View with the aspect PICTURE_ASPECT.
     """
     rng = np.random.default_rng(0)
     bounds = bounds_of(splats)
     near, sketch = near_plane(bounds), _thinned(splats, rng)
-    corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
+    solid = sketch.means[
+        (sketch.opacities > 0.3) & ((sketch.means > bounds[0]) & (sketch.means < bounds[1])).all(axis=1)
+    ]
+    held = solid if len(solid) > 100 else np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
     ahead = np.linalg.svd(up[None])[2][1]
     side = np.cross(up, ahead)
     size = CANDIDATE_PIXELS, round(CANDIDATE_PIXELS / PICTURE_ASPECT)
+    tilt = np.tan(picture_elevation(held, up))
     turns = np.arange(12) * np.pi / 6
-    backwards = [np.cos(a) * ahead + np.sin(a) * side + np.tan(PICTURE_ELEVATION) * up for a in turns]
-    outside = [View.holding(corners, backward, up, OUTER_FOV_DEG, *size, margin=1.05) for backward in backwards]
+    backwards = [np.cos(a) * ahead + np.sin(a) * side + tilt * up for a in turns]
+    outside = [View.holding(held, backward, up, OUTER_FOV_DEG, *size, margin=1.2) for backward in backwards]
     inside = [
         View.look_at(eye, eye - backward, up, PICTURE_FOV_DEG, *size)
-        for eye in _free_places(splats, bounds, 3, rng)
+        for eye in (_free_places(splats, bounds, 3, rng) if within else ())
         for backward in backwards[::2]
     ]
 
@@ -138,6 +147,14 @@ def picture_view(splats, up):
     # What is seen from inside a room is much sharper than what is seen of it from outside.
     from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
     return _best_picture(inside if from_inside else outside)
+
+
+def picture_elevation(points, up):
+    """The angle, radians, from which a picture looks down on what fills the box of points (N, 3)."""
+    heights = points @ up
+    flat = points - np.outer(heights, up)
+    width = np.linalg.norm(np.ptp(flat, axis=0)) / np.sqrt(2.0)
+    return np.radians(np.interp(np.ptp(heights) / max(width, 1e-12), FLATNESSES, ELEVATIONS_DEG))
 
 
 def _judge(sketch, view, near, bounds):

@@ -7,12 +7,12 @@ import os
 import sys
 from pathlib import Path
 
-import imageio.v3 as iio
 import numpy as np
 import pytest
-from chromium import browser, browser_path, served
+from browser import Browser, chromium
 from lit_ball import TILT, ball_scene, splats_of_ball
 from live_bundles import gain, make_bundle, reader, soft_suns
+from served import served
 
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
@@ -39,7 +39,8 @@ def modules():
     found = next((folder for folder in folders if all((folder / name).is_dir() for name in needed)), None)
     if found is None:
         pytest.skip(f"the npm modules {', '.join(needed)} are not installed")
-    browser_path()
+    if chromium() is None:
+        pytest.skip("Chromium is not installed")
     return found
 
 
@@ -59,11 +60,9 @@ def shown(site, page, **asked):
     """The picture of a page, (SIZE, SIZE, 3) in 0..1, and what the console said."""
     asked |= {"eye": ",".join(map(str, EYE)), "target": ",".join(map(str, TARGET)), "fov": FOV_DEG, "bare": 1}
     query = "&".join(f"{name}={value}" for name, value in asked.items())
-    with served(site) as address, browser((SIZE, SIZE)) as opened:
-        opened.open(f"{address}/{page}?{query}")
-        opened.wait_for("document.title === 'shown'", 240)
-        opened.screenshot(site / "shown.png")
-        return iio.imread(site / "shown.png")[..., :3] / 255.0, opened.console()
+    with served(site) as address, Browser(f"{address}/{page}?{query}", (SIZE, SIZE)) as opened:
+        opened.wait("document.title === 'shown'", 240)
+        return opened.picture() / 255.0, opened.said
 
 
 def psnr(one, other):

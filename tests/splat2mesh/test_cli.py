@@ -223,7 +223,9 @@ def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted
     path = write_splat(tmp_path / "ball.ply", spoil)
     assert main([str(path), "-o", str(out), "--overwrite", "--detail", "draft", "--up", "+y"]) == 0
     stdout, stderr = capsys.readouterr()
-    assert re.fullmatch(r".*out: [\d,]+ vertices, [\d,]+ faces in 2 chunks, from 3,000 splats, [\d.]+ s\n", stdout)
+    summary, following = stdout.splitlines()
+    assert re.fullmatch(r".*out: [\d,]+ vertices, [\d,]+ faces in 2 chunks, from 3,000 splats, [\d.]+ s", summary)
+    assert re.fullmatch(r"  next: relight .*out --env sunset", following)
     assert stderr == "warning: dropped splats: 30 with a NaN or infinite value (of 3000)\n"
     scene = Scene.load(out)
     assert scene.statistics["splats"] == 3000 and scene.statistics["splats_non_finite"] == 30

@@ -1,4 +1,4 @@
-"""Shaders of engines without the engines: compiled by glslang, and their kernels, which are C++ but for the vectors, run.
+"""Shaders of engines without the engines: compiled by glslang, and their kernels run as C++.
 
 The kernels of RelightMesh.hlsl and relight_mesh.gdshader are written in what HLSL, GLSL and C++ have in common.
 """

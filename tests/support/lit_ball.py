@@ -1,4 +1,4 @@
-"""A ball lit from one side, as a mesh and as splats in a frame of their own: what it received and its albedo are known."""
+"""A ball lit from one side, as a mesh and as splats in a frame of their own: light and albedo are known."""
 
 import numpy as np
 import open3d as o3d

@@ -51,7 +51,7 @@ def written(tmp_path_factory):
 
 
 def test_what_a_loader_reads_gives_the_light_of_three_bands(written):
-    path, scene, albedo, relighter, light = written
+    path, _, albedo, relighter, light = written
     document, primitives = read(path)
     live = document["scenes"][0]["extras"][KEY]
     start = Environment(light.radiance).rotated(live["light"]["angle_deg"])

@@ -254,7 +254,7 @@ def test_default_camera_just_holds_the_scene(size, stretch):
     scene = make_scene(vertices, [[0, 1, 2]])
     width, height = size
     camera = default_camera(scene, width / height)
-    view = Preview(scene, None, width, height, samples=1)._view
+    view = Preview(scene, None, width, height, samples=1).view
     pixels, depth = view.project(scene.vertices)
     assert depth.min() > 0
     offset = np.abs(pixels / [width, height] * 2 - 1).max(axis=0)

@@ -1,4 +1,4 @@
-"""relight.splats.albedo, and the files of `--format albedo-splat`: the light of the capture is gone, normals are there."""
+"""relight.splats.albedo, and the files of `--format albedo-splat`: the capture's light is gone, normals are there."""
 
 import hashlib
 import json
@@ -85,7 +85,7 @@ def test_one_pass_writes_splat_proxy_and_collision_mesh(tmp_path, kind):
     scene.source = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest(), "path": str(file)}
     options = LightingOptions("analytic", bands=3)
     formats = ("albedo-splat", "splat-glb", "glb")
-    job = Job(scene, "noon", options, albedo=albedo, formats=formats, live=True, sky="drop")
+    job = Job(scene, "noon", options, albedo=albedo, formats=formats, live_mesh=True, sky="drop")
     (shaded,) = job.shaded()
     report = job.write(shaded, tmp_path / "out")
     names = {"relit.glb", "live.glb", "albedo_splat.ply", "proxy.glb", "albedo_splat.collision.glb", "relit_splat.glb"}

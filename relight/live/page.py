@@ -1,0 +1,101 @@
+"""One HTML file that shows splats under live light; a folder to serve where one file would be too large.
+
+The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file all
+of it is packed: gzip, then base64. In the folder the page reads the bundle beside it.
+"""
+
+import base64
+import gzip
+import json
+import re
+import tempfile
+from pathlib import Path
+
+from .bundle import META, write_bundle
+
+MOST_IN_A_FILE = 1_500_000
+"""Splats above which the page is a folder: a file of them is about 60 MB, and browsers hold several copies of it."""
+
+PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
+
+_WEB = Path(__file__).parent / "web"
+
+_TEMPLATE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{css}
+html, body {{ height: 100%; margin: 0; overflow: hidden; background: #212123; }}</style>
+<script type="application/json" id="live-data">{data}</script>
+</head>
+<body>
+{packed}<script type="module">{script}</script>
+</body>
+</html>
+"""
+
+
+def write_page(folder, live, turn=0.0, most=MOST_IN_A_FILE):
+    """Write the page of a Live into a folder that exists; returns the names of its files.
+
+    turn: degrees that the first light is turned by at the start. most: splats above which it is a folder.
+    """
+    folder = Path(folder)
+    if len(live.splats) > most:
+        (folder / FOLDER).mkdir()
+        names = write_bundle(folder / FOLDER, live, exact=False)
+        page = page_of(json.loads((folder / FOLDER / META).read_text("utf-8")), names, None, turn)
+        (folder / FOLDER / INDEX).write_text(page, encoding="utf-8")
+        return [f"{FOLDER}/{name}" for name in (INDEX, *names)]
+    with tempfile.TemporaryDirectory() as staging:
+        names = write_bundle(staging, live, exact=False)
+        meta = json.loads((Path(staging) / META).read_text("utf-8"))
+        contents = {name: (Path(staging) / name).read_bytes() for name in names if name != META}
+        (folder / PAGE).write_text(page_of(meta, names, contents, turn), encoding="utf-8")
+    return [PAGE]
+
+
+def page_of(meta, names, contents=None, turn=0.0):
+    """The page as text. meta: dict of live.json. names: files of the bundle. contents: dict of their bytes to pack into
+    the page, without which it reads them beside it."""
+    names = [name for name in names if name != META]
+    data = {"meta": meta, "files": names, "packed": contents is not None, "turn": turn}
+    data["splat"] = meta["splats"][0]["file"]
+    packed = "".join(
+        f'<script type="text/plain" data-file="{name}">{_packed(content)}</script>\n'
+        for name, content in (contents or {}).items()
+    )
+    return _TEMPLATE.format(
+        title=f"{meta['source'].get('file', 'Splats')}, relit".replace("<", "&lt;"),
+        css=_text("viewer/index.css") + _text("page.css"),
+        data=json.dumps(data).replace("<", "\\u003c"),
+        packed=packed,
+        script=_script(),
+    )
+
+
+def _packed(content):
+    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+
+
+def _script():
+    """The viewer and what lights it as one module; names of ours in a block of their own."""
+    viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
+    library = [_text(name) for name in ("light.js", "splats.js", "shadow.js", "live.js")]
+    names = [
+        name
+        for part in library
+        for name in re.findall(r"^export (?:async )?(?:const|function|class) (\w+)", part, re.M)
+    ]
+    parts = [re.sub(r"^import .*$", "", re.sub(r"^export ", "", part, flags=re.M), flags=re.M) for part in library]
+    library_text = "".join(parts)
+    return (
+        f"{viewer}\n{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
+        f"{_text('host.js')}\n{_text('page.js')}\n}}\n"
+    )
+
+
+def _text(name):
+    return (_WEB / name).read_text("utf-8")

@@ -1,0 +1,39 @@
+"""A folder with a page, shown on this machine alone: browsers let no page read files beside it from a disk."""
+
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+from splat2mesh.base.errors import InputError
+
+from .bundle import META
+from .page import FOLDER, INDEX
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    @property
+    def url(self):
+        return f"http://127.0.0.1:{self.server_address[1]}/"
+
+
+def server_of(folder, port=0):
+    """A server, to be closed, of the page that `relight --format web` wrote as a folder; port 0 takes any.
+
+    folder: that folder, or the one of results that holds it. Raises InputError where there is no page, and for a port
+    that cannot be had.
+    """
+    folder = Path(folder)
+    found = next((each for each in (folder, folder / FOLDER) if all((each / n).is_file() for n in (INDEX, META))), None)
+    if found is None:
+        raise InputError(f"{folder} holds no page to serve: expected a folder {FOLDER}/ that --format web wrote")
+    try:
+        return _Server(("127.0.0.1", port), partial(_Handler, directory=str(found)))
+    except (OSError, OverflowError) as error:
+        raise InputError(f"`serve` {port}: the port cannot be had ({error}); name another") from None

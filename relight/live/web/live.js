@@ -1,0 +1,248 @@
+// Live light on Gaussian splats: the bundle of docs/live.md read, lit and written, in plain JavaScript. MIT licence.
+// No page and no engine in here: node runs it too. Directions and light are in the scene frame, y up.
+
+import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
+import { readCompressed } from "./splats.js";
+
+const COEFFICIENTS = DIRECT + SPREAD;
+export const UNLIT = 0;
+export const LIT = 1;
+export const SKY = 2;
+export const GAIN_UNIT = 1024; // of the 16 bits that a gain takes: 0 to 64, as 1e4 times the light is 46
+
+// ---- the bundle
+
+// files: {name: Uint8Array} of transfer.bin, surface.bin, basis.bin and the splat. Throws an Error of one line.
+export function readBundle(meta, files, splatFile) {
+  if (meta.format !== "relight-live" || meta.version > 1) {
+    throw new Error(`expected a relight-live bundle of version 1, found ${meta.format} ${meta.version}`);
+  }
+  const count = meta.count, { weights, clusters } = meta.basis, row = 2 + weights;
+  const sizes = { "transfer.bin": count * row, "surface.bin": count * 8,
+    "basis.bin": clusters * ((1 + weights) * 4 + COEFFICIENTS * 3 * (2 + weights)) };
+  for (const [name, size] of Object.entries(sizes)) {
+    const found = files[name] ? files[name].length : 0;
+    if (found !== size) throw new Error(`${name} holds ${found} bytes, live.json says ${size}: export it again`);
+  }
+  const splats = readCompressed(files[splatFile]);
+  if (splats.count !== count) {
+    throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
+  }
+  const basis = aligned(files["basis.bin"]), means = clusters * (1 + weights) * 4, parts = means + clusters * COEFFICIENTS * 6;
+  return {
+    meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"],
+    scales: new Float32Array(basis, 0, clusters * (1 + weights)),
+    means: new Int16Array(basis, means, clusters * COEFFICIENTS * 3),
+    components: new Int8Array(basis, parts, clusters * weights * COEFFICIENTS * 3),
+  };
+}
+
+const aligned = (bytes) => bytes.byteOffset % 4 ? bytes.slice().buffer : bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
+
+// The file must be the one that live.json names. Without a secure context there is no hash: then its size must do.
+export async function checkSplat(bytes, entry) {
+  if (!globalThis.crypto || !crypto.subtle) return;
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes));
+  const found = Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  if (found !== entry.sha256) throw new Error(`${entry.file} is not the splat of this bundle (its SHA-256 differs): export it again`);
+}
+
+// ---- colours
+
+// What each cluster makes of a light: (C, 1 + W, 3). sun: how strong its suns are, 1 as they are.
+export function lightTable(bundle, light, angle, exposure, sun = 1) {
+  const { clusters, weights, scales, means, components } = bundle;
+  const vector = new Float32Array(COEFFICIENTS * 3), whole = Float64Array.from(light.whole);
+  if (sun !== 1) {
+    for (const { direction, weight } of light.suns) {
+      const values = harmonics(direction, SPREAD_BANDS);
+      for (let i = 0; i < SPREAD; i++) for (let k = 0; k < 3; k++) whole[3 * i + k] += (sun - 1) * values[i] * weight[k];
+    }
+  }
+  vector.set(turned(light.rest, angle));
+  vector.set(turned(whole, angle), DIRECT * 3);
+  for (let i = 0; i < vector.length; i++) vector[i] *= exposure;
+  const table = new Float32Array(clusters * (1 + weights) * 3);
+  for (let cluster = 0, entry = 0; cluster < clusters; cluster++) {
+    for (let w = 0; w <= weights; w++, entry++) {
+      const values = w ? components : means, start = (w ? cluster * weights + w - 1 : cluster) * COEFFICIENTS * 3;
+      let r = 0, g = 0, b = 0;
+      for (let i = 0, at = start; i < COEFFICIENTS * 3; i += 3, at += 3) {
+        r += values[at] * vector[i];
+        g += values[at + 1] * vector[i + 1];
+        b += values[at + 2] * vector[i + 2];
+      }
+      const scale = scales[cluster * (1 + weights) + w];
+      table[3 * entry] = r * scale;
+      table[3 * entry + 1] = g * scale;
+      table[3 * entry + 2] = b * scale;
+    }
+  }
+  return table;
+}
+
+// The change of light of every splat but for suns, (N, 3), into `ratio`.
+export function changes(bundle, table, ratio) {
+  const { count, weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3;
+  const signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
+  if (weights === 6) return changesOfSix(count, transfer, signed, table, ratio);
+  for (let n = 0, at = 0; n < count; n++, at += row) {
+    let entry = (transfer[at] | transfer[at + 1] << 8) * step, r = table[entry], g = table[entry + 1], b = table[entry + 2];
+    for (let w = 2; w < row; w++) {
+      const weight = signed[at + w];
+      entry += 3;
+      r += weight * table[entry];
+      g += weight * table[entry + 1];
+      b += weight * table[entry + 2];
+    }
+    ratio[3 * n] = r;
+    ratio[3 * n + 1] = g;
+    ratio[3 * n + 2] = b;
+  }
+}
+
+function changesOfSix(count, transfer, signed, t, ratio) {
+  for (let n = 0, at = 0, to = 0; n < count; n++, at += 8, to += 3) {
+    const e = (transfer[at] | transfer[at + 1] << 8) * 21;
+    const a = signed[at + 2], b = signed[at + 3], c = signed[at + 4], d = signed[at + 5], f = signed[at + 6], g = signed[at + 7];
+    ratio[to] = t[e] + a * t[e + 3] + b * t[e + 6] + c * t[e + 9] + d * t[e + 12] + f * t[e + 15] + g * t[e + 18];
+    ratio[to + 1] = t[e + 1] + a * t[e + 4] + b * t[e + 7] + c * t[e + 10] + d * t[e + 13] + f * t[e + 16] + g * t[e + 19];
+    ratio[to + 2] = t[e + 2] + a * t[e + 5] + b * t[e + 8] + c * t[e + 11] + d * t[e + 14] + f * t[e + 17] + g * t[e + 20];
+  }
+}
+
+// What suns need of every splat, once: normals and places in the scene frame, tables of its bytes.
+export function surfaceOf(bundle) {
+  const { count, surface, splats, meta } = bundle, signed = new Int8Array(surface.buffer, surface.byteOffset, surface.length);
+  const normals = new Float32Array(count * 3), places = new Float32Array(count * 3), frame = meta.frame.scene_from_splat;
+  for (let n = 0, at = 0; n < count; n++, at += 8) {
+    const u = signed[at] / 127, v = signed[at + 1] / 127, z = 1 - Math.abs(u) - Math.abs(v), fold = Math.max(-z, 0);
+    const x = u - (u < 0 ? -fold : fold), y = v - (v < 0 ? -fold : fold), length = Math.hypot(x, y, z);
+    const normal = [x / length, y / length, z / length], lift = signed[at + 3] * meta.surface.lift;
+    for (let k = 0; k < 3; k++) {
+      const row = frame[k];
+      normals[3 * n + k] = normal[k];
+      places[3 * n + k] = row[0] * splats.means[3 * n] + row[1] * splats.means[3 * n + 1] + row[2] * splats.means[3 * n + 2] + row[3] + lift * normal[k];
+    }
+  }
+  const own = [0, 1, 2].map((k) => Float32Array.from({ length: 256 }, (_, byte) => meta.surface.own[k] * 2 ** ((byte - 128) / meta.surface.own_steps)));
+  return { normals, places, own };
+}
+
+// Add suns to the changes. suns: [{direction, weight}], turned, of which each has the Shadow of the same index, or null.
+export function addSuns(bundle, surface, suns, shadows, exposure, ratio) {
+  suns.forEach(({ direction, weight }, index) => {
+    const share = surface.share ??= new Float32Array(bundle.count), [wr, wg, wb] = weight.map((value) => value * exposure / Math.PI);
+    faceSun(bundle, surface, direction, share);
+    if (shadows[index]) shadows[index].hide(surface.places, surface.normals, share);
+    const { count, surface: bytes } = bundle, [red, green, blue] = surface.own;
+    for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
+      const light = share[n];
+      if (light === 0) continue;
+      ratio[i] += wr * light * red[bytes[at + 4]];
+      ratio[i + 1] += wg * light * green[bytes[at + 5]];
+      ratio[i + 2] += wb * light * blue[bytes[at + 6]];
+    }
+  });
+}
+
+// How much each splat faces a sun: the mean of max(0, n.d) over normals that agree as much as its own do.
+function faceSun({ count, surface: bytes }, { normals }, [dx, dy, dz], share) {
+  for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
+    const r = bytes[at + 2] / 255, x = r * (normals[i] * dx + normals[i + 1] * dy + normals[i + 2] * dz);
+    const facing = 0.5 * (x + Math.sqrt(x * x + 0.25 * (1 - r) * (1 - r)));
+    share[n] = bytes[at + 7] === LIT && facing > 1e-3 ? facing : 0;
+  }
+}
+
+export function albedoChanges(bundle, surface, ratio) {
+  for (let n = 0; n < bundle.count; n++) for (let k = 0; k < 3; k++) ratio[3 * n + k] = surface.own[k][bundle.surface[8 * n + 4 + k]];
+}
+
+// How much the scene as a whole brightens, for the part of colours that depends on the view: (3) gains of 1 at least.
+export function usualGain(bundle, light, angle, exposure) {
+  const whole = turned(light.whole, angle), sum = [0, 0, 0];
+  bundle.meta.mean.forEach((row, i) => row.forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; }));
+  return sum.map((value) => Math.max(value, 1) ** (1 / 2.4));
+}
+
+const LOWEST_BITS = 0x38800000 >> 12, HIGHEST_BITS = 0x461c4000 >> 12; // 2^-14, 1e4
+const LINEAR = Float32Array.from({ length: 256 }, (_, byte) => Math.max(linear(byte / 255), 1e-4));
+const ROLLED = Float32Array.from({ length: 1025 }, (_, i) => 1 - Math.exp(-i / 128)); // up to 8: what is left is no step of a display
+let gainTable = null;
+
+function gainsByBits() {
+  const number = new Float32Array(1), bits = new Uint32Array(number.buffer);
+  return Uint16Array.from({ length: HIGHEST_BITS - LOWEST_BITS + 1 }, (_, i) => {
+    bits[0] = (i + LOWEST_BITS << 12) + 2048;
+    return Math.round(GAIN_UNIT * number[0] ** (1 / 2.4));
+  });
+}
+
+// Gains of all splats as 16 bits, red, green, blue, and 1 where they are a colour instead: (N, 4) into `out`. What would
+// be shown brighter than .8 runs into 1, in `ratio` too.
+export function gains(bundle, ratio, out) {
+  const { count, splats: { colors }, surface } = bundle, table = gainTable ??= gainsByBits(), most = table.length - 1;
+  const bits = new Int32Array(ratio.buffer, ratio.byteOffset, ratio.length), lit = LINEAR; // negative numbers have negative bits
+  for (let n = 0, i = 0, to = 0, at = 7; n < count; n++, i += 3, to += 4, at += 8) {
+    if (surface[at] !== LIT) {
+      out[to] = out[to + 1] = out[to + 2] = GAIN_UNIT;
+      out[to + 3] = 0;
+      continue;
+    }
+    const red = lit[colors[i]], green = lit[colors[i + 1]], blue = lit[colors[i + 2]];
+    if (ratio[i] * red > 0.8) ratio[i] = rolledOff(ratio[i], red);
+    if (ratio[i + 1] * green > 0.8) ratio[i + 1] = rolledOff(ratio[i + 1], green);
+    if (ratio[i + 2] * blue > 0.8) ratio[i + 2] = rolledOff(ratio[i + 2], blue);
+    const r = (bits[i] >> 12) - LOWEST_BITS, g = (bits[i + 1] >> 12) - LOWEST_BITS, b = (bits[i + 2] >> 12) - LOWEST_BITS;
+    out[to] = table[r < 0 ? 0 : r > most ? most : r];
+    out[to + 1] = table[g < 0 ? 0 : g > most ? most : g];
+    out[to + 2] = table[b < 0 ? 0 : b > most ? most : b];
+    out[to + 3] = 0;
+  }
+}
+
+// A change that would show more than .8 of a captured linear colour: it runs into 1, unless it was brighter then.
+function rolledOff(ratio, color) {
+  const start = color > 0.8 ? color : 0.8, shown = ratio * color;
+  if (shown <= start) return ratio;
+  const room = start < 0.999 ? 1 - start : 0.001, over = (shown - start) / room * 128;
+  if (over >= 1024) return (start + room) / color;
+  const at = over | 0;
+  return (start + room * (ROLLED[at] + (ROLLED[at + 1] - ROLLED[at]) * (over - at))) / color;
+}
+
+// Far background shows the sky, turned: colours in place of gains.
+export function showSky(bundle, light, angle, exposure, out) {
+  const { rows, directions } = bundle.sky ??= skyRows(bundle), color = [0, 0, 0];
+  for (let i = 0; i < rows.length; i++) {
+    lookUp(light.image, directions[3 * i], directions[3 * i + 1], directions[3 * i + 2], angle, exposure, color);
+    toneMap(color);
+    for (let k = 0; k < 3; k++) out[4 * rows[i] + k] = Math.round(color[k] * GAIN_UNIT);
+    out[4 * rows[i] + 3] = 1;
+  }
+}
+
+function skyRows({ count, surface, splats, meta }) {
+  const rows = [], directions = [], { scene_from_splat: frame, middle } = meta.frame;
+  for (let n = 0; n < count; n++) {
+    if (surface[8 * n + 7] !== SKY) continue;
+    const away = [0, 1, 2].map((k) => splats.means[3 * n + k] - middle[k]);
+    rows.push(n);
+    directions.push(...frame.slice(0, 3).map((row) => row[0] * away[0] + row[1] * away[1] + row[2] * away[2]));
+  }
+  return { rows, directions };
+}
+
+// The exposure of a light that came without one, by the rule of live.json. ratio: changes of the splats at exposure 1.
+export function exposureOf(bundle, light, ratio) {
+  const shown = [], step = Math.max(1, Math.floor(bundle.count / 20000));
+  for (let n = 0; n < bundle.count; n += step) {
+    if (bundle.surface[8 * n + 7] !== LIT) continue;
+    shown.push(Math.max(...[0, 1, 2].map((k) => ratio[3 * n + k] * LINEAR[bundle.splats.colors[3 * n + k]])));
+  }
+  shown.sort((a, b) => a - b);
+  const bright = shown.length ? shown[Math.floor(0.98 * (shown.length - 1))] : 1, auto = bright > 0 ? 0.8 / bright : 1;
+  if (bundle.meta.brightness === null || !(light.mean > 0)) return auto;
+  return Math.min(Math.max(bundle.meta.brightness / light.mean, auto / 2), auto * 2);
+}

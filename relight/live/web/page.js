@@ -1,0 +1,229 @@
+// The page: a panel for the light, the bundle that it holds, the viewer that shows it.
+
+const PANEL = `
+<details open><summary>Relight</summary>
+<label>Light <select id="r-light"></select><span></span></label>
+<label>Turn <input id="r-turn" type="range" min="0" max="360" step="1"><output></output></label>
+<label>Exposure <input id="r-exposure" type="range" min="-4" max="4" step="0.1"><output></output></label>
+<label>Sun <input id="r-sun" type="range" min="0" max="3" step="0.05"><output></output></label>
+<label>Sun from <input id="r-azimuth" type="range" min="-180" max="180" step="1"><output></output></label>
+<label>Sun height <input id="r-height" type="range" min="2" max="90" step="1"><output></output></label>
+<div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
+<div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
+<div class="row"><button id="r-load">Load .hdr</button><button id="r-save">Save relit .ply</button></div>
+<small>Drop an .hdr here. Shift + drag or [ ] turns the light.</small>
+</details><input id="r-file" type="file" accept=".hdr" hidden>`;
+
+const RADIANS = Math.PI / 180;
+const element = (id) => document.getElementById(id);
+
+async function start() {
+  const data = JSON.parse(element("live-data").textContent), query = new URLSearchParams(location.hash.slice(1) || location.search);
+  document.body.insertAdjacentHTML("beforeend", `<div id="relight">${PANEL}</div><div id="relight-message"></div><div id="relight-line"></div>`);
+  const tell = (text) => {
+    element("relight-message").textContent = text;
+    element("relight-message").style.display = text ? "block" : "none";
+  };
+  try {
+    const files = await readFiles(data);
+    await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
+    const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
+    const stage = await host(document.body, files[data.splat], frame, data.meta.camera, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
+    const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
+    window.relight = new Session(bundle, Live.readProxy(files["proxy.glb"]), lights, stage, data, tell);
+    window.relight.begin(query);
+  } catch (error) {
+    tell(error.message);
+    throw error;
+  }
+}
+
+// The files of the bundle by name: packed in this page, or beside it.
+async function readFiles({ files, packed }) {
+  const found = {};
+  for (const name of files) {
+    if (!packed) {
+      const answer = await fetch(name);
+      if (!answer.ok) throw new Error(`${name} is missing beside this page`);
+      found[name] = new Uint8Array(await answer.arrayBuffer());
+      continue;
+    }
+    const node = document.querySelector(`script[data-file="${name}"]`), text = node.textContent.trim(), parts = [];
+    for (let at = 0; at < text.length; at += 1 << 22) {
+      const binary = atob(text.slice(at, at + (1 << 22))), bytes = new Uint8Array(binary.length);
+      for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
+      parts.push(bytes);
+    }
+    node.remove();
+    const stream = new Blob(parts).stream().pipeThrough(new DecompressionStream("gzip"));
+    found[name] = new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+  return found;
+}
+
+class Session {
+  constructor(bundle, proxy, lights, stage, data, tell) {
+    Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
+    this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.surface = Live.surfaceOf(bundle);
+    this.ratio = new Float32Array(bundle.count * 3);
+    this.gains = new Uint16Array(bundle.count * 4);
+    this.plain = new Uint16Array(bundle.count * 4).map((_, i) => i % 4 === 3 ? 0 : Live.GAIN_UNIT);
+    this.most = [1, 1, 1];
+    this.shadows = new Map();
+    this.compare = comparison(stage.app, stage.canvas, (captured) => stage.show(captured ? this.plain : this.gains, captured ? [1, 1, 1] : this.most));
+    this.busy = null;
+  }
+
+  begin(query) {
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
+    for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
+    if (query.has("view")) this.state.view = query.get("view");
+    if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
+    if (query.has("nopanel")) element("relight").style.display = "none";
+    this.listen();
+    this.set({});
+  }
+
+  // Change some of the state and show it.
+  set(changes) {
+    const before = this.state.light;
+    Object.assign(this.state, changes);
+    this.state.turn = (this.state.turn % 360 + 360) % 360;
+    if (this.state.light !== before && !("height" in changes)) Object.assign(this.state, { azimuth: 0, height: null, sun: 1 });
+    this.refresh();
+    cancelAnimationFrame(this.busy);
+    this.busy = requestAnimationFrame(() => this.draw());
+  }
+
+  // The suns of the light, moved as the panel says, and turned. A light without one has one to switch on.
+  suns() {
+    const { light, turn, azimuth, height, sun } = this.state, { suns, mean } = this.lights[light];
+    const own = suns.length ? suns : [{ direction: [0.5, 0.7, 0.5].map((x) => x / Math.hypot(0.5, 0.7, 0.5)), weight: [mean * Math.PI, mean * Math.PI, mean * Math.PI], added: true }];
+    return own.map(({ direction: [x, y, z], weight, added }, i) => {
+      const strength = added ? sun - 1 : sun;
+      let direction = [x, y, z];
+      if (i === 0 && height !== null) {
+        const across = Math.hypot(x, z) || 1, up = height * RADIANS;
+        direction = [x / across * Math.cos(up), Math.sin(up), z / across * Math.cos(up)];
+      }
+      const turned = turn + (i === 0 ? azimuth : 0);
+      return { direction: Live.turnedDirection(direction, turned * RADIANS), weight: weight.map((value) => value * strength) };
+    }).filter(({ weight }) => weight.some((value) => value > 0));
+  }
+
+  draw() {
+    const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
+    const exposure = light.exposure * 2 ** state.exposure, began = performance.now();
+    if (state.view === "captured") gains.set(this.plain);
+    else {
+      if (state.view === "albedo") Live.albedoChanges(bundle, this.surface, ratio);
+      else {
+        Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1), ratio);
+        const suns = this.suns();
+        Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
+      }
+      Live.gains(bundle, ratio, gains);
+      if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains);
+    }
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure) : [1, 1, 1];
+    this.milliseconds = performance.now() - began;
+    stage.sky(state.sky && state.view === "relit" ? light.image : null, turn, exposure);
+    this.compare.set(state.compare, state.line);
+    element("relight-line").style.display = state.compare ? "block" : "none";
+    element("relight-line").style.left = `${100 * state.line}%`;
+    if (!state.compare) stage.show(gains, this.most);
+    this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // The shadow map of a sun, kept while it stands still.
+  shadow(direction) {
+    const key = direction.map((value) => value.toFixed(5)).join();
+    if (!this.shadows.has(key)) {
+      if (this.shadows.size >= 8) this.shadows.delete(this.shadows.keys().next().value);
+      this.shadows.set(key, new Live.Shadow(this.proxy, direction));
+    }
+    return this.shadows.get(key);
+  }
+
+  // A light from the bytes of an .hdr; it is shown, and stays in the list.
+  addHdr(name, bytes) {
+    const light = Live.lightFrom(name, Live.reduced(Live.readHdr(bytes)));
+    Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), this.ratio);
+    Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
+    light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
+    this.lights.push(light);
+    this.set({ light: this.lights.length - 1 });
+  }
+
+  relitPly() {
+    return Live.relitPly(this.bundle.splats, this.gains, Live.GAIN_UNIT, this.most);
+  }
+
+  refresh() {
+    const { state, lights } = this, select = element("r-light");
+    if (select.options.length !== lights.length) select.replaceChildren(...lights.map(({ name }, i) => new Option(name, i)));
+    select.value = state.light;
+    const { direction: [x, y, z] } = lights[state.light].suns[0] ?? { direction: [0.5, 0.7, 0.5] };
+    const height = state.height ?? Math.asin(y / Math.hypot(x, y, z)) / RADIANS;
+    const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
+      azimuth: [state.azimuth, `${Math.round(state.azimuth)}\u00b0`], height: [height, `${Math.round(height)}\u00b0`] };
+    for (const [key, [value, text]] of Object.entries(shown)) {
+      element(`r-${key}`).value = value;
+      element(`r-${key}`).nextElementSibling.textContent = text;
+    }
+    for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
+    element("r-compare").setAttribute("aria-pressed", state.compare);
+    element("r-sky").setAttribute("aria-pressed", state.sky);
+  }
+
+  listen() {
+    const { state, stage } = this;
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height"]) element(`r-${key}`).oninput = ({ target }) => this.set({ [key]: +target.value });
+    element("r-light").onchange = ({ target }) => this.set({ light: +target.value });
+    for (const button of document.querySelectorAll("#relight [data-view]")) button.onclick = () => this.set({ view: button.dataset.view });
+    element("r-compare").onclick = () => this.set({ compare: !state.compare });
+    element("r-sky").onclick = () => this.set({ sky: !state.sky });
+    element("r-load").onclick = () => element("r-file").click();
+    element("r-save").onclick = () => {
+      const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([this.relitPly()])), download: "relit_splat.ply" });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    };
+    const take = async (file) => {
+      try {
+        this.addHdr(file.name.replace(/\.hdr$/i, ""), new Uint8Array(await file.arrayBuffer()));
+        this.tell("");
+      } catch (error) {
+        this.tell(`${file.name}: ${error.message}`);
+      }
+    };
+    element("r-file").onchange = ({ target }) => target.files.length && take(target.files[0]);
+    addEventListener("dragover", (event) => event.preventDefault());
+    addEventListener("drop", (event) => {
+      event.preventDefault();
+      if (event.dataTransfer.files.length) take(event.dataTransfer.files[0]);
+    });
+    addEventListener("keydown", ({ key, target }) => {
+      if (target.tagName !== "SELECT" && "[]".includes(key)) this.set({ turn: state.turn + (key === "[" ? -5 : 5) });
+    });
+    let dragged = null;
+    const held = (event) => {
+      if (event.type === "pointerdown" && event.shiftKey && event.target === stage.canvas) dragged = event.clientX;
+      if (dragged === null) return;
+      event.stopImmediatePropagation();
+      event.preventDefault();
+      if (event.type === "pointermove") {
+        this.set({ turn: state.turn + (event.clientX - dragged) / 2 });
+        dragged = event.clientX;
+      }
+      if (event.type === "pointerup" || event.type === "pointercancel") dragged = null;
+    };
+    for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) addEventListener(type, held, { capture: true });
+    const line = element("relight-line");
+    line.onpointerdown = (event) => line.setPointerCapture(event.pointerId);
+    line.onpointermove = ({ buttons, clientX }) => buttons && this.set({ line: Math.min(Math.max(clientX / innerWidth, 0.02), 0.98) });
+  }
+}
+
+start();

@@ -1,0 +1,85 @@
+"""What a picture shows behind a scene: the light that it is in, as sharp as that is known and no sharper."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
+
+from ..light import skies
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+
+COARSE = 2.0
+"""Pixels that a texel may cover before it shows as a square: wider ones are shown out of focus."""
+
+DEFOCUS = 1.2
+"""Standard deviation of the blur of such an image, in texels: the grain is gone, what it is of can still be told."""
+
+PADDING = 8  # texels repeated across the seam, more than a cubic spline or the blur's centre reaches
+
+GLARE = ((0.8, np.radians(0.6)), (0.25, np.radians(3.0)))
+"""Display values at a sun's rim, and the angle at which 1/e is left: eyes and lenses spread what is too bright."""
+
+
+def behind(
+    environment: "Environment",
+    directions: NDArray,  # (N, 3) unit, scene frame
+    pixel: float,  # angle that a pixel of the picture covers, radians
+    exposure: float,  # display value per unit of radiance
+) -> NDArray:
+    """Exposed linear radiance (N, 3) float32 that the picture shows in these directions, unbounded.
+
+    A built-in sky is drawn by its formula, with its horizon and its sun; an image whose texels are much wider than a
+    pixel is shown out of focus, any other as it is.
+    """
+    if environment.formula is not None:
+        return _sky(environment.formula, _unturned(directions, environment.rotation_deg), exposure)
+    if np.pi / environment.radiance.shape[0] <= COARSE * pixel:
+        return environment.lookup(directions) * np.float32(exposure)
+    return _soft_lookup(environment, directions) * np.float32(exposure)
+
+
+def _sky(name, directions, exposure):
+    shown = skies.seen(name, directions) * np.float32(exposure)
+    sun = skies.sun_of(name)
+    if sun is not None:
+        center, color = sun
+        away = np.arccos(np.clip(directions @ center, -1.0, 1.0))
+        glare = sum(peak * np.exp(-away / width) for peak, width in GLARE)
+        glare = np.where(directions[:, 1] > 0.0, glare, glare * np.exp(directions[:, 1] / 0.01))
+        shown += (glare[:, None] * (color / color.max())).astype(np.float32)
+    return shown
+
+
+def _unturned(directions, angle_deg):
+    """Directions (N, 3) in the frame of the environment's image."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    x, y, z = np.asarray(directions, np.float64).T
+    return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+
+
+def _soft_lookup(environment, directions):
+    splines = environment.derived("out of focus", lambda: _out_of_focus(environment.radiance))
+    height = splines.shape[0]
+    width = splines.shape[1] - 2 * PADDING
+    x, y, z = _unturned(directions, environment.rotation_deg).T
+    column = (0.5 - np.arctan2(x, z) / (2.0 * np.pi)) * width - 0.5 + PADDING
+    row = np.clip((0.5 - np.arctan2(y, np.hypot(x, z)) / np.pi) * height - 0.5, 0.0, height - 1.0)
+    found = [
+        map_coordinates(splines[..., channel], (row, column), order=3, prefilter=False, mode="nearest")
+        for channel in range(3)
+    ]
+    return np.maximum(np.stack(found, axis=-1), 0.0).astype(np.float32)
+
+
+def _out_of_focus(radiance):
+    """Cubic spline coefficients (H, W + 2 PADDING, 3) float32 of the blurred image, repeated across its seam."""
+    soft = gaussian_filter1d(radiance, DEFOCUS, axis=0, mode="nearest")
+    height = len(soft)
+    for row in range(height):  # as wide on the sphere in every row
+        wide = DEFOCUS / max(np.sin(np.pi * (row + 0.5) / height), 4.0 * DEFOCUS / soft.shape[1])
+        soft[row] = gaussian_filter1d(soft[row], wide, axis=0, mode="wrap")
+    soft = np.concatenate([soft[:, -PADDING:], soft, soft[:, :PADDING]], axis=1)
+    return np.stack([spline_filter(soft[..., channel], 3) for channel in range(3)], axis=-1).astype(np.float32)

@@ -1,0 +1,117 @@
+"""A soft shadow on the ground that an object stands on: what it hides of the light from above."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.spatial import cKDTree
+
+from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.views.viewpoints import fibonacci_sphere
+
+from ..light.projections import row_solid_angles, texel_directions
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..light.environment import Environment
+
+SIDE = 144
+"""Points of the ground along a side of the square that is looked at."""
+
+REACH = 4.0
+"""Half of that side, in radii of the object: beyond it no shadow is drawn."""
+
+CROWDED = 0.3
+"""How much nearer to one another the points in the middle are than they would be evenly spread: feet are small."""
+
+DIRECTIONS, SHARED = 640, 4
+"""Directions of the upper hemisphere from which light is looked for, and those that share the light of a texel: they
+lie 6 degrees apart, which softens every shadow by as much."""
+
+BLUR = 0.8
+"""Standard deviation, in points, by which shadows are smoothed: the ground's points leave no stairs."""
+
+LIFT = 1e-3
+"""Height above the ground, in radii, from which rays start: the object's own underside hides all, not a part."""
+
+
+class Catcher:
+    """The ground under an object, level, at its lowest vertex. What the object hides is found once, for any light.
+
+    height: of the ground, scene frame.
+    """
+
+    def __init__(self, scene: "Scene", caster: RayCaster) -> None:
+        low, high = scene.bounds
+        self.height = float(low[1])
+        self._middle = 0.5 * (low + high)[[0, 2]]
+        self._radius = max(0.5 * float(np.linalg.norm(high - low)), 1e-12)
+        across = _spread(np.linspace(-1.0, 1.0, SIDE)) * REACH * self._radius
+        points = np.empty((SIDE, SIDE, 3), np.float32)
+        points[..., 0] = self._middle[0] + across[None, :]
+        points[..., 1] = self.height + LIFT * self._radius
+        points[..., 2] = self._middle[1] + across[:, None]
+        self._directions = _upper_hemisphere()
+        rays = np.empty((SIDE * SIDE, 6), np.float32)
+        rays[:, :3] = points.reshape(-1, 3)
+        self._open = np.empty((len(self._directions), SIDE * SIDE), bool)
+        for index, direction in enumerate(self._directions):
+            rays[:, 3:] = direction
+            self._open[index] = ~caster.occluded(rays)
+
+    def shadow(self, environment: "Environment", points: NDArray) -> NDArray:
+        """Share (N, 3) float32 of the light from above that reaches points (N, 2) of the ground: x and z."""
+        arriving = self._arriving(environment)
+        whole = arriving.sum(axis=0)
+        lit = np.einsum("kp,kc->pc", self._open.astype(np.float32), arriving)
+        share = np.divide(lit, whole, out=np.ones_like(lit), where=whole > 0.0).reshape(SIDE, SIDE, 3)
+        share = gaussian_filter(share, (BLUR, BLUR, 0), mode="nearest")
+        # What is still in shadow at the rim of the square fades out there, without an edge.
+        offset = (np.asarray(points, np.float64) - self._middle) / (REACH * self._radius)
+        fade = np.clip(4.0 * (1.0 - np.linalg.norm(offset, axis=1)), 0.0, 1.0)[:, None]
+        place = (_gathered(np.clip(offset, -1.0, 1.0)) + 1.0) * 0.5 * (SIDE - 1)
+        found = [
+            map_coordinates(share[..., channel], (place[:, 1], place[:, 0]), order=1, mode="nearest")
+            for channel in range(3)
+        ]
+        return (1.0 - fade * (1.0 - np.stack(found, axis=-1))).astype(np.float32)
+
+    def _arriving(self, environment):
+        """Irradiance (K, 3) float32 of level ground from around each direction."""
+        height, width = environment.radiance.shape[:2]
+        above = texel_directions(height, width)[: height // 2].reshape(-1, 3)
+        areas = np.repeat(row_solid_angles(height, width)[: height // 2, 0], width)
+        light = environment.radiance[: height // 2].reshape(-1, 3) * (areas * above[:, 1])[:, None]
+        turn = np.radians(environment.rotation_deg)
+        x, y, z = self._directions.T
+        c, s = np.cos(turn), np.sin(turn)
+        canonical = np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
+        away, nearest = cKDTree(canonical).query(above, SHARED)
+        weights = np.maximum(1.0 - away / np.maximum(away[:, -1:] * 1.2, 1e-9), 0.0) ** 2
+        weights /= weights.sum(axis=1, keepdims=True)
+        arriving = np.zeros((len(self._directions), 3))
+        for rank in range(SHARED):
+            for channel in range(3):
+                shared = weights[:, rank] * light[:, channel]
+                arriving[:, channel] += np.bincount(nearest[:, rank], shared, len(self._directions))
+        return arriving.astype(np.float32)
+
+
+def _upper_hemisphere():
+    directions = fibonacci_sphere(2 * DIRECTIONS)[:, [0, 2, 1]]
+    return directions[directions[:, 1] > 0.0].astype(np.float32)
+
+
+def _spread(u):
+    """Positions in [-1, 1] of even steps in [-1, 1]: denser about 0."""
+    return u * (CROWDED + (1.0 - CROWDED) * u * u)
+
+
+def _gathered(position):
+    """The inverse of `_spread`, by Newton's method: it converges for every position in [-1, 1]."""
+    u = np.array(position, np.float64)
+    for _ in range(20):
+        u -= (_spread(u) - position) / (CROWDED + 3.0 * (1.0 - CROWDED) * u * u)
+    return u

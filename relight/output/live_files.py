@@ -1,0 +1,97 @@
+"""Write what is live, once for a scene: the bundle that loaders read, and the page that relights."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.splats.splats import Splats
+
+from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, SUN_TOLERANCE, Settings
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..light.environment import Environment
+
+
+class LiveFiles:
+    """Writes live.json with its files, and the page.
+
+    splats: those of the scene. others: lights beside the one shown first. exposure_of: function of a light and the
+    radiance (V, 3) of the vertices in it, display value per radiance. tolerance: relative error that the bytes may add.
+    """
+
+    def __init__(
+        self,
+        relighter: "Relighter",
+        appearance: "Appearance",
+        splats: Splats,
+        others: "Sequence[Environment]",
+        exposure_of: "Callable[[Environment, NDArray[np.float32]], float]",
+        tolerance: float | None = None,
+        sky: str = "new",
+        seed: int = 0,
+    ) -> None:
+        self._relighter, self._appearance, self._splats, self._others = relighter, appearance, splats, others
+        self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
+        self._live: Any = None
+
+    def write(
+        self, folder: Path, light: "Environment", exposure: float, kinds: Sequence[str]
+    ) -> tuple[list[str], dict[str, Any]]:
+        """Write the files of `kinds` into a folder that exists: their names, and what the report should tell.
+
+        light: the one shown first, at its angle. exposure: of it.
+        """
+        from ..live.bundle import write_bundle
+        from ..live.lights import light_of
+        from ..live.page import write_page
+
+        live = self._prepared(light)
+        unturned = light.rotated(-light.rotation_deg)
+        live = live._replace(lights=[light_of(unturned, exposure), *live.lights])
+        names = []
+        with self._relighter.stages.stage("write"):
+            if "live" in kinds:
+                (folder / "live").mkdir()
+                names += [f"live/{name}" for name in write_bundle(folder / "live", live)]
+            if "web" in kinds:
+                names += write_page(folder, live, light.rotation_deg)
+        tried = live.errors[-1]
+        return names, {"splats": len(live.splats), "bytes": tried["bytes"], "error": round(tried["error"], 5)}
+
+    def _prepared(self, light: "Environment") -> Any:
+        """All but the light that is shown first."""
+        from ..live.live import live_of
+
+        if self._live is None:
+            others = {each.name: each for each in self._others if each.name != light.name}
+            settings = self._settings(light)
+            albedo, traced = self._appearance.albedo, settings._replace(sun_tolerance=SUN_TOLERANCE)
+            lights = []
+            for each in others.values():
+                radiance = self._relighter.shading(each, albedo, traced).radiance
+                lights.append((each, self._exposure_of(each, radiance)))
+            self._live = live_of(
+                self._relighter,
+                self._appearance,
+                self._splats,
+                lights,
+                settings,
+                self._tolerance,
+                self._sky,
+                self._seed,
+            )
+        return self._live
+
+    def _settings(self, light: "Environment") -> Settings:
+        """As the light that is shown first was planned; others are unknown, so what bounces is not left out."""
+        settings = self._relighter.shading(light, self._appearance.albedo).settings
+        options = self._relighter.options
+        if settings.rays and BOUNCES in options.chosen_effects and not settings.bounce_rays:
+            if self._appearance.albedo is not None:
+                settings = settings._replace(bounce_rays=BOUNCE_RAYS, bounce_tolerance=BOUNCE_TOLERANCE)
+        return settings

@@ -1,0 +1,133 @@
+"""The picture of a relit scene: what was relit, on the ground, before the light, with an inset that tells the light."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.splats.splats import Splats
+
+from ..light.tonemap import compress_highlights
+from .backdrop import behind
+from .catcher import Catcher
+from .inset import add_inset
+from .preview import Preview
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..light.environment import Environment
+
+FINE = 2
+"""Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
+
+PLAIN = 0.62
+"""Display value behind what no light is known of: no surface is as even."""
+
+NEAR = 0.002
+"""Near plane of the splats, in diagonals of the scene."""
+
+
+class Picture:
+    """A camera before a scene. What does not depend on the light is found once.
+
+    The splats, where there are any, are drawn as any viewer draws them, else the mesh. An object throws its shadow on
+    the ground below it; a place has its own ground. camera, width, height, samples: as of `Preview`.
+    """
+
+    def __init__(
+        self, scene: "Scene", camera: dict | None = None, width: int = 960, height: int = 720, samples: int = 4
+    ) -> None:
+        self._scene = scene
+        self.mesh = Preview(scene, camera, width, height, samples)
+        self.camera, self.view = self.mesh.camera, self.mesh.view
+        self._catcher: Catcher | None = None
+        directions = _fine(self.view).ray_directions().reshape(-1, 3)
+        self._directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
+        self._pixel = 1.0 / self.view.fx
+
+    def of_splats(
+        self, splats: Splats, environment: "Environment | None", exposure: float, inset: bool = True
+    ) -> NDArray:
+        """The picture, (H, W, 3) uint8 sRGB, of splats in the frame that `scene_from_splat` starts from.
+
+        environment: what they were relit with, or None: before plain grey, without an inset. exposure: display value
+        per unit of radiance, for what is behind them.
+        """
+        frame = np.asarray(self._scene.scene_from_splat, np.float64)
+        view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
+        near = NEAR * self._scene.diagonal / _scale(frame)
+        seen = rasterize(splats, view, near)
+        image = np.clip(seen.color, 0.0, 1.0) + (1.0 - seen.alpha[..., None]) * self._behind(environment, exposure)
+        return self._finished(image, environment, exposure, inset)
+
+    def of_vertices(
+        self, radiance: NDArray, environment: "Environment", exposure: float, inset: bool = True
+    ) -> NDArray:
+        """The same of the mesh: radiance (V, 3), linear."""
+        color, alpha = self.mesh.layer(radiance, exposure)
+        back = self._behind(environment, exposure)
+        image = srgb_from_linear(color) if alpha.all() else _over(color, alpha, back)
+        return self._finished(image, environment, exposure, inset)
+
+    def _finished(self, image, environment, exposure, inset):
+        image = np.ascontiguousarray(image, np.float32)
+        if inset and environment is not None:
+            add_inset(image, self.view, environment, exposure)
+        return bytes_from_unit(image)
+
+    def _behind(self, environment, exposure):
+        """Display values, (H, W, 3) float32 sRGB, of the light and of the ground, without the scene."""
+        if environment is None:
+            return np.full((self.view.height, self.view.width, 3), PLAIN, np.float32)
+        shown = behind(environment, self._directions, self._pixel / FINE, exposure)
+        if not self._scene.is_place:
+            self._shade_ground(shown, environment)
+        shown = compress_highlights(shown)
+        shape = (self.view.height, FINE, self.view.width, FINE, 3)
+        return srgb_from_linear(shown.reshape(shape).mean(axis=(1, 3)))
+
+    def _shade_ground(self, shown, environment):
+        if self._catcher is None:
+            self._catcher = Catcher(self._scene, self.mesh.caster)
+        eye, down = self.view.center, -self._directions[:, 1]
+        above = eye[1] - self._catcher.height
+        met = down > 1e-3
+        if above <= 0.0 or not met.any():
+            return
+        reached = self._directions[met] * (above / down[met])[:, None]
+        ground = np.stack([eye[0] + reached[:, 0], eye[2] + reached[:, 2]], axis=-1)
+        shown[met] *= self._catcher.shadow(environment, ground)
+
+
+def _over(color, alpha, back):
+    """A layer of linear light, premultiplied, over display values: what covers a part of a pixel mixes with them."""
+    alpha = alpha[..., None]
+    own = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0.0)
+    return srgb_from_linear(own) * alpha + back * (1.0 - alpha)
+
+
+def _fine(view: View) -> View:
+    return replace(
+        view,
+        width=view.width * FINE,
+        height=view.height * FINE,
+        fx=view.fx * FINE,
+        fy=view.fy * FINE,
+        cx=view.cx * FINE,
+        cy=view.cy * FINE,
+    )
+
+
+def _scale(matrix):
+    """Size of a unit after a similarity (4, 4)."""
+    return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
+
+
+def _rigid(matrix):
+    """A similarity (4, 4) without its scale: the same picture, for all of it grows alike from the eye on."""
+    return np.concatenate([matrix[:3] / _scale(matrix), matrix[3:]])

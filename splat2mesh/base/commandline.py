@@ -1,0 +1,82 @@
+"""Command lines that meet people half way: negative values, commas, near misses. Imports nothing heavy."""
+
+import argparse
+import difflib
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from typing import NoReturn
+
+from .errors import InputError
+
+_VALUE = re.compile(r"-[\d.]|-[xyz]$")
+"""What looks like an option and is a value: a negative number, or an axis."""
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one line, with what may have been meant.
+
+    signed: options whose value may begin with a minus sign, as in `--up -y` or `--rotate -30:30:10`.
+    """
+
+    signed: tuple[str, ...] = ()
+
+    def parse_args(self, args=None, namespace=None):
+        return super().parse_args(joined(sys.argv[1:] if args is None else args, self.signed), namespace)
+
+    def error(self, message: str) -> NoReturn:
+        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
+        if unknown:
+            options = [text for action in self._actions for text in action.option_strings]
+            message = f"{unknown[1]}: no such option" + _guess(unknown[1], options)
+        self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
+
+
+def joined(arguments: Sequence[str], signed: Iterable[str]) -> list[str]:
+    """Arguments with the value of a signed option that begins with a minus put to it: --up -y -> --up=-y."""
+    result: list[str] = []
+    names = set(signed)
+    for argument in arguments:
+        if result and result[-1] in names and _VALUE.match(argument):
+            result[-1] = f"{result[-1]}={argument}"
+        else:
+            result.append(argument)
+    return result
+
+
+def chosen(option: str, value: str, choices: Iterable[str]) -> str:
+    """The choice that a value means, whatever its case. Raises InputError, with the nearest one, for no choice."""
+    known = {choice.lower(): choice for choice in choices}
+    if value.lower() in known:
+        return known[value.lower()]
+    listed = " ".join(known.values())
+    raise InputError(f"{option} {value}: expected one of {listed}{_guess(value.lower(), known)}")
+
+
+def several(option: str, values: Sequence[str] | None, choices: Iterable[str]) -> list[str]:
+    """The choices of an option that takes several: apart, with commas, or given again; each once, in order."""
+    choices = list(choices)
+    words = [word for value in values or () for word in value.split(",") if word]
+    if values is not None and not words:
+        raise InputError(f"{option}: expected some of {' '.join(choices)}")
+    return list(dict.fromkeys(chosen(option, word, choices) for word in words))
+
+
+def share(option: str, text: str | None) -> float | None:
+    """A share of 1: "0.01" or "1%" -> 0.01. Raises InputError for what is none, or not below 1."""
+    if text is None:
+        return None
+    percent = text.strip().endswith("%")
+    try:
+        value = float(text.strip().removesuffix("%")) / (100.0 if percent else 1.0)
+    except ValueError:
+        raise InputError(f"{option} {text}: expected a share such as 0.02, or 2%") from None
+    if value >= 1.0:
+        meant = "" if percent else f"; did you mean {value:g}%?"
+        raise InputError(f"{option} {text}: expected a share below 1, such as 0.02 or 2%{meant}")
+    return value
+
+
+def _guess(text: str, choices: Iterable[str]) -> str:
+    near = difflib.get_close_matches(text, list(choices), 1)
+    return f"; did you mean {near[0]}?" if near else ""

@@ -1,0 +1,173 @@
+import json
+import re
+import urllib.request
+from threading import Thread
+
+import numpy as np
+import pytest
+from browser import Browser, chromium
+from live_scene import live_scene
+
+from relight.cli import main
+from relight.live.page import write_page
+from relight.live.serve import server_of
+from splat2mesh.base.errors import InputError
+
+NO_WINDOW = "#renderer=webgl&noui&nopanel&sky=0"
+
+FRAMES = "() => new Promise((done) => { let n = 0; const f = () => ++n > 4 ? done() : requestAnimationFrame(f); f(); })"
+
+in_browser = pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("page")
+    assert write_page(path, live_scene()[3]) == ["relit.html"]
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (320, 240)) as browser:
+        browser.wait("window.relight && relight.drawn")
+        yield browser
+
+
+def shown(page, **state):
+    """The picture, (H, W, 3) in 0..1, after a change of the page's state."""
+    before = page.run("relight.drawn")
+    page.run(f"relight.set({json.dumps(state)})")
+    page.wait(f"relight.drawn > {before}")
+    page.run(f"({FRAMES})()")
+    return page.picture() / 255.0
+
+
+@in_browser
+def test_the_page_opens_from_a_file_and_says_nothing(page):
+    assert page.said == []
+    assert page.run("relight.lights.map(({ name }) => name)") == ["overcast", "noon", "capture"]
+
+
+@in_browser
+def test_where_nothing_changes_the_splat_is_as_captured(page):
+    captured = shown(page, view="captured")
+    assert captured.std() > 0.05
+    albedo = shown(page, view="albedo")  # all white on the capture day: albedo is what was captured
+    assert -10 * np.log10(np.mean((captured - albedo) ** 2)) > 38
+
+
+@in_browser
+@pytest.mark.parametrize(("angle", "side"), [(90.0, 1), (270.0, -1)])
+def test_one_lit_texel_lights_the_side_it_is_on(page, angle, side):
+    """A lamp at +z, turned to +x or -x: the camera looks from +z, and +x is to the right."""
+    page.run("""(() => {
+      const image = new Float32Array(64 * 128 * 3);
+      image.fill(40, (28 * 128 + 64) * 3, (28 * 128 + 64) * 3 + 3);
+      const rest = relight.live.project(image);
+      relight.lights.push({ name: "texel", image, suns: [], mean: 1, exposure: 20, rest, whole: rest.subarray(0, 48) });
+    })()""")
+    number = page.run("relight.lights.length - 1")
+    ball = shown(page, light=number, turn=angle, view="relit")
+    rows, columns = np.nonzero(np.abs(shown(page, view="captured") - 0.13).max(axis=2) > 0.05)
+    top = rows < np.percentile(rows, 30)  # the ball stands above the plate
+    middle = np.median(columns[top])
+    light = ball.sum(axis=2)
+    right = light[rows[top & (columns > middle)], columns[top & (columns > middle)]].mean()
+    left = light[rows[top & (columns < middle)], columns[top & (columns < middle)]].mean()
+    assert (right - left) * side > 0.15
+
+
+@in_browser
+def test_keys_and_dragging_turn_the_light(page):
+    shown(page, light=0, turn=0, view="relit")
+    for name in ("keyDown", "keyUp"):
+        page.call(
+            "Input.dispatchKeyEvent", type=name, key="]", code="BracketRight", text="]" if name == "keyDown" else ""
+        )
+    assert page.run("relight.state.turn") == 5
+    for name, x in (("mousePressed", 100), ("mouseMoved", 180), ("mouseReleased", 180)):
+        page.call(
+            "Input.dispatchMouseEvent", type=name, x=x, y=120, button="left", buttons=1, clickCount=1, modifiers=8
+        )
+    assert page.run("relight.state.turn") == 45
+
+
+@in_browser
+def test_before_and_after_stand_side_by_side(page):
+    before, after = shown(page, view="captured"), shown(page, light=1, view="relit", exposure=1.5)
+    both = shown(page, compare=True, line=0.5)
+    both = shown(page)
+    shown(page, compare=False, exposure=0)
+    apart = np.abs(before - after).mean()
+    assert apart > 0.02
+    assert np.abs(both - before)[:, :150].mean() < apart / 5
+    assert np.abs(both - after)[:, 170:].mean() < apart / 5
+
+
+@in_browser
+def test_the_sky_is_the_environment_and_turns_with_it(page):
+    shown(page, light=1, view="relit", turn=0)
+    first, turned = shown(page, sky=True), shown(page, turn=180)
+    plain = shown(page, sky=False)
+    assert np.abs(first - plain)[:20].mean() > 0.05
+    assert np.abs(first - turned)[:20].mean() > 1e-3
+
+
+@in_browser
+def test_a_broken_hdr_is_told_on_the_page(page):
+    page.run("""(() => {
+      const data = new DataTransfer();
+      data.items.add(new File(["nothing"], "x.hdr"));
+      dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
+    })()""")
+    page.wait("document.getElementById('relight-message').style.display === 'block'")
+    assert "x.hdr: not a Radiance .hdr" in page.run("document.getElementById('relight-message').textContent")
+
+
+@in_browser
+def test_a_page_with_another_splat_says_so_and_shows_none(folder, tmp_path):
+    text = (folder / "relit.html").read_text("utf-8")
+    (tmp_path / "x.html").write_text(re.sub(r'"sha256": "\w', '"sha256": "x', text), "utf-8")
+    with Browser(f"file://{tmp_path}/x.html{NO_WINDOW}", (320, 240)) as browser:
+        browser.wait("document.getElementById('relight-message')?.style.display === 'block'")
+        assert "is not the splat of this bundle" in browser.run(
+            "document.getElementById('relight-message').textContent"
+        )
+
+
+@in_browser
+def test_a_folder_is_served_to_this_machine_and_shows(tmp_path):
+    names = write_page(tmp_path, live_scene()[3], most=100)
+    assert "web/index.html" in names and "web/transfer.bin" in names
+    with server_of(tmp_path, 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        with Browser(f"{server.url}{NO_WINDOW}", (320, 240)) as browser:
+            browser.wait("window.relight && relight.drawn")
+            assert browser.picture().std() > 10
+        server.shutdown()
+
+
+def test_the_server_gives_the_folder_alone(tmp_path):
+    write_page(tmp_path, live_scene()[3], most=100)
+    (tmp_path / "secret.txt").write_text("x")
+    with server_of(tmp_path / "web", 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        assert server.server_address[0] == "127.0.0.1"
+        assert json.load(urllib.request.urlopen(f"{server.url}live.json"))["format"] == "relight-live"
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(f"{server.url}../secret.txt")
+        server.shutdown()
+
+
+def test_a_folder_without_a_page_is_refused(tmp_path, capsys):
+    assert main([str(tmp_path), "--serve"]) == 2
+    assert "holds no page to serve" in capsys.readouterr().err
+    write_page(tmp_path, live_scene()[3], most=100)
+    with pytest.raises(InputError, match="cannot be had"):
+        server_of(tmp_path, 70000)
+
+
+def test_the_same_scene_gives_the_same_page(folder, tmp_path):
+    write_page(tmp_path, live_scene()[3])
+    assert (tmp_path / "relit.html").read_bytes() == (folder / "relit.html").read_bytes()

@@ -1,0 +1,64 @@
+"""Command lines that meet people half way."""
+
+import pytest
+
+from splat2mesh.base.commandline import Parser, chosen, joined, several, share
+from splat2mesh.base.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("given", "read"),
+    [
+        (["--up", "-y"], ["--up=-y"]),
+        (["a.ply", "--rotate", "-30:30:10", "-q"], ["a.ply", "--rotate=-30:30:10", "-q"]),
+        (["--rotate", "-.5"], ["--rotate=-.5"]),
+        (["--up", "-q"], ["--up", "-q"]),
+        (["--seed", "-1"], ["--seed", "-1"]),
+        (["--up"], ["--up"]),
+    ],
+)
+def test_a_value_may_begin_with_a_minus_where_the_option_takes_one(given, read):
+    assert joined(given, ("--up", "--rotate")) == read
+
+
+def test_words_are_known_whatever_their_case_and_near_ones_are_told():
+    assert chosen("--env", "SunSet", ("studio", "sunset")) == "sunset"
+    with pytest.raises(InputError, match=r"--env snset: expected one of studio sunset; did you mean sunset\?$"):
+        chosen("--env", "snset", ("studio", "sunset"))
+    with pytest.raises(InputError, match=r"expected one of studio sunset$"):
+        chosen("--env", "xyzzy", ("studio", "sunset"))
+
+
+def test_several_words_stand_apart_with_commas_or_in_options_given_again():
+    kinds = ("glb", "png", "ply")
+    assert several("--format", ["glb,png", "PLY", "glb"], kinds) == ["glb", "png", "ply"]
+    assert several("--format", None, kinds) == []
+    with pytest.raises(InputError, match=r"--format pgn: .*did you mean png\?"):
+        several("--format", ["glb", "pgn"], kinds)
+    with pytest.raises(InputError, match="--format: expected some of glb png ply"):
+        several("--format", [","], kinds)
+
+
+@pytest.mark.parametrize(("text", "value"), [("0.02", 0.02), ("1%", 0.01), (" 2.5 %", 0.025), (None, None)])
+def test_shares_may_be_in_percent(text, value):
+    assert share("--tolerance", text) == (None if value is None else pytest.approx(value, rel=1e-12))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("5", r"below 1.*did you mean 5%\?"), ("100%", "below 1, such as 0.02 or 2%$"), ("much", "such as 0.02, or 2%$")],
+)
+def test_what_is_no_share_is_refused(text, message):
+    with pytest.raises(InputError, match=message):
+        share("--tolerance", text)
+
+
+def test_an_option_that_is_nearly_right_is_told_in_one_line(capsys):
+    parser = Parser(prog="tool")
+    parser.add_argument("--rotate")
+    with pytest.raises(SystemExit) as exit_:
+        parser.parse_args(["--rotte", "3"])
+    assert exit_.value.code == 2
+    assert capsys.readouterr().err == (
+        "error: --rotte: no such option; did you mean --rotate?; tool --help shows all\n"
+    )
