@@ -345,8 +345,8 @@ class Job:
             live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
         engines = None
         if self._live_mesh or {*FOR_ENGINES} & {*self.formats}:
-            more = self._live_mesh, self._harmonics, self._sky
-            engines = EngineFiles(self.relighter, look, self.formats, splats, *more)
+            wishes = self._live_mesh, self._harmonics, self._sky
+            engines = EngineFiles(self.relighter, look, self.formats, splats, *wishes)
         more = self._texture_size, seed, self._sky, live, engines
         return Results(self.relighter, look, self.formats, self._baked, splats, *more)
 

@@ -1,7 +1,7 @@
 ## Live light on a mesh in Godot 4: reads live.glb of `relight SCENE --format glb --live`.
 ##
 ## Add this script to a Node3D, set `file`, and turn `angle_deg`. The file is read here, as the
-## importers of Godot before 4.8 drop the transfer.
+## importers of older Godot drop the transfer.
 class_name RelightMesh
 extends Node3D
 

@@ -42,6 +42,7 @@ class EngineFiles:
             raise InputError(f"`harmonics` {harmonics!r}: expected one of {', '.join(HARMONICS)}")
         self._relighter, self._appearance, self._live_mesh = relighter, appearance, live_mesh
         self._kinds = [kind for kind in FOR_ENGINES if kind in kinds]
+        self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
         self._harmonics, self._sky = harmonics, sky
         self._scene, self._stages = relighter.scene, relighter.stages
@@ -62,9 +63,11 @@ class EngineFiles:
         bound: Callable[[], Any],  # the Binding of the splats
     ) -> list[str]:
         """Fill a folder that exists with the files of one light; returns their names."""
-        names = self._write_live(folder, light, exposure) if self._live_mesh else []
+        names: list[str] = self._write_live(folder, light, exposure) if self._live_mesh else []
         if "albedo-splat" in self._kinds:
             names += self._write_albedo(folder, bound)
+        if relit is None:
+            return names
         with self._stages.stage("write"):
             if "splat-glb" in self._kinds:
                 from .splat_glb import write_splat_glb
