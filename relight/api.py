@@ -121,6 +121,8 @@ def relight_scene(
     capture_env: AnyLight | None = None,
     exposure_ev: float | None = None,
     formats: Sequence[str] | None = None,
+    live_mesh: bool = False,
+    harmonics: str = "zero",
     stages: Stages | None = None,
     **wishes: Any,
 ) -> RelitScene:
@@ -132,9 +134,11 @@ def relight_scene(
     counter-clockwise from above. albedo: "estimated" (the light of the capture taken out: the default for what was made
     of a splat), "captured" (the default for other meshes), "white", or (V, 3) linear, as an array or a .npy file.
     capture_env: the light of the capture, where it is known. exposure_ev: show radiance times 2^exposure_ev; by default
-    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat; by default glb,
-    png and, where the splat that the scene was made from is found, splat. stages: times the work.
-    What can be used again is kept in the cache of a scene folder. Raises InputError for what cannot be read or used.
+    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat, albedo-splat,
+    splat-glb, usd, live, web; by default glb, png and, where the splat that the scene was made from is found, splat.
+    live_mesh: live.glb too, whose light shaders turn. harmonics: "zero", or "keep" what of an albedo splat's colours
+    depends on the view. stages: times the work. What can be used again is kept in the cache of a scene folder. Raises
+    InputError for what cannot be read or used.
     """
     job = Job(
         scene,
@@ -145,6 +149,8 @@ def relight_scene(
         capture_env=capture_env,
         exposure_ev=exposure_ev,
         formats=formats,
+        live_mesh=live_mesh,
+        harmonics=harmonics,
         stages=stages,
     )
     return _relit(job)

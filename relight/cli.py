@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from splat2mesh.base.commandline import Parser, chosen, several, share
 from splat2mesh.base.version import VERSION
 
-from .output.kinds import BAKED, FILES
+from .output.kinds import BAKED, FILES, HARMONICS
 from .transfer import METHODS
 from .transfer.settings import EFFECTS
 
@@ -96,6 +96,10 @@ def parser() -> argparse.ArgumentParser:
     kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one)"
     add("--format", nargs="+", action="extend", metavar="KIND", help=kinds)
     add("--sheet", action="store_true", help="sheet.png too: captured, albedo and the lights side by side")
+    live = "with --format glb: live.glb too, whose light shaders turn (docs/engines.md)"
+    add("--live", action="store_true", help=live)
+    harmonics = "colour of an albedo splat that depends on the view: zero, keep (default: %(default)s)"
+    add("--harmonics", default="zero", metavar="WHICH", help=harmonics)
     bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
     add("--bake", nargs="+", action="extend", metavar="WHAT", help=bake)
     add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
@@ -176,6 +180,7 @@ def _understand(options: argparse.Namespace, source: Path) -> None:
     options.method = chosen("--method", options.method, METHODS)
     options.sky = chosen("--sky", options.sky, ("new", "keep", "drop"))
     options.format = several("--format", options.format, FILES) if options.format else None
+    options.harmonics = chosen("--harmonics", options.harmonics, HARMONICS)
     options.bake = several("--bake", options.bake, BAKED)
     options.tolerance = share("--tolerance", options.tolerance)
     if options.albedo and not Path(options.albedo).exists() and "." not in options.albedo:
@@ -183,6 +188,8 @@ def _understand(options: argparse.Namespace, source: Path) -> None:
     if options.exposure is not None and not abs(options.exposure) <= MAX_EXPOSURE_EV:
         limit = f"{MAX_EXPOSURE_EV:g}"
         raise _error(f"--exposure {options.exposure}: expected stops from -{limit} to {limit}")
+    if options.live and "glb" not in (options.format or FILES):
+        raise _error("--live: it is of --format glb; give that too")
     if options.lights and not {"live", "web"} & set(options.format or ()):
         raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
     if options.screenshot:
@@ -252,6 +259,8 @@ def _relit(
         sky=options.sky,
         sheet=options.sheet,
         lights=options.lights,
+        live_mesh=options.live,
+        harmonics=options.harmonics,
         animated=options.animate,
         caching="none" if options.no_cache else "read" if options.plan else "keep",
         stages=stages,

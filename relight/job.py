@@ -35,7 +35,8 @@ from .light.environment import Environment
 from .light.skies import BUILTIN
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import OF_SPLATS
+from .output.engine_files import EngineFiles
+from .output.kinds import FOR_ENGINES, OF_SPLATS
 from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
@@ -81,6 +82,8 @@ class Job:
         sky: str = "new",
         sheet: bool = False,
         lights: Sequence[AnyLight] = (),
+        live_mesh: bool = False,
+        harmonics: str = "zero",
         animated: bool = False,
         caching: str = "keep",
         stages: Stages | None = None,
@@ -95,9 +98,9 @@ class Job:
         found, splat. baked, texture_size: of `Results`. splat: the splat of the scene, where it is not where
         the scene says. sky: what becomes of its far background, of `splats.SKIES`. sheet: whether the lights are also
         shown beside what was captured. lights: others that what is live has beside its own and the built-in ones.
-        animated: whether the scene is an
-        animated .glb. caching: "keep" what is computed in the scene's folder, "read" what was kept there, or "none".
-        messages: the warnings so far, for the report.
+        live_mesh, harmonics: of `EngineFiles`. animated: whether the scene is an animated .glb. caching: "keep" what is
+        computed in the scene's folder, "read" what was kept there, or "none". messages: the warnings so far, for the
+        report.
         """
         self._wishes = options or LightingOptions()
         self.stages = stages or Stages()
@@ -108,6 +111,7 @@ class Job:
         self._baked, self._texture_size = tuple(baked), texture_size
         self._splat, self._sky, self._animated, self._caching = splat, sky, animated, caching
         self._sheet, self._more_lights = sheet, tuple(lights)
+        self._live_mesh, self._harmonics = live_mesh, harmonics
         self._messages = [] if messages is None else messages
 
     def under(self, env: AnyLight) -> "Job":
@@ -171,6 +175,10 @@ class Job:
         """The Relighter of the scene."""
         if self._shows_splats:
             self.splats  # noqa: B018  a splat that is missing is told before any work
+        if "usd" in (self._formats or ()):
+            from .output.usd import library
+
+            library()  # so is a package
         cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
         return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
 
@@ -335,9 +343,12 @@ class Job:
             others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
             tolerance = self._wishes.tolerance
             live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
-        return Results(
-            self.relighter, look, self.formats, self._baked, splats, self._texture_size, seed, self._sky, live
-        )
+        engines = None
+        if self._live_mesh or {*FOR_ENGINES} & {*self.formats}:
+            wishes = self._live_mesh, self._harmonics, self._sky
+            engines = EngineFiles(self.relighter, look, self.formats, splats, *wishes)
+        more = self._texture_size, seed, self._sky, live, engines
+        return Results(self.relighter, look, self.formats, self._baked, splats, *more)
 
     @property
     def _shows_splats(self) -> bool:

@@ -5,13 +5,22 @@ FILES = {
     "ply": "relit.ply",
     "npy": "radiance.npy",
     "splat": "relit_splat.ply",
+    "albedo-splat": "albedo_splat.ply",
+    "splat-glb": "relit_splat.glb",
+    "usd": "relit_splat.usdc",
     "png": "preview.png",
     "live": "live/live.json",
     "web": "relit.html",
 }
 
-OF_SPLATS = ("splat", "live", "web")
+FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
+"""Those that `engine_files.EngineFiles` writes."""
+
+OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES)
 """Those that need the splats that the scene was made from."""
+
+HARMONICS = ("zero", "keep")
+"""What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""
 
 BAKED = ("texture", "transfer")
 """What `--bake` can make: textured meshes, and images of the transfer for shaders."""

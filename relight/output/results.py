@@ -11,7 +11,8 @@ from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
-from .kinds import FILES
+from .engine_files import EngineFiles
+from .kinds import FILES, FOR_ENGINES
 from .live_files import LiveFiles
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class Results:
 
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats. live: writes what is live, where `kinds` have that.
+    background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     """
 
     def __init__(
@@ -47,8 +48,9 @@ class Results:
         seed: int = 0,
         sky: str = "new",
         live: LiveFiles | None = None,
+        engines: EngineFiles | None = None,
     ) -> None:
-        self._live = live
+        self._live, self._engines = live, engines
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
@@ -69,7 +71,7 @@ class Results:
         """
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
-        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web")]
+        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES)]
         told: dict = {}
         relit = None
         with self._stages.stage("write"):
@@ -81,12 +83,14 @@ class Results:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
-        if self._splats is not None and pictured:
+        if self._splats is not None and (pictured or (self._engines is not None and self._engines.wants_relit)):
             relit = self.relit_splats(light, radiance, exposure)
         if "splat" in self._kinds:
             names += self._write_splats(folder, relit)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
+        if self._engines is not None:
+            names += self._engines.write(folder, light, exposure, relit, self._bound)
         if self._live is not None:
             written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
             names += written

@@ -4,8 +4,9 @@ binding = Binding(splats, scene)
 write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.ply")
 """
 
+from .albedo import albedo_splats, normals_of
 from .binding import Binding, relit
 from .sky import SKIES, under_sky
 from .write import write_relit_ply
 
-__all__ = ["SKIES", "Binding", "relit", "under_sky", "write_relit_ply"]
+__all__ = ["SKIES", "Binding", "albedo_splats", "normals_of", "relit", "under_sky", "write_relit_ply"]

@@ -37,8 +37,8 @@ CAUTION = 0.5
 class Binding:
     """N Gaussians bound to a Scene.
 
-    places: Places of those that can be lit. lit: (N,) bool; the others keep their colour: a position, scale, rotation,
-    opacity or colour that is not finite or out of any range, or a zero quaternion.
+    places: Places of those that can be lit, which are `shown`. lit: (N,) bool; the others keep their colour: a
+    position, scale, rotation, opacity or colour that is not finite or out of any range, or a zero quaternion.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Binding:
             )
         self._captured = linear_from_srgb(scene.colors_srgb.astype(np.float32) / np.float32(255.0))
         self.surface = Surface(scene)
-        shown = splats if not unlit else splats.take(self.lit)
+        self.shown = shown = splats if not unlit else splats.take(self.lit)
         self.places = Places(self.surface, shown)
         measured = scene.measured
         volume = np.zeros(len(self._captured), np.float32) if measured is None else measured.foliage

@@ -32,16 +32,16 @@ HIDDEN = -15.0
 """Logit of the opacity of a splat that is left out: 3e-7, far below what any viewer draws."""
 
 
-def write_relit_ply(path, splats, source=None):
+def write_relit_ply(path, splats, source=None, normals=None):
     """Write relit Splats. Where `source`, the file they were read from, is an INRIA PLY, all but the colours is copied
     from it value by value, float32 to the bit; any other file's splats are written as they were read. Splats of
-    opacity 0 have the opacity HIDDEN.
+    opacity 0 have the opacity HIDDEN. normals: (N, 3) float32 for `nx ny nz`, those of the source without.
 
     Raises InputError when the source holds another number of splats.
     """
     rows = None if source is None else _inria_rows(source)
     if rows is None:
-        write_inria_ply(path, splats)
+        write_inria_ply(path, splats, normals)
         return
     if len(rows) != len(splats):
         raise InputError(
@@ -50,7 +50,8 @@ def write_relit_ply(path, splats, source=None):
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += [f"f_rest_{i}" for i in range(3 * (splats.sh.shape[1] - 1))]
     names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-    colors = {f"f_dc_{c}": splats.sh[:, 0, c] for c in range(3)} | rest_columns(splats.sh)
+    given = {f"f_dc_{c}": splats.sh[:, 0, c] for c in range(3)} | rest_columns(splats.sh)
+    given |= {} if normals is None else {f"n{axis}": normals[:, i] for i, axis in enumerate("xyz")}
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
     header += [f"property float {name}" for name in names] + ["end_header\n"]
     with staged_file(path) as staging, open(staging, "wb") as file:
@@ -59,8 +60,8 @@ def write_relit_ply(path, splats, source=None):
             block = np.array(rows[start : start + _BLOCK])
             packed = np.zeros(len(block), [(name, "<f4") for name in names])
             for name in names:
-                if name in colors:
-                    packed[name] = colors[name][start : start + _BLOCK]
+                if name in given:
+                    packed[name] = given[name][start : start + _BLOCK]
                 elif name in block.dtype.names:
                     packed[name] = block[name]
             packed["opacity"][splats.opacities[start : start + _BLOCK] == 0.0] = HIDDEN

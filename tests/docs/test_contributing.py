@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 TREE = re.search(r"## The tree\n.*?```text\n(.*?)```", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), re.DOTALL)[1]
-PACKAGES = "splat2mesh", "relight", "scenes", "training", "scripts", "examples", "docs"
+PACKAGES = "splat2mesh", "relight", "scenes", "training", "scripts", "examples", "integrations", "docs"
 
 
 def listed():

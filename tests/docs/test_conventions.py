@@ -334,7 +334,7 @@ def test_relight_writes_what_is_documented(tmp_path):
     Scene.from_mesh(small_mesh(), 30).save(tmp_path / "scene")
     out = tmp_path / "out"
     kinds = [kind for kind in cli.FILES if kind not in OF_SPLATS]  # this scene was not made from any
-    options = "--method", "analytic", "--albedo", "captured", "--format", *kinds, "-q"
+    options = "--method", "analytic", "--albedo", "captured", "--format", *kinds, "--live", "-q"
     assert cli.main(list(map(str, (tmp_path / "scene", "-o", out, *options)))) == 0
     write_mesh_ply(tmp_path / "mesh.ply", small_mesh())
     baked = tmp_path / "baked"

@@ -46,9 +46,10 @@ def read(ply):
     return Splats(means, scales, quats, sigmoid(opacity_logit), sh)
 
 
-def write_inria_ply(path, splats):
+def write_inria_ply(path, splats, normals=None):
     """Write an INRIA PLY (little-endian float32); the file appears under its name only once it is complete.
 
+    normals: (N, 3) for `nx ny nz`, which mean nothing to most programs; zeros without.
     Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
     """
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
@@ -59,7 +60,8 @@ def write_inria_ply(path, splats):
     with staged_file(path) as staging, open(staging, "wb") as file:
         file.write("\n".join(header).encode())
         for start in range(0, len(splats), _BLOCK):
-            file.write(_packed(splats.take(slice(start, start + _BLOCK))).tobytes())
+            rows = slice(start, start + _BLOCK)
+            file.write(_packed(splats.take(rows), None if normals is None else normals[rows]).tobytes())
 
 
 def coefficients(path, names):
@@ -87,11 +89,11 @@ def gather(rows, columns):
             column[start : start + len(block)] = block[name]
 
 
-def _packed(splats):
+def _packed(splats, normals):
     n = len(splats)
     rest = splats.sh[:, 1:].swapaxes(1, 2).reshape(n, -1)
     scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
-    columns = [splats.means, np.zeros((n, 3)), splats.sh[:, 0], rest]
+    columns = [splats.means, np.zeros((n, 3)) if normals is None else normals, splats.sh[:, 0], rest]
     columns += [logit(splats.opacities)[:, None], scale_log, splats.quats_wxyz]
     return np.hstack(columns).astype("<f4")
 

@@ -1,0 +1,249 @@
+// The bundle of `relight SCENE --format live` (docs/live.md): read, checked, and turned into colours. Plain C#, no Unity, so
+// that it can be tested and used anywhere. Suns are kept in the harmonics: their shadows are soft.
+
+using System;
+using System.Collections.Generic;
+using System.Globalization;
+using System.IO;
+using System.Security.Cryptography;
+using System.Text;
+using System.Text.RegularExpressions;
+
+namespace Relight
+{
+    public sealed class Light
+    {
+        public string Name;
+        public float Exposure;
+        public double[][] Rest, Whole, SunDirections, SunWeights;
+    }
+
+    public sealed class Bundle
+    {
+        public const string Format = "relight-live";
+        public const int Version = 1;
+        const double C0 = 0.28209479177387814;
+
+        public readonly int Count, Clusters, Weights, Direct, Spread;
+        public readonly List<Light> Lights = new List<Light>();
+        public readonly byte[] Rows, Kinds;
+        readonly float[] basis;
+        readonly double[][] mean;
+
+        // Reads a folder and refuses, in one line, a splat that is not of it. The splat is the one that the engine shows.
+        public Bundle(string folder, string splat = "splat.ply")
+        {
+            var meta = (Dictionary<string, object>)Json.Parse(File.ReadAllText(Path.Combine(folder, "live.json")));
+            if (!meta.TryGetValue("format", out var format) || (string)format != Format)
+                throw new InvalidDataException($"{folder}: not a bundle of live light");
+            if ((double)meta["version"] > Version)
+                throw new InvalidDataException($"{folder}: version {meta["version"]}, this loader reads {Version}");
+            var sizes = (Dictionary<string, object>)meta["basis"];
+            Count = (int)(double)meta["count"];
+            Clusters = (int)(double)sizes["clusters"];
+            Weights = (int)(double)sizes["weights"];
+            Direct = (int)(double)sizes["direct"];
+            Spread = (int)(double)sizes["spread"];
+            Check(Path.Combine(folder, splat), splat, (List<object>)meta["splats"]);
+            Rows = File.ReadAllBytes(Path.Combine(folder, "transfer.bin"));
+            var surface = File.ReadAllBytes(Path.Combine(folder, "surface.bin"));
+            if (Rows.Length != Count * (2 + Weights) || surface.Length != 8 * Count)
+                throw new InvalidDataException($"{folder}: the bundle is cut short");
+            Kinds = new byte[Count];
+            for (int i = 0; i < Count; i++) Kinds[i] = surface[8 * i + 7];
+            basis = ReadBasis(File.ReadAllBytes(Path.Combine(folder, "basis.bin")));
+            mean = Json.Rows(meta["mean"]);
+            foreach (Dictionary<string, object> each in (List<object>)meta["lights"])
+            {
+                var suns = (List<object>)each["suns"];
+                Lights.Add(new Light
+                {
+                    Name = (string)each["name"],
+                    Exposure = (float)(double)each["exposure"],
+                    Rest = Json.Rows(each["rest"]),
+                    Whole = Json.Rows(each["whole"]),
+                    SunDirections = suns.ConvertAll(s => Json.Row(((Dictionary<string, object>)s)["direction"])).ToArray(),
+                    SunWeights = suns.ConvertAll(s => Json.Row(((Dictionary<string, object>)s)["weight"])).ToArray(),
+                });
+            }
+        }
+
+        void Check(string path, string name, List<object> splats)
+        {
+            foreach (Dictionary<string, object> entry in splats)
+            {
+                if ((string)entry["file"] != name) continue;
+                var bytes = File.ReadAllBytes(path);
+                string found;
+                using (var sha = SHA256.Create())
+                    found = BitConverter.ToString(sha.ComputeHash(bytes)).Replace("-", "").ToLowerInvariant();
+                var header = Encoding.ASCII.GetString(bytes, 0, Math.Min(bytes.Length, 4096));
+                var rows = Regex.Match(header, @"element vertex (\d+)").Groups[1].Value;
+                if (found == (string)entry["sha256"] && rows == Count.ToString() && (double)entry["count"] == Count) return;
+                throw new InvalidDataException(
+                    $"{name} is not the splat of this bundle (its SHA-256 or count differs): export it again");
+            }
+            throw new InvalidDataException($"{name}: the bundle does not name this splat");
+        }
+
+        float[] ReadBasis(byte[] data)
+        {
+            int numbers = 3 * (Direct + Spread), parts = Clusters * (1 + Weights);
+            var result = new float[parts * numbers];
+            int means = 4 * parts, components = means + 2 * Clusters * numbers;
+            for (int part = 0; part < parts; part++)
+            {
+                float scale = BitConverter.ToSingle(data, 4 * part);
+                int c = part / (1 + Weights), w = part % (1 + Weights);
+                for (int i = 0; i < numbers; i++)
+                    result[part * numbers + i] = scale * (w == 0
+                        ? BitConverter.ToInt16(data, means + 2 * (c * numbers + i))
+                        : (sbyte)data[components + (c * Weights + w - 1) * numbers + i]);
+            }
+            return result;
+        }
+
+        // Direct and spread coefficients of a light, turned about the vertical and exposed, colours last.
+        public float[] Vector(Light light, float degrees, float exposure)
+        {
+            var straight = new double[Direct, 3];
+            for (int j = 0; j < Direct; j++) for (int i = 0; i < 3; i++) straight[j, i] = light.Rest[j][i];
+            for (int s = 0; s < light.SunDirections.Length; s++)
+            {
+                var values = Harmonics(light.SunDirections[s], (int)Math.Round(Math.Sqrt(Direct)));
+                for (int j = 0; j < Direct; j++)
+                    for (int i = 0; i < 3; i++) straight[j, i] += values[j] * light.SunWeights[s][i];
+            }
+            var vector = new float[3 * (Direct + Spread)];
+            for (int j = 0; j < Direct + Spread; j++)
+            {
+                int k = j < Direct ? j : j - Direct, l = (int)Math.Sqrt(k), m = k - l * (l + 1);
+                double angle = m * degrees * Math.PI / 180, cos = Math.Cos(angle), sin = Math.Sin(angle);
+                for (int i = 0; i < 3; i++)
+                    vector[3 * j + i] = (float)(exposure * (j < Direct
+                        ? cos * straight[k, i] - sin * straight[k - 2 * m, i]
+                        : cos * light.Whole[k][i] - sin * light.Whole[k - 2 * m][i]));
+            }
+            return vector;
+        }
+
+        // Harmonics about +y up to a band in a direction of the scene frame.
+        public static double[] Harmonics(double[] direction, int bands)
+        {
+            double x = direction[0], y = direction[1], z = direction[2], length = Math.Sqrt(x * x + y * y + z * z);
+            double longitude = Math.Atan2(x, z), up = y / length, flat = Math.Sqrt(Math.Max(0, 1 - up * up)), diagonal = 1;
+            var values = new double[bands * bands];
+            for (int m = 0; m < bands; m++)
+            {
+                if (m > 0) diagonal *= (2 * m - 1) * flat;
+                double before = 0, now = diagonal;
+                for (int l = m; l < bands; l++)
+                {
+                    if (l > m)
+                    {
+                        double next = ((2 * l - 1) * up * now - (l + m - 1) * before) / (l - m);
+                        before = now;
+                        now = next;
+                    }
+                    double ratio = (2 * l + 1) / (4 * Math.PI);
+                    for (int k = l - m + 1; k <= l + m; k++) ratio /= k;
+                    double value = Math.Sqrt(m > 0 ? 2 * ratio : ratio) * now;
+                    values[l * (l + 1) + m] = value * Math.Cos(m * longitude);
+                    if (m > 0) values[l * (l + 1) - m] = value * Math.Sin(m * longitude);
+                }
+            }
+            return values;
+        }
+
+        // The table that every splat looks up: 1 + weights colours for each cluster.
+        public float[] Table(float[] vector)
+        {
+            var table = new float[3 * Clusters * (1 + Weights)];
+            for (int part = 0, at = 0; part < table.Length; part += 3)
+                for (int j = 0; j < vector.Length; j += 3, at += 3)
+                    for (int i = 0; i < 3; i++) table[part + i] += basis[at + i] * vector[j + i];
+            return table;
+        }
+
+        // The change of light of one splat, linear: three numbers into `change`.
+        public void Change(float[] table, int splat, float[] change)
+        {
+            int row = splat * (2 + Weights), first = 3 * (1 + Weights) * (Rows[row] | Rows[row + 1] << 8);
+            for (int i = 0; i < 3; i++) change[i] = table[first + i];
+            for (int w = 0; w < Weights; w++)
+                for (int i = 0; i < 3; i++) change[i] += (sbyte)Rows[row + 2 + w] * table[first + 3 * (1 + w) + i];
+        }
+
+        // The gain on display colours of a change k, for a captured display value: colour' = g (colour + .055) - .055.
+        public static float Gain(float color, float k)
+        {
+            double dark = Math.Max(color, 0), linear = color <= 0.04045 ? dark / 12.92 : Math.Pow((color + 0.055) / 1.055, 2.4);
+            double start = Math.Max(0.8, linear), room = Math.Max(1 - start, 1e-3), shown = k * linear;
+            if (shown > start) shown = start + room * (1 - Math.Exp(-(shown - start) / room));
+            double ratio = linear > 1e-4 ? shown / linear : k;
+            return (float)Math.Pow(Math.Min(Math.Max(ratio, 1e-4), 1e4), 1 / 2.4);
+        }
+
+        // A constant coefficient of a splat (f_dc of a PLY) under a gain.
+        public static float Coefficient(float dc, float gain)
+        {
+            return (float)((gain * (dc * C0 + 0.555) - 0.555) / C0);
+        }
+
+        // The largest gain of what depends on the view: that of the scene as a whole, and at least 1.
+        public float[] MeanGain(float[] vector)
+        {
+            var k = new double[3];
+            for (int j = 0; j < Spread; j++) for (int i = 0; i < 3; i++) k[i] += mean[j][i] * vector[3 * (Direct + j) + i];
+            return Array.ConvertAll(k, each => (float)Math.Pow(Math.Max(each, 1), 1 / 2.4));
+        }
+    }
+
+    // As much of JSON as live.json needs: objects are dictionaries, arrays lists, numbers doubles.
+    public static class Json
+    {
+        static readonly Regex Token = new Regex("\\s*(?:([\\[\\]{},:])|\"((?:[^\"\\\\]|\\\\.)*)\"|([-+.\\w]+))");
+
+        public static object Parse(string text)
+        {
+            int at = 0;
+            return Value(text, ref at);
+        }
+
+        public static double[] Row(object list) => ((List<object>)list).ConvertAll(each => (double)each).ToArray();
+
+        public static double[][] Rows(object list) => ((List<object>)list).ConvertAll(Row).ToArray();
+
+        static object Value(string text, ref int at)
+        {
+            var token = Next(text, ref at);
+            if (token.Groups[2].Success) return Regex.Unescape(token.Groups[2].Value);
+            var word = token.Groups[3].Value;
+            if (word == "null") return null;
+            if (word == "true" || word == "false") return word == "true";
+            if (word != "") return double.Parse(word, CultureInfo.InvariantCulture);
+            bool isObject = token.Groups[1].Value == "{";
+            var list = new List<object>();
+            var map = new Dictionary<string, object>();
+            while (true)
+            {
+                int before = at;
+                var next = Next(text, ref at).Groups[1].Value;
+                if (next == "]" || next == "}") return isObject ? map : (object)list;
+                if (next != ",") at = before;
+                if (!isObject) { list.Add(Value(text, ref at)); continue; }
+                var name = (string)Value(text, ref at);
+                Next(text, ref at);
+                map[name] = Value(text, ref at);
+            }
+        }
+
+        static Match Next(string text, ref int at)
+        {
+            var match = Token.Match(text, at);
+            if (!match.Success || match.Index != at) throw new InvalidDataException($"not JSON at character {at}");
+            at += match.Length;
+            return match;
+        }
+    }
+}

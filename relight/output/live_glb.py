@@ -1,0 +1,99 @@
+"""The mesh with live light: albedo and transfer at its vertices, so that a shader of any engine can light it.
+
+The format is told in docs/engines.md, loaders stand in integrations/.
+"""
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.outputs import staged_file
+from splat2mesh.base.version import VERSION
+
+from ..transfer.nine import COUNT
+from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..light.environment import Environment
+
+FILE = "live.glb"
+
+FORMAT_VERSION = 1
+
+KEY = "relight_live"
+"""Of the glTF scene's `extras` that hold what the loaders need."""
+
+SNORM = 32767
+"""Of 16-bit normalised integers: value = max(integer / 32767, -1)."""
+
+
+def write_live_glb(
+    path: str | os.PathLike[str],
+    scene: "Scene",
+    albedo: NDArray[np.float32] | None,  # (V, 3) linear, None for white
+    grey: NDArray[np.float32],  # (V, 9)
+    tint: NDArray[np.float32],  # (V, 3)
+    light: "Environment",  # turned as the loaders start
+    exposure: float,  # display value per unit of radiance
+) -> None:
+    """Write binary glTF 2.0: a mesh per chunk with COLOR_0, _TRANSFER_0 to _TRANSFER_2, and the same as _CUSTOM0 to 2.
+
+    COLOR_0 is linear float32 albedo. The twelve normalised 16-bit integers of the transfer are grey 0-3, 4-7, and 8
+    with the tint. `extras` hold nine radiance coefficients of the light, not turned, its angle, and the exposure.
+    """
+    import pygltflib as gltf
+
+    count = len(scene.vertices)
+    albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0)
+    packed = np.rint(np.clip(np.hstack([grey, tint]), -1.0, 1.0) * SNORM).astype("<i2")
+    matt = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
+    document = gltf.GLTF2(
+        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
+        materials=[gltf.Material(name="albedo", pbrMetallicRoughness=matt, doubleSided=True)],
+    )
+    blob, start = bytearray(), 0
+    normals = _unit_normals(scene.normals)
+    for index, chunk in enumerate(scene.chunks):
+        rows = slice(start, start + len(chunk.vertices))
+        start = rows.stop
+        corners = {"min": chunk.vertices.min(axis=0).tolist(), "max": chunk.vertices.max(axis=0).tolist()}
+        attributes = gltf.Attributes(
+            POSITION=_add_vectors(document, blob, chunk.vertices, **corners),
+            NORMAL=_add_vectors(document, blob, normals[rows]),
+            COLOR_0=_add_vectors(document, blob, albedo[rows]),
+        )
+        for part in range(3):
+            four = np.ascontiguousarray(packed[rows, 4 * part : 4 * part + 4])
+            accessor = _add_accessor(document, blob, four, "VEC4", len(four), 5122, 34962, normalized=True)
+            setattr(attributes, f"_TRANSFER_{part}", accessor)
+            setattr(attributes, f"_CUSTOM{part}", accessor)
+        faces = _add_indices(document, blob, chunk.faces, len(chunk.vertices))
+        blob += bytes(-len(blob) % 4)
+        primitive = gltf.Primitive(attributes=attributes, indices=faces, material=0, mode=gltf.TRIANGLES)
+        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
+        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
+    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras={KEY: described(light, exposure)})]
+    document.scene = 0
+    document.buffers = [gltf.Buffer(byteLength=len(blob))]
+    document.set_binary_blob(bytes(blob))
+    with staged_file(path) as staging:
+        document.save_binary(staging)
+
+
+def described(light: "Environment", exposure: float) -> dict:
+    """What KEY holds: JSON values."""
+    unturned = light.rotated(-light.rotation_deg)
+    return {
+        "version": FORMAT_VERSION,
+        "coefficients": COUNT,
+        "exposure": float(exposure),
+        "light": {
+            "name": light.name,
+            "angle_deg": light.rotation_deg,
+            "sh": [[float(value) for value in row] for row in unturned.sh(3)],
+        },
+    }

@@ -1,0 +1,143 @@
+"""A relit scene as USD: splats, the mesh that stands in for them, and the light as a dome.
+
+Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux DomeLight.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import staged_file
+from splat2mesh.splats.placing import placed
+from splat2mesh.splats.splats import Splats
+
+from .splat_glb import showable
+from .textured_files import _write_exr
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..light.environment import Environment
+
+FILE, LIGHT = "relit_splat.usdc", "light.exr"
+
+COLOR_SPACE = "srgb_rec709_scene"
+"""Of the harmonics, by the names that usd-core knows: its sRGB, in which splats are trained and blended."""
+
+SEEN_TO = 3.0
+"""Standard deviations that a splat reaches, for its bounds."""
+
+_LARGEST_HALF = np.float32(np.finfo(np.float16).max)
+
+
+def write_usd(
+    folder: Path,
+    looks: Mapping[str, Splats],  # by name, the first one shown: as read, in their own frame, rows alike
+    scene: "Scene",
+    albedo: NDArray[np.float32],  # (V, 3) linear, shown on the proxy
+    light: "Environment",  # turned
+    exposure: float,  # display value per unit of radiance
+) -> list[str]:
+    """Write FILE, and LIGHT beside it, which FILE refers to. Returns their names.
+
+    /World/Splat is a ParticleField3DGaussianSplat in the scene frame, y up; of several looks a variant set `look`
+    chooses. /World/Proxy is the mesh of the scene with the purpose `proxy`, which renderers leave out unless asked.
+    /World/Light is a DomeLight whose intensity is the exposure: the sky that the splats were lit by, and for a renderer
+    that lights the look `albedo` the light itself. Raises InputError without usd-core of 26.03 or later.
+    """
+    pxr = library()
+    first = next(iter(looks.values()))
+    rows = showable(first)
+    shown = {name: placed(splats.take(rows), scene.scene_from_splat) for name, splats in looks.items()}
+    with staged_file(folder / FILE) as staging:
+        named = staging.with_suffix(".usdc")  # USD tells the kind of a file by its ending
+        stage = pxr.Usd.Stage.CreateNew(str(named))
+        pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.y)
+        pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        world = pxr.UsdGeom.Xform.Define(stage, "/World")
+        stage.SetDefaultPrim(world.GetPrim())
+        _define_splats(pxr, stage, shown)
+        _define_proxy(pxr, stage, scene, albedo)
+        dome = pxr.UsdLux.DomeLight.Define(stage, "/World/Light")
+        dome.CreateIntensityAttr(float(exposure))
+        dome.CreateTextureFileAttr(pxr.Sdf.AssetPath(f"./{LIGHT}"))
+        dome.CreateTextureFormatAttr(pxr.UsdLux.Tokens.latlong)  # OpenEXR's layout, as ours: the centre looks at +z
+        dome.AddRotateYOp().Set(float(light.rotation_deg))
+        stage.GetRootLayer().Save()
+        if named != staging:
+            os.replace(named, staging)
+    _write_exr(folder / LIGHT, np.minimum(light.radiance, _LARGEST_HALF).astype(np.float16))
+    return [FILE, LIGHT]
+
+
+def library() -> Any:
+    """The modules of usd-core that are used. Raises InputError where they lack or are too old."""
+    try:
+        from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdVol, Vt
+    except ImportError:
+        raise InputError('USD needs usd-core: pip install "splat2mesh[usd]"') from None
+    if not hasattr(UsdVol, "ParticleField3DGaussianSplat"):
+        found = ".".join(map(str, Usd.GetVersion()[1:]))
+        raise InputError(f"USD knows splats from 26.03 on, found usd-core {found}: pip install --upgrade usd-core")
+
+    class Library:
+        pass
+
+    for module in (Gf, Sdf, Usd, UsdGeom, UsdLux, UsdVol, Vt):
+        setattr(Library, module.__name__.rpartition(".")[2], module)
+    return Library
+
+
+def _define_splats(pxr, stage, looks):
+    field = pxr.UsdVol.ParticleField3DGaussianSplat.Define(stage, "/World/Splat")
+    prim, first = field.GetPrim(), next(iter(looks.values()))
+    vt = pxr.Vt
+    field.CreatePositionsAttr(vt.Vec3fArray.FromNumpy(first.means))
+    # From xyzw in memory, as numpy sees a quaternion of USD.
+    field.CreateOrientationsAttr(vt.QuatfArray.FromNumpy(np.ascontiguousarray(first.quats_wxyz[:, [1, 2, 3, 0]])))
+    field.CreateScalesAttr(vt.Vec3fArray.FromNumpy(first.scales))
+    reach = SEEN_TO * first.scales.max(axis=1, keepdims=True)
+    low, high = (first.means - reach).min(axis=0), (first.means + reach).max(axis=0)
+    field.CreateExtentAttr(vt.Vec3fArray.FromNumpy(np.stack([low, high])))
+    field.CreateSortingModeHintAttr("cameraDistance")
+    pxr.Usd.ColorSpaceAPI.Apply(prim).CreateColorSpaceNameAttr(COLOR_SPACE)
+    if len(looks) == 1:
+        _define_colors(pxr, field, first)
+        return
+    variants = prim.GetVariantSets().AddVariantSet("look")
+    for name, splats in looks.items():
+        variants.AddVariant(name)
+        variants.SetVariantSelection(name)
+        with variants.GetVariantEditContext():
+            _define_colors(pxr, field, splats)
+    variants.SetVariantSelection(next(iter(looks)))
+
+
+def _define_colors(pxr, field, splats):
+    """Opacities and harmonics: particle after particle, by degree and order, with the signs of 3DGS."""
+    field.CreateOpacitiesAttr(pxr.Vt.FloatArray.FromNumpy(splats.opacities))
+    field.CreateRadianceSphericalHarmonicsDegreeAttr(splats.degree)
+    values = np.ascontiguousarray(splats.sh.reshape(-1, 3))
+    coefficients = field.CreateRadianceSphericalHarmonicsCoefficientsAttr(pxr.Vt.Vec3fArray.FromNumpy(values))
+    coefficients.SetMetadata("elementSize", splats.sh.shape[1])
+    coefficients.SetMetadata("interpolation", pxr.UsdGeom.Tokens.vertex)
+
+
+def _define_proxy(pxr, stage, scene, albedo):
+    mesh, vt = pxr.UsdGeom.Mesh.Define(stage, "/World/Proxy"), pxr.Vt
+    mesh.CreatePointsAttr(vt.Vec3fArray.FromNumpy(np.ascontiguousarray(scene.vertices)))
+    mesh.CreateFaceVertexCountsAttr(vt.IntArray.FromNumpy(np.full(len(scene.faces), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(vt.IntArray.FromNumpy(np.ascontiguousarray(scene.faces.ravel())))
+    mesh.CreateNormalsAttr(vt.Vec3fArray.FromNumpy(np.ascontiguousarray(scene.normals)))
+    mesh.SetNormalsInterpolation(pxr.UsdGeom.Tokens.vertex)
+    mesh.CreateSubdivisionSchemeAttr(pxr.UsdGeom.Tokens.none)
+    mesh.CreateDoubleSidedAttr(True)
+    mesh.CreateExtentAttr(vt.Vec3fArray.FromNumpy(scene.bounds.astype(np.float32)))
+    mesh.CreatePurposeAttr(pxr.UsdGeom.Tokens.proxy)
+    colors = mesh.CreateDisplayColorPrimvar(pxr.UsdGeom.Tokens.vertex)
+    colors.Set(vt.Vec3fArray.FromNumpy(np.clip(np.asarray(albedo, np.float32), 0.0, 1.0)))

@@ -1,0 +1,49 @@
+"""Transfer in twelve numbers a vertex: nine grey coefficients of three bands, and a tint.
+
+What a shader of any engine holds in three vec4. Exit radiance c = albedo_c * tint_c * sum over j of grey_j L_jc.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bounces import transfer_with_bounces
+
+COUNT = 9
+"""Coefficients of three bands: an unshadowed diffuse surface gets 1% of its brightness from higher ones (Ramamoorthi,
+Hanrahan 2001); what shadows add in them is lost."""
+
+_DARK = 1e-6  # of a transfer that light never reaches
+
+
+def with_received(
+    transfer: NDArray[np.float32],  # (V, K) of the white scene, K >= 9
+    albedo: NDArray[np.float32] | None,  # (V, 3) linear; white without
+    interreflection=None,  # Interreflection, for bounces
+) -> NDArray[np.float32]:
+    """What every vertex receives by each of nine coefficients, bounces included, (V, 9, 3) float32.
+
+    Exit radiance is this times the albedo; it holds that of other vertices only.
+    """
+    transfer = np.ascontiguousarray(np.asarray(transfer, np.float32)[:, :COUNT])
+    received = np.repeat(transfer[:, :, None], 3, axis=2)
+    if interreflection is None or albedo is None:
+        return received
+    sent, _ = transfer_with_bounces(transfer, albedo, interreflection)
+    return received + interreflection.bounce(sent.reshape(len(sent), -1)).reshape(sent.shape)
+
+
+def nine_and_tint(
+    received: NDArray[np.float32],  # (V, 9, 3)
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Grey coefficients (V, 9) and tint (V, 3) in [0, 1], its largest channel 1, float32.
+
+    The tint is the colour of the light that a constant sky sends, so that under one the result is exact; the grey
+    coefficients are then the nearest in the sense of least squares. All lie within +-0.64: no vertex receives more
+    than 1 under a sky of radiance 1, so |T_j| <= max |Y_j|, of three bands at most sqrt(5 / pi) / 2 = 0.631.
+    """
+    received = np.asarray(received, np.float64)
+    sky = np.maximum(received[:, 0], 0.0)
+    largest = sky.max(axis=1, keepdims=True)
+    tint = np.where(largest > _DARK, sky / np.maximum(largest, _DARK), 1.0)
+    grey = np.einsum("vjc,vc->vj", received, tint) / np.square(tint).sum(axis=1)[:, None]
+    return grey.astype(np.float32), tint.astype(np.float32)

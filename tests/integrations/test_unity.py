@@ -1,0 +1,131 @@
+"""integrations/unity: compiled by Mono against stubs and run on a bundle; shaders compiled; ONNX by onnxruntime."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from engine_shaders import compiled_hlsl, kernel_values
+from lit_ball import ball_scene
+from live_bundles import gain, make_bundle, reader, soft_suns
+
+from relight import Environment
+from relight.output.live_glb import write_live_glb
+from splat2mesh.splats.splats import SH_C0
+
+ROOT = Path(__file__).parents[2]
+UNITY = ROOT / "integrations" / "unity"
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    if shutil.which("mcs") is None or shutil.which("mono") is None:
+        pytest.skip("Mono's C# compiler is not installed (mono-mcs)")
+    path = tmp_path_factory.mktemp("unity") / "run.exe"
+    sources = [*UNITY.glob("*.cs"), *(ROOT / "tests" / "support").glob("unity_*.cs")]
+    done = subprocess.run(
+        ["mcs", "-warnaserror", "-nowarn:649,414", f"-out:{path}", *map(str, sources)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return path
+
+
+def ran(program, *arguments):
+    return subprocess.run(["mono", *map(str, (program, *arguments))], capture_output=True, text=True, timeout=60)
+
+
+def rows(line, width):
+    return np.array(line.split(), float).reshape(-1, width)
+
+
+def test_the_buffers_hold_the_splat_in_the_new_light(program, tmp_path):
+    meta, splats, kinds = make_bundle(tmp_path)
+    done = ran(program, tmp_path, 1, 30.0, 0.5, 3)
+    assert done.returncode == 0, done.stderr
+    colors, harmonics = done.stdout.strip().split("\n")
+    colors, harmonics = rows(colors, 4), rows(harmonics, 3).reshape(-1, 3, 3)
+    names = reader()
+    light = soft_suns(meta["lights"][1])
+    light |= {"exposure": light["exposure"] * 2**0.5}
+    change = names["change"](names["read"](tmp_path), light, np.radians(30.0))
+    number = np.arange(len(splats))
+    dc = np.stack([0.01 * number, -0.01 * number, np.full(len(splats), 0.5)], axis=1)  # as the stub's asset has them
+    gains = gain(SH_C0 * dc + 0.5, change)
+    expected = np.where((kinds == 1)[:, None], (gains * (SH_C0 * dc + 0.555) - 0.555) / SH_C0, dc)
+    np.testing.assert_allclose(colors[:, :3], expected, atol=2e-3 * np.abs(expected).max())
+    assert (colors[:, 3] == 0.25).all()
+    whole = names["turned"](light["whole"], np.radians(30.0)) * light["exposure"]
+    most = np.maximum(np.einsum("kc,kc->c", meta["mean"], whole), 1.0) ** (1 / 2.4)
+    factor = np.where((kinds == 1)[:, None], np.minimum(gains, most), 1.0)
+    expected = np.repeat(factor[:, None] * [0.1, 0.2, 0.3], 3, axis=1)
+    np.testing.assert_allclose(harmonics, expected, rtol=5e-3)
+
+
+@pytest.mark.parametrize("change", ["byte", "count"])
+def test_a_splat_that_is_not_the_bundles_is_refused_in_one_line(program, tmp_path, change):
+    meta, *_ = make_bundle(tmp_path)
+    if change == "byte":
+        with open(tmp_path / "splat.ply", "ab") as file:
+            file.write(b"\0")
+    else:
+        meta["count"] += 1
+        (tmp_path / "live.json").write_text(json.dumps(meta))
+    done = ran(program, tmp_path, 0, 0, 0, 0)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "splat.ply is not the splat of this bundle (its SHA-256 or count differs)" in done.stderr
+
+
+def test_the_mesh_is_read_and_mirrored(program, tmp_path):
+    scene, albedo = ball_scene(6)
+    rng = np.random.default_rng(1)
+    grey, tint = rng.uniform(-0.5, 0.5, (len(albedo), 9)), rng.uniform(0, 1, (len(albedo), 3))
+    light = Environment.load("sunset").rotated(20.0)
+    write_live_glb(tmp_path / "live.glb", scene, albedo, grey.astype(np.float32), tint.astype(np.float32), light, 0.5)
+    done = ran(program, "mesh", tmp_path, "live.glb", 20.0)
+    assert done.returncode == 0, done.stderr
+    vertices, faces, *channels, turned = done.stdout.strip().split("\n")
+    np.testing.assert_allclose(rows(vertices, 3), scene.vertices * [-1, 1, 1], atol=1e-6)
+    np.testing.assert_array_equal(rows(faces, 3), scene.faces[:, [0, 2, 1]])
+    transfer = np.hstack([rows(each, 4) for each in channels[:3]])
+    np.testing.assert_allclose(transfer, np.hstack([grey, tint]), atol=2e-5)
+    np.testing.assert_allclose(rows(channels[3], 4)[:, :3], albedo, atol=1e-6)
+    np.testing.assert_allclose(rows(turned, 3), light.sh(3), atol=1e-6)
+    (tmp_path / "other.glb").write_bytes(b"no glTF at all, but long enough")
+    done = ran(program, "mesh", tmp_path, "other.glb", 0)
+    assert done.returncode == 2 and done.stderr == "Relight: other.glb: not a binary glTF\n"
+
+
+def test_the_shader_compiles_and_its_kernel_is_ours(tmp_path):
+    compiled_hlsl(tmp_path, UNITY)
+    found, expected = kernel_values(tmp_path, (UNITY / "RelightMesh.hlsl").read_text(encoding="utf-8"), "Relight")
+    np.testing.assert_allclose(found, expected, rtol=2e-5, atol=1e-6)
+
+
+def test_the_onnx_model_computes_the_same(tmp_path):
+    onnxruntime = pytest.importorskip("onnxruntime")
+    meta, splats, _ = make_bundle(tmp_path)
+    names = reader()
+    bundle = names["read"](tmp_path)
+    light, basis = meta["lights"][0], bundle[3]
+    vector = np.concatenate([light["rest"], light["whole"]]) * light["exposure"]
+    session = onnxruntime.InferenceSession(UNITY / "relight_splat.onnx", providers=["CPUExecutionProvider"])
+    given = {
+        "cluster": bundle[1].astype(np.int32),
+        "weights": bundle[2].astype(np.float32),
+        "table": np.einsum("cwkx,kx->cwx", basis, vector).astype(np.float32),
+        "dc": splats.sh[:, 0],
+    }
+    (found,) = session.run(None, given)
+    gains = gain(SH_C0 * splats.sh[:, 0] + 0.5, names["change"](bundle, light))
+    expected = (gains * (SH_C0 * splats.sh[:, 0] + 0.555) - 0.555) / SH_C0
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def test_the_onnx_file_is_what_its_script_makes(tmp_path):
+    pytest.importorskip("onnx")
+    import sys
+
+    subprocess.run([sys.executable, UNITY / "make_onnx.py", tmp_path / "made.onnx"], check=True)
+    assert (tmp_path / "made.onnx").read_bytes() == (UNITY / "relight_splat.onnx").read_bytes()

@@ -1,0 +1,112 @@
+"""relight.output.live_glb and proxy: read by a parser of the tests, and as the Khronos validator sees them."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from gltf_check import validator_issues
+from lit_ball import TILT, ball_scene
+
+from relight import Environment, Relighter
+from relight.engine.nine import nine_coefficients
+from relight.output.live_glb import KEY, SNORM, write_live_glb
+from relight.output.proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
+from splat2mesh.base.errors import InputError
+
+TYPES = {5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+
+
+def read(path):
+    """The document of a GLB, and of every primitive a dict of arrays, normalised integers as floats."""
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    document, binary = json.loads(data[20 : 20 + length]), data[28 + length :]
+
+    def array(index):
+        accessor = document["accessors"][index]
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor["type"]]
+        start = document["bufferViews"][accessor["bufferView"]].get("byteOffset", 0)
+        kind = TYPES[accessor["componentType"]]
+        values = np.frombuffer(binary, kind, accessor["count"] * width, start).reshape(-1, width)
+        return np.maximum(values / SNORM, -1.0) if accessor.get("normalized") else values
+
+    primitives = []
+    for mesh in document["meshes"]:
+        (primitive,) = mesh["primitives"]
+        arrays = {name: array(index) for name, index in primitive["attributes"].items()}
+        primitives.append(arrays | {"indices": array(primitive["indices"]), "accessors": primitive["attributes"]})
+    return document, primitives
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    scene, albedo = ball_scene()
+    relighter = Relighter(scene)
+    light = Environment.load("sunset").rotated(40.0)
+    grey, tint = nine_coefficients(relighter, albedo)
+    path = tmp_path_factory.mktemp("live") / "live.glb"
+    write_live_glb(path, scene, albedo, grey, tint, light, 0.5)
+    return path, scene, albedo, relighter, light
+
+
+def test_what_a_loader_reads_gives_the_light_of_three_bands(written):
+    path, _, albedo, relighter, light = written
+    document, primitives = read(path)
+    live = document["scenes"][0]["extras"][KEY]
+    start = Environment(light.radiance).rotated(live["light"]["angle_deg"])
+    np.testing.assert_allclose(live["light"]["sh"], Environment(light.radiance).sh(3), atol=1e-12)
+    transfer = np.vstack([np.hstack([each[f"_TRANSFER_{i}"] for i in range(3)]) for each in primitives])
+    colors = np.vstack([each["COLOR_0"] for each in primitives])
+    np.testing.assert_array_equal(colors, albedo)
+    found = colors * transfer[:, 9:] * np.maximum(transfer[:, :9] @ start.sh(3), 0.0)
+    # The tint and bounces aside, that is transfer times light; 16 bits are 3e-5 of full scale.
+    grey, tint = nine_coefficients(relighter, albedo)
+    truth = albedo * tint * np.maximum(grey @ light.sh(3).astype(np.float32), 0.0)
+    assert np.abs(found - truth).max() < 3e-4 * truth.max()
+
+
+def test_custom_attributes_are_the_same_accessors_and_the_mesh_is_the_scenes(written):
+    path, scene, *_ = written
+    _, primitives = read(path)
+    assert len(primitives) == len(scene.chunks) > 1
+    for chunk, each in zip(scene.chunks, primitives, strict=True):
+        assert all(each["accessors"][f"_CUSTOM{i}"] == each["accessors"][f"_TRANSFER_{i}"] for i in range(3))
+        np.testing.assert_array_equal(each["POSITION"], chunk.vertices)
+        np.testing.assert_array_equal(each["indices"].reshape(-1, 3), chunk.faces)
+
+
+def test_the_same_scene_gives_the_same_bytes(written, tmp_path):
+    path, scene, albedo, _, light = written
+    grey, tint = nine_coefficients(Relighter(scene), albedo)
+    write_live_glb(tmp_path / "again.glb", scene, albedo, grey, tint, light, 0.5)
+    assert (tmp_path / "again.glb").read_bytes() == path.read_bytes()
+
+
+def test_the_khronos_validator_has_nothing_to_say(written, tmp_path):
+    path, scene, albedo, *_ = written
+    assert validator_issues(path)["messages"] == []
+    write_proxy_glb(tmp_path / "proxy.glb", scene, np.linalg.inv(TILT), albedo)
+    write_proxy_glb(tmp_path / "bare.glb", scene, PLAYCANVAS_FROM_SPLAT @ np.linalg.inv(TILT))
+    for name in ("proxy.glb", "bare.glb"):
+        assert validator_issues(tmp_path / name)["messages"] == []
+
+
+def test_the_proxy_stands_in_the_frame_of_the_splat(written, tmp_path):
+    _, scene, albedo, *_ = written
+    back = np.linalg.inv(TILT)
+    write_proxy_glb(tmp_path / "proxy.glb", scene, back, albedo)
+    _, (proxy,) = read(tmp_path / "proxy.glb")
+    np.testing.assert_allclose(proxy["POSITION"] @ TILT[:3, :3].T + TILT[:3, 3], scene.vertices, atol=1e-6)
+    np.testing.assert_allclose(proxy["NORMAL"] @ TILT[:3, :3].T, scene.normals, atol=1e-6)
+    np.testing.assert_array_equal(proxy["indices"].reshape(-1, 3), scene.faces)
+    write_proxy_glb(tmp_path / "bare.glb", scene, PLAYCANVAS_FROM_SPLAT @ back)
+    _, (bare,) = read(tmp_path / "bare.glb")
+    assert set(bare["accessors"]) == {"POSITION"}
+    np.testing.assert_array_equal(bare["POSITION"], proxy["POSITION"] * np.float32([-1, -1, 1]))
+
+
+def test_lamps_have_no_transfer():
+    scene, albedo = ball_scene(8)
+    with pytest.raises(InputError, match="`live`: the method blinn-phong"):
+        nine_coefficients(Relighter(scene, "blinn-phong"), albedo)

@@ -1,0 +1,99 @@
+"""Small bundles of live light made of random numbers, as docs/live.md has them, and what their loaders should find."""
+
+import hashlib
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+from splat_samples import make_splats
+
+from relight.live.harmonics import evaluate
+from relight.splats.light_ratio import CURVE_POWER
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.splats.formats import write_splats
+
+PAGE = Path(__file__).parents[2] / "docs" / "live.md"
+
+DIRECT, SPREAD = 100, 16
+
+
+def reader():
+    """The names of the reader that docs/live.md prints: read, turned, change."""
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[1], names)
+    return names
+
+
+def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
+    """A bundle in a folder that exists. Most splats are lit, some stay as captured, some are sky."""
+    rng = np.random.default_rng(seed)
+    splats = make_splats(count, 1, seed) if splats is None else splats
+    entries = []
+    for kind in ("compressed.ply", "ply"):
+        file = folder / f"splat.{kind}"
+        write_splats(file, splats, kind)
+        entries.append({"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest(), "count": count})
+    rows = np.zeros((count, 2 + weights), np.uint8)
+    rows[:, :2] = rng.integers(0, clusters, count).astype("<u2")[:, None].view(np.uint8)
+    rows[:, 2:] = rng.integers(-127, 128, (count, weights)).astype(np.int8).view(np.uint8)
+    (folder / "transfer.bin").write_bytes(rows.tobytes())
+    surface = rng.integers(0, 256, (count, 8)).astype(np.uint8)
+    surface[:, 7] = np.arange(count) % 10 == 3
+    surface[:, 7] = np.where(np.arange(count) % 10 == 7, 2, 1 - surface[:, 7])
+    (folder / "surface.bin").write_bytes(surface.tobytes())
+    numbers = DIRECT + SPREAD
+    fall = (1.0 + np.sqrt(np.r_[np.arange(DIRECT), np.arange(SPREAD)]).astype(int)) ** -1.5
+    means = np.rint(32767 * rng.uniform(-0.3, 1.0, (clusters, numbers, 3)) * fall[:, None]).astype("<i2")
+    components = np.rint(127 * rng.uniform(-1, 1, (clusters, weights, numbers, 3)) * fall[:, None]).astype(np.int8)
+    scales = np.concatenate([np.full((clusters, 1), 1e-5), np.full((clusters, weights), 2e-6)], axis=1)
+    (folder / "basis.bin").write_bytes(scales.astype("<f4").tobytes() + means.tobytes() + components.tobytes())
+    (folder / "lights").mkdir(exist_ok=True)
+    lights = []
+    for number in range(2):
+        image = rng.integers(0, 256, (64, 128, 4)).astype(np.uint8)
+        image[..., 3] = 128
+        (folder / "lights" / f"{number}.rgbe").write_bytes(image.tobytes())
+        toward = rng.normal(size=3)
+        suns = [{"direction": (toward / np.linalg.norm(toward)).tolist(), "weight": [2.0, 1.5, 1.0]}] * number
+        rest, whole = rng.normal(size=(DIRECT, 3)), rng.normal(size=(SPREAD, 3))
+        rest[0], whole[0] = 4.0, 5.0
+        lights.append(
+            {"name": f"light {number}", "file": f"lights/{number}.rgbe", "exposure": 0.6, "mean": 1.0}
+            | {"rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
+        )
+    frame = [[0.0, 1, 0, 0.5], [0, 0, -1, 0.25], [-1, 0, 0, -2], [0, 0, 0, 1]]
+    meta = {
+        "format": "relight-live",
+        "version": 1,
+        "count": count,
+        "order": "row i = splat i",
+        "splats": entries,
+        "frame": {"scene_from_splat": frame, "up": "+y", "middle": [0.1, 0.2, 0.3]},
+        "transfer": {"weights": weights},
+        "basis": {"clusters": clusters, "weights": weights, "direct": DIRECT, "spread": SPREAD},
+        "surface": {"lift": 0.01, "own": [1.0, 1.0, 1.0], "own_steps": 32.0},
+        "mean": rng.uniform(0, 0.2, (SPREAD, 3)).tolist(),
+        "brightness": None,
+        "lights": lights,
+    }
+    (folder / "live.json").write_text(json.dumps(meta), encoding="utf-8")
+    return meta, splats, surface[:, 7]
+
+
+def soft_suns(light):
+    """A light of live.json with its suns in the harmonics, as loaders without shadow maps have it."""
+    rest = np.array(light["rest"])
+    for sun in light["suns"]:
+        rest += evaluate(np.array([sun["direction"]]), 10)[0][:, None] * np.array(sun["weight"])
+    return light | {"rest": rest.tolist()}
+
+
+def gain(color, change):
+    """The factor on (colour + .055) of display values under a change of light, by the formulas of docs/live.md."""
+    linear = linear_from_srgb(np.maximum(color, 0.0))
+    shown, start = change * linear, np.maximum(0.8, linear)
+    room = np.maximum(1.0 - start, 1e-3)
+    rolled = start + room * (1.0 - np.exp(-np.maximum(shown - start, 0.0) / room))
+    ratio = np.where(linear > 1e-4, np.where(shown > start, rolled, shown) / np.maximum(linear, 1e-4), change)
+    return np.clip(ratio, 1e-4, 1e4) ** (1.0 / CURVE_POWER)

@@ -1,0 +1,116 @@
+// As much of Unity, gsplat-unity and the Inference Engine as the loaders name, to compile and run their kernels without
+// them. Signatures follow the published ones; nothing here draws.
+
+using System;
+using System.Collections.Generic;
+
+namespace UnityEngine
+{
+    public class Object { public static implicit operator bool(Object thing) => thing != null; }
+    public class Component : Object { public T GetComponent<T>() where T : class, new() => new T(); }
+    public class MonoBehaviour : Component { public bool enabled; }
+    public class Shader : Object { }
+    public class Material : Object
+    {
+        public Material(Shader shader) { }
+        public void SetVectorArray(string name, Vector4[] values) { }
+        public void SetFloat(string name, float value) { }
+    }
+    public class MeshFilter : Component { public Mesh sharedMesh; }
+    public class MeshRenderer : Component { public Material sharedMaterial; }
+    public class Mesh : Object
+    {
+        public static Mesh Latest;
+        public Rendering.IndexFormat indexFormat;
+        public List<Vector3> Vertices;
+        public int[] Triangles;
+        public Dictionary<int, List<Vector4>> Uvs = new Dictionary<int, List<Vector4>>();
+        public Mesh() { Latest = this; }
+        public void SetVertices(List<Vector3> values) { Vertices = values; }
+        public void SetNormals(List<Vector3> values) { }
+        public void SetUVs(int channel, List<Vector4> values) { Uvs[channel] = values; }
+        public void SetTriangles(List<int> values, int submesh) { Triangles = values.ToArray(); }
+        public void RecalculateBounds() { }
+    }
+    public struct Vector3 { public float x, y, z; public Vector3(float x, float y, float z) { this.x = x; this.y = y; this.z = z; } }
+    public struct Vector4
+    {
+        public float x, y, z, w;
+        public Vector4(float x, float y, float z, float w) { this.x = x; this.y = y; this.z = z; this.w = w; }
+        public float this[int i] => i == 0 ? x : i == 1 ? y : i == 2 ? z : w;
+    }
+    public static class Mathf
+    {
+        public static int Clamp(int value, int low, int high) => Math.Max(low, Math.Min(high, value));
+        public static float Min(float a, float b) => Math.Min(a, b);
+        public static float Pow(float a, float b) => (float)Math.Pow(a, b);
+    }
+    public static class Application { public static string streamingAssetsPath = "."; }
+    public static class Debug
+    {
+        public static string Said;
+        public static void LogError(string text, Object context) { Said = text; }
+    }
+    public class GraphicsBuffer
+    {
+        public Array Data;
+        public void SetData(Array data) { Data = (Array)data.Clone(); }
+    }
+    public class TooltipAttribute : Attribute { public TooltipAttribute(string text) { } }
+    public class RangeAttribute : Attribute { public RangeAttribute(float low, float high) { } }
+    public class RequireComponentAttribute : Attribute
+    {
+        public RequireComponentAttribute(Type one) { }
+        public RequireComponentAttribute(Type one, Type two) { }
+    }
+}
+
+namespace UnityEngine.Rendering { public enum IndexFormat { UInt16, UInt32 } }
+
+namespace Gsplat
+{
+    using UnityEngine;
+    public abstract class GsplatAsset : UnityEngine.Object { public uint SplatCount; }
+    public class GsplatAssetUncompressed : GsplatAsset { public Vector4[] Colors; public Vector3[] SHs; }
+    public abstract class GsplatResource { public uint UploadedCount; }
+    public class GsplatResourceUncompressed : GsplatResource
+    {
+        public GraphicsBuffer ColorBuffer = new GraphicsBuffer(), SHBuffer;
+    }
+    public class GsplatRenderer : MonoBehaviour
+    {
+        // One renderer, whatever component asks for it.
+        public static GsplatAsset Asset;
+        public static GsplatResourceUncompressed Resource = new GsplatResourceUncompressed();
+        public GsplatAsset GsplatAsset => Asset;
+        public GsplatResource GsplatResource => Resource;
+    }
+}
+
+namespace Unity.InferenceEngine
+{
+    public class ModelAsset { }
+    public class Model { }
+    public enum BackendType { CPU, GPUCompute, GPUPixel }
+    public static class ModelLoader { public static Model Load(ModelAsset asset) => new Model(); }
+    public struct TensorShape
+    {
+        public TensorShape(int a) { }
+        public TensorShape(int a, int b) { }
+        public TensorShape(int a, int b, int c) { }
+    }
+    public abstract class Tensor : IDisposable { public void Dispose() { } }
+    public class Tensor<T> : Tensor
+    {
+        public Tensor(TensorShape shape, T[] data) { }
+        public T[] DownloadToArray() => null;
+    }
+    public class Worker : IDisposable
+    {
+        public Worker(Model model, BackendType backend) { }
+        public void SetInput(string name, Tensor tensor) { }
+        public void Schedule() { }
+        public Tensor PeekOutput(string name) => null;
+        public void Dispose() { }
+    }
+}
