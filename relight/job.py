@@ -285,7 +285,7 @@ class Job:
         splats = self.splats if self._needs_splats or self._baked else None
         look, seed = self.appearance, self._wishes.seed
         live = None
-        if {"live", "web"} & set(self._formats):
+        if splats is not None and {"live", "web"} & set(self._formats):
             others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
             tolerance = self._wishes.tolerance
             live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)

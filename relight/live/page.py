@@ -1,7 +1,7 @@
 """One HTML file that shows splats under live light; a folder to serve where one file would be too large.
 
-The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file all of it
-is packed: gzip, then base64. In the folder the page reads the bundle beside it.
+The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file all
+of it is packed: gzip, then base64. In the folder the page reads the bundle beside it.
 """
 
 import base64
