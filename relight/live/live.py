@@ -18,8 +18,8 @@ from .lights import capture_light, light_of
 from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 
-TOLERANCE = 0.03
-"""Relative error of the light that the bytes may add, where none is asked for: 1.2% of a display value."""
+TOLERANCE = 0.04
+"""Relative error of the light that the bytes may add, where none is asked for: 1.7% of a display value."""
 
 DIRECTIONS = 64
 """Numbers that a response is worked with before it is compressed; what they leave out is a tenth of what bytes do."""
@@ -232,7 +232,7 @@ def _first_view(scene, vertices):
     low, high = np.percentile(vertices, [1, 99], axis=0)
     middle, reach = (low + high) / 2, np.linalg.norm(high - low) / 2
     toward = np.array([0.35, 0.4, 1.0]) / np.linalg.norm([0.35, 0.4, 1.0])
-    return {"position": (middle + 2.3 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
+    return {"position": (middle + 1.7 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
 
 
 def _spatial_order(splats):
