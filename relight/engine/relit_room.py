@@ -9,12 +9,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from .appearance import Appearance
 from .relighter import Relighter, Shading
 
 SOFTNESS = 0.05
 """Of the median light of the model: where less was modelled, the mean change weighs more than the place's own."""
+
+ROUNDS = 16
+"""Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the light
+of a window is seen as blotches on it. Of 3 cm each they blur shadows by a hand's breadth."""
 
 MOST = 30.0
 """Largest change: five stops."""
@@ -64,12 +69,15 @@ class RelitRoom:
         shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
         after = self._level * shaded.radiance + self._factor * room.by_lamps
         before = self._model(shaded.settings)
+        if not self._shut or self._opened:
+            before, after = (self._even_light(radiance) for radiance in (before, after))
         soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
         usual = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
         change = (after + soft * usual.astype(np.float32)) / (before + soft)
         radiance = look.captured * np.minimum(change, np.float32(MOST))
         glowing = room.glow.any(axis=1)
-        radiance[glowing] = after[glowing] + self._factor * room.glow[glowing]
+        if glowing.any():
+            radiance[glowing] = after[glowing] + self._factor * room.glow[glowing]
         return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
 
     def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
@@ -81,6 +89,17 @@ class RelitRoom:
         if room is None:
             return look.albedo, None
         return room.albedo, self._factor / self._level * (room.by_lamps + room.glow)
+
+    def _even_light(self, radiance):
+        """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""
+        albedo = np.maximum(self._look.room.albedo, np.float32(DARKEST))
+        return albedo * self._evenness.of(radiance / albedo, ROUNDS)
+
+    @cached_property
+    def _evenness(self):
+        from ..rooms.evenness import Evenness
+
+        return Evenness(self._relighter.occluder)
 
     def _model(self, settings):
         """(V, 3) what the model says that was captured, by these settings."""
