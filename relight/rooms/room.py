@@ -51,8 +51,8 @@ class Room(NamedTuple):
 
     albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
     float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
-    themselves, 0 elsewhere. environment: the capture's, black without windows. brightness: its mean luminance, 1
-    without windows. prior: of `albedo_of`. told: dict for the report.
+    themselves, 0 elsewhere. environment: the capture's, black without windows. brightness: luminance of the uniform
+    sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. told: dict for the report.
     """
 
     albedo: NDArray[np.float32]
@@ -104,8 +104,11 @@ def room_of(
     reason = _unlikely(solved)
     if reason:
         return None, reason
-    environment, brightness = _capture_light(sky, solved.radiance[-1] if places.windows else None)
-    outside = _direct(occluder, transfer, environment) if places.windows else np.zeros_like(captured)
+    environment = _capture_light(sky, solved.radiance[-1] if places.windows else None)
+    outside, brightness = np.zeros_like(captured), 1.0
+    if places.windows:
+        outside, weight = _direct(occluder, transfer, environment), np.where(seen, areas, 0.0)
+        brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     lit = _lit(captured, interreflection, outside, areas, seen, list(zip(found, lights, solved.radiance, strict=False)))
     told = _told(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
     return Room(**lit, environment=environment, brightness=brightness, told=told), ""
@@ -197,11 +200,10 @@ def _direct(occluder, transfer, environment):
 
 
 def _capture_light(sky, excess):
-    """(the Environment that came through the windows, its mean luminance)."""
+    """The Environment that came through the windows."""
     if excess is None:
-        return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window"), 1.0
+        return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     known, unknown = strengths.sky_parts(sky, directions, image=True)
     radiance = (known + unknown * excess).reshape(HEIGHT, WIDTH, 3).astype(np.float32)
-    environment = Environment(radiance, "windows")
-    return environment, max(float(environment.mean_luminance), 1e-6)
+    return Environment(radiance, "windows")

@@ -25,8 +25,10 @@ PLACES, DIRECTIONS = 2500, 512
 USUAL_ALBEDO = 0.4
 """Median albedo, in luminance, of what is seen in a room, where nothing says more: white walls .7, wood .2."""
 
-SPREAD, COLOR = 0.7, 0.2
-"""Of the prior: log brightness of an emitter against the others, and its log colour against white."""
+SPREAD, COLOR = 0.7, 0.07
+"""Of the prior: log brightness of an emitter against the others, and its log colour against that it was captured in, of a
+clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other, and
+with the lamp off the room turned blue."""
 
 STRENGTH = 2e-3
 """Of the prior on how emitters differ, against a mean over pairs of places."""
