@@ -184,8 +184,10 @@ class Job:
         with self.stages.stage("load"):
             capture_env = None if self._capture_env is None else _light(self._capture_env)
         look = appearance_of(self._choice, capture_env, relighter)
-        # Opened, a room whose own light is not known is lit by its captured colours.
-        return look._replace(kept=False) if look.kept and self.options.opened else look
+        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
+            return look._replace(kept=False)
+        shut = look.room is not None and look.room.told["windows"] is None
+        return look._replace(kept=True) if shut and self.options.lamp_factor == 1.0 else look
 
     # plan
 

@@ -18,8 +18,8 @@ SOFTNESS = 0.05
 """Of the median light of the model: where less was modelled, the mean change weighs more than the place's own."""
 
 ROUNDS = 16
-"""Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the light
-of a window is seen as blotches on it. Of 3 cm each they blur shadows by a hand's breadth."""
+"""Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the
+light of a window is seen as blotches on it. Of 3 cm each they blur shadows by a hand's breadth."""
 
 MOST = 30.0
 """Largest change: five stops."""
@@ -61,11 +61,11 @@ class RelitRoom:
     def shading(self, environment: Environment) -> Shading:
         """Exit radiance, in the unit of the environment, of a room as captured in that of its colours: a Shading."""
         look, room = self._look, self._look.room
-        if room is None and not look.kept:
-            return self.lit.shading(environment, look.albedo)
         nothing = Shading(np.zeros_like(look.captured), 0, [], self._relighter.options.unplanned)
-        if room is None:
+        if look.kept:
             return nothing._replace(radiance=look.captured)
+        if room is None:
+            return self.lit.shading(environment, look.albedo)
         shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
         after = self._level * shaded.radiance + self._factor * room.by_lamps
         before = self._model(shaded.settings)

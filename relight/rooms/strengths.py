@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
 from ..albedo import fit, samples
-from ..albedo.skylight import SkyParts
+from ..albedo.skylight import GROUND, SkyParts
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Occluder
 
@@ -26,9 +26,9 @@ USUAL_ALBEDO = 0.4
 """Median albedo, in luminance, of what is seen in a room, where nothing says more: white walls .7, wood .2."""
 
 SPREAD, COLOR = 0.7, 0.07
-"""Of the prior: log brightness of an emitter against the others, and its log colour against that it was captured in, of a
-clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other, and
-with the lamp off the room turned blue."""
+"""Of the prior: log brightness of an emitter against the others, and its log colour against that it was captured in, of
+a clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other,
+and with the lamp off the room turned blue."""
 
 STRENGTH = 2e-3
 """Of the prior on how emitters differ, against a mean over pairs of places."""
@@ -125,9 +125,11 @@ def sky_parts(
     sky: CapturedSky | None, directions: NDArray[np.float64], image: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(known, unknown) radiance (K, 3) of directions that share the sphere, or of an image's texels: what was seen of
-    the sky, and what exceeds it, at strength 1. Without a sky all is unknown, and has no colour."""
+    the sky, and what exceeds it, at strength 1. Without a sky all is unknown, as bright all over, and
+    has no colour."""
     if sky is None:
-        return np.zeros((len(directions), 3)), np.ones((len(directions), 3))
+        upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
+        return np.zeros((len(directions), 3)), np.repeat(upward, 3, axis=1)
     parts = SkyParts.looked_up(sky, directions) if image else SkyParts.at(sky, directions)
     seen = np.maximum(1.0 - parts.unseen, 0.0)
     mean = parts.known.sum(axis=0) / max(float(seen.sum() / 3.0), 1e-9)

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from relight import Environment, LightingOptions
+from relight.albedo.interior import within
 from relight.job import Job
+from relight.rooms.seen import seen_from
+from relight.transfer.occluder import Frame, Occluder
 from scenes.places import build_place
 from scenes.radiosity import light
 from splat2mesh.base.errors import DataWarning, InputError
@@ -99,3 +102,35 @@ def test_a_ceiling_is_only_taken_off_a_closed_room():
     scene = Scene(room()[0].chunks)
     with pytest.raises(InputError, match="expected a closed room"):
         next(iter(Job(scene, "noon", LightingOptions(opened="ceiling"), caching="none").shaded()))
+
+
+def test_what_a_window_lets_in_is_new():
+    scene, place, exposure, _ = room("one-window")
+    _, _, radiance = relit(scene, env="noon")
+    truth = exposure * light(place, Environment.load("noon")).radiance()
+    captured, inside = scene.colors_linear, seen(scene, place)
+
+    def error(values):
+        gains = (values[inside] * truth[inside]).sum(axis=0) / (values[inside] ** 2).sum(axis=0)
+        return np.linalg.norm(gains * values[inside] - truth[inside]) / np.linalg.norm(truth[inside])
+
+    assert error(radiance) < 0.5 * error(captured)
+
+
+def seen(scene, place):
+    """(V,) bool: what shows its front to where the capture stood, and is not clipped."""
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    eyes = Frame.around(scene.vertices, scene.faces).unit(within(scene))
+    return seen_from(occluder, np.arange(len(scene.vertices)), eyes) & (scene.colors_linear.max(axis=1) < 0.9)
+
+
+def test_lamps_that_are_not_there_are_not_changed_and_a_line_says_so():
+    with pytest.warns(DataWarning, match="no lamp was found"):
+        relit(room("one-window")[0], lamps=0.5)
+
+
+def test_words_for_lamps_and_openings():
+    assert LightingOptions(lamps="off").lamp_factor == 0.0 and LightingOptions(lamps="0.25").lamp_factor == 0.25
+    for wrong in ({"lamps": "dim"}, {"lamps": -1.0}, {"lamps": float("nan")}, {"opened": "door"}):
+        with pytest.raises(InputError, match="expected"):
+            LightingOptions(**wrong)
