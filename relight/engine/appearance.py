@@ -176,7 +176,9 @@ def _estimated(
                 from ..rooms.keeping import as_arrays
                 from ..rooms.room import room_of
 
-                room, hopeless = room_of(scene, relighter.occluder, captured, *known.values(), relighter.seed)
+                room, hopeless = room_of(
+                    scene, relighter.occluder, captured, known["transfer"], known["interreflection"], relighter.seed
+                )
                 if room is not None:
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)

@@ -85,8 +85,8 @@ def room_of(
     ]
     even = Evenness(occluder)
     normals = even.directions(occluder.normals, ROUNDS)
-    for _ in range(2):  # the second time without those that prove to be lit, or prove nothing
-        lights = [even.of(lamps.light_of(lamp, occluder, areas, normals), ROUNDS) for lamp in found]
+    lights = [even.of(lamps.light_of(lamp, occluder, areas, normals), ROUNDS) for lamp in found]
+    while True:  # until nothing more of it proves to be lit itself, or proves nothing
         usable = seen.copy()
         for lamp in found:
             usable[lamp.rows] = False
@@ -100,7 +100,7 @@ def room_of(
         kept = _kept(found, lights, solved, interreflection, captured, areas)
         if len(kept) == len(found):
             break
-        found = [found[k] for k in kept]
+        found, lights = [found[k] for k in kept], [lights[k] for k in kept]
     reason = _unlikely(solved)
     if reason:
         return None, reason
