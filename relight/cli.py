@@ -321,6 +321,8 @@ def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
 
 
 def _planned(job: "Job") -> tuple[list[str], Any]:
+    if job.plan is None and job.steady:
+        raise _error("--plan: no environment changes this room, so that there is nothing to plan")
     if job.plan is None:
         raise _error(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
     return job.plan.table(), {"plan": job.plan.as_dict()}

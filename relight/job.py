@@ -195,7 +195,7 @@ class Job:
     def plan(self) -> "Plan | None":
         """The Plan for all the angles; None where there is nothing to plan: a method without, a room that is kept."""
         albedo, room = self.appearance.albedo, self._room
-        if room and room.steady:
+        if self.steady:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.angles_deg))
 
@@ -329,6 +329,11 @@ class Job:
             told = "`lamps`: no lamp was found whose strength is known, and none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)
         return room
+
+    @property
+    def steady(self) -> bool:
+        """Whether no environment changes anything here: a closed room that stays as captured, or has no window."""
+        return bool(self._room and self._room.steady)
 
     @property
     def _level(self) -> float:

@@ -26,6 +26,9 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
+ROOMS = 1
+"""Of the way that closed rooms are estimated: goes up when it would give other numbers, for what is kept."""
+
 CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)
 """The transfer and bounces from which the capture's light is estimated."""
 
@@ -101,7 +104,7 @@ def _without_light(
     cache = relighter.cache
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts.append(within(relighter.scene))
+    parts += [within(relighter.scene), np.array(ROOMS)]
     key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
     kept = cache.get("albedo", *key)
     if kept is None:

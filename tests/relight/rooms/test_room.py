@@ -117,6 +117,17 @@ def test_what_a_window_lets_in_is_new():
     assert error(radiance) < 0.5 * error(captured)
 
 
+def test_a_black_cabinet_in_a_room_stays_black():
+    scene, place, _, _ = room("one-window")
+    colors = scene.colors_srgb.copy()
+    black = place.part == place.part[np.argmax(place.albedo_linear @ [1.0, 0.0, -2.0])]  # all of one piece
+    colors[black] = np.random.default_rng(0).integers(0, 4, (black.sum(), 3))
+    dark = Scene([Mesh(scene.vertices, scene.normals, scene.faces, colors)], capture=scene.capture)
+    _, _, radiance = relit(dark, env="noon")
+    assert 20 < black.sum() < 0.5 * len(black)
+    assert np.isfinite(radiance).all() and radiance[black].max() < 0.02
+
+
 def seen(scene, place):
     """(V,) bool: what shows its front to where the capture stood, and is not clipped."""
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
