@@ -23,6 +23,7 @@ EXAMPLES = """examples:
   relight garden --env stpeters.exr --rotate 45
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
+  relight lounge --env overcast --lamps off --format splat
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
   relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
@@ -56,6 +57,9 @@ def parser() -> argparse.ArgumentParser:
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
+    lamps = "of a closed room: keep, off, or a factor on their light (default: %(default)s)"
+    add("--lamps", default="keep", metavar="keep|off|FACTOR", help=lamps)
+    add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
     add("--exposure", type=float, metavar="EV", help=exposure)
 
     add = parser.add_argument_group("surface and accuracy").add_argument
@@ -120,7 +124,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     from splat2mesh.base.console import run
 
-    return run(_command, parser().parse_args(arguments), {"budget_s": "--budget"})
+    return run(_command, parser().parse_args(arguments), {"budget_s": "--budget", "opened": "--open"})
 
 
 def angles_from(text: str) -> list[float]:
@@ -240,7 +244,7 @@ def _relit(
     from .job import Job
     from .options import LightingOptions
 
-    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
+    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed", "lamps", "opened")
     lighting = LightingOptions(**{name: getattr(options, name) for name in names})
     writes = not (options.plan or options.view or options.serve is not None)
     folders = _output_folders(options, source, lights, angles) if writes else []
@@ -326,6 +330,8 @@ def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
 
 
 def _planned(job: "Job") -> tuple[list[str], Any]:
+    if job.plan is None and job.steady:
+        raise _error("--plan: no environment changes this room, so that there is nothing to plan")
     if job.plan is None:
         raise _error(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
     return job.plan.table(), {"plan": job.plan.as_dict()}

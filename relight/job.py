@@ -42,6 +42,7 @@ from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
+    from .engine.relit_room import RelitRoom
     from .planning.plan import Plan
 
 DEFAULT_FORMATS = ("glb", "png")
@@ -118,7 +119,7 @@ class Job:
         """The same job under another light: all that does not depend on the light is shared."""
         self._results  # noqa: B018  what is shared is made first
         other = copy.copy(self)
-        for name in ("environment", "plan", "_lights"):
+        for name in ("environment", "plan", "_lights", "_room"):
             other.__dict__.pop(name, None)
         other._env = env
         return other
@@ -190,28 +191,34 @@ class Job:
         relighter = self.relighter
         with self.stages.stage("load"):
             capture_env = None if self._capture_env is None else _light(self._capture_env)
-        return appearance_of(self._choice, capture_env, relighter)
+        look = appearance_of(self._choice, capture_env, relighter)
+        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
+            return look._replace(kept=False)
+        shut = look.room is not None and look.room.told["windows"] is None
+        return look._replace(kept=True) if shut and self.options.lamp_factor == 1.0 else look
 
     # plan
 
     @cached_property
     def plan(self) -> "Plan | None":
-        """The Plan for all the angles; None for a method that has nothing to plan."""
-        albedo = self.appearance.albedo
-        return self.relighter.plan_for(self.environment, albedo, len(self.angles_deg))
+        """The Plan for all the angles; None where there is nothing to plan: a method without, a room that is kept."""
+        albedo, room = self.appearance.albedo, self._room
+        if self.steady:
+            return None
+        return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.angles_deg))
 
     # shade
 
     def shaded(self) -> Iterator[Shaded]:
         """Light the scene from angle after angle, all at the same exposure."""
         self.plan  # noqa: B018  for all the angles
-        albedo, lights = self.appearance.albedo, self._lights
+        lights = self._lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
-        first = self.relighter.shading(lights[0], albedo)
+        first = self._shading(lights[0])
         exposure = self._exposure(first)
         yield Shaded(lights[0], first, exposure)
         for light in lights[1:]:
-            yield Shaded(light, self.relighter.shading(light, albedo), exposure)
+            yield Shaded(light, self._shading(light), exposure)
 
     def relit_splats(self, shaded: Shaded) -> Splats:
         """The splats that the scene was made from, in its light."""
@@ -249,6 +256,8 @@ class Job:
             "chunks": len(self.scene.chunks),
             "environment": {"name": light.name, "source": self._light_name, "repaired_pixels": light.repaired},
             "angle_deg": light.rotation_deg,
+            "lamps": self.options.lamp_factor,
+            "open": self.options.opened,
             "albedo": self._choice_name,
             "capture": self.appearance.capture,
             "method": settings.method,
@@ -295,19 +304,55 @@ class Job:
 
     def session(self) -> dict[str, Any]:
         """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
-        look = self.appearance
+        look, room = self.appearance, self._room
         others = {"captured": look.captured, "white": None}
         chosen = self._choice_name if self._choice_name in CHOICES else Path(self._choice_name).stem
         lights = Path(self._light_name)
+        exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
+        albedo, by_lamps = (look.albedo, None) if room is None else room.session()
+        exposure = room.exposure if room and exposure is None else exposure
+        opened = self.options.opened is not None
         return {
-            "scene": self.scene,
+            "scene": room.lit.scene if room and opened else self.scene,
             "environment": self._lights[0],
             "options": replace(self.options, budget_s=None).planned(),  # a session has a tolerance
-            "albedos": {chosen: look.albedo, **{name: each for name, each in others.items() if name != chosen}},
+            "albedos": {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
             "environments_folder": lights.parent if lights.is_file() else None,
-            "exposure": None if self._exposure_ev is None else 2.0**self._exposure_ev,
-            "cache": self.relighter.cache,
+            "exposure": exposure,
+            "cache": None if opened else self.relighter.cache,
+            "lamps": {} if by_lamps is None else {chosen: by_lamps},
         }
+
+    @cached_property
+    def _room(self) -> "RelitRoom | None":
+        """The closed room that the scene is, or None."""
+        look, options = self.appearance, self.options
+        closed = look.capture is not None and "room" in look.capture
+        if options.opened and not closed:
+            raise InputError("`opened` ceiling: expected a closed room that was captured from within, found none")
+        from .engine.relit_room import RelitRoom
+
+        room = RelitRoom(look, self.relighter, self._level) if closed else None
+        if options.lamps != "keep" and not (room and room.lamps_found):
+            told = "`lamps`: no lamp was found whose strength is known, and none is changed"
+            warnings.warn(told, DataWarning, stacklevel=4)
+        return room
+
+    @property
+    def steady(self) -> bool:
+        """Whether no environment changes anything here: a closed room that stays as captured, or has no window."""
+        return bool(self._room and self._room.steady)
+
+    @property
+    def _level(self) -> float:
+        """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
+        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        return float(capture["brightness"] / mean) if capture and mean > 0.0 else 1.0
+
+    def _shading(self, light: Environment) -> Shading:
+        if self._room:
+            return self._room.shading(light)
+        return self.relighter.shading(light, self.appearance.albedo)
 
     @cached_property
     def _animation(self) -> Any:
@@ -376,7 +421,9 @@ class Job:
         a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
         if self._exposure_ev is not None:
             return 2.0**self._exposure_ev
-        others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
+        if self._room and self._room.exposure is not None:
+            return self._room.exposure
+        others = (self._shading(light).radiance for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
         return self._as_captured(exposure, self.environment)
 

@@ -29,6 +29,10 @@ PLACE_TOLERANCE = 0.03
 capture's light is worse than this. A garden of 367,000 vertices: 22 s planned for .03, 140 s for .01."""
 
 
+MOST_LAMPS = 1000.0
+"""Largest factor on the light of lamps: ten stops."""
+
+
 @dataclass(frozen=True)
 class LightingOptions:
     """How a scene is to be lit. What is given is not planned.
@@ -42,6 +46,8 @@ class LightingOptions:
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.
+    lamps: what becomes of the lamps of a closed room: "keep", "off", or a factor on their light, kept as a number.
+    opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
     """
 
@@ -52,6 +58,8 @@ class LightingOptions:
     tolerance: float | None = None
     budget_s: float | None = None
     seed: int = 0
+    lamps: str | float = "keep"
+    opened: str | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -71,6 +79,9 @@ class LightingOptions:
                 raise InputError(f"`{name}` must be a number above 0, found {value}")
         if self.tolerance is not None and self.budget_s is not None:
             raise InputError("`tolerance` and `budget_s`: expected one of them")
+        kept["lamps"] = _checked_lamps(self.lamps)
+        if self.opened not in (None, "ceiling"):
+            raise InputError(f"`opened` {self.opened!r}: expected ceiling")
         for name, value in kept.items():
             object.__setattr__(self, name, value)
 
@@ -106,6 +117,11 @@ class LightingOptions:
         return None if self.method == "auto" else self.method
 
     @property
+    def lamp_factor(self) -> float:
+        """The factor on the light of lamps: 1 to keep it, 0 for off."""
+        return 1.0 if self.lamps == "keep" else float(self.lamps)
+
+    @property
     def unplanned(self) -> Settings:
         """The Settings where nothing is planned: all that the chosen effects do not rule out."""
         method, effects = self.method, self.chosen_effects
@@ -123,6 +139,19 @@ class LightingOptions:
 def _able(method: str) -> frozenset[str]:
     """The effects that a method can do: the others are traced among shadows, and all need rays."""
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
+
+
+def _checked_lamps(choice: str | float) -> str | float:
+    """ "keep", or a factor: 0.0 for "off". Raises InputError for anything else."""
+    if choice in ("keep", "off"):
+        return "keep" if choice == "keep" else 0.0
+    try:
+        factor = float(choice)
+    except (TypeError, ValueError):
+        factor = math.nan
+    if not 0.0 <= factor <= MOST_LAMPS:
+        raise InputError(f"`lamps` {choice!r}: expected keep, off or a factor from 0 to {MOST_LAMPS:g}")
+    return factor
 
 
 def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozenset[str]:
