@@ -101,6 +101,7 @@ def estimate(
     interreflection=None,  # Interreflection, likewise
     sky=None,  # CapturedSky, where the capture saw its light
     hopeless="",  # why the light cannot be told, where that is known
+    seen=None,  # (V,) how large each vertex looks from where the capture stood; by area where nobody knows
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -108,7 +109,7 @@ def estimate(
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, seen)
     problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
@@ -153,13 +154,21 @@ def _under_sky(scene, sky):
 
 
 def with_known_light(
-    occluder, captured, environment, seed=0, advance=lambda count: None, transfer=None, interreflection=None
+    occluder,
+    captured,
+    environment,
+    seed=0,
+    advance=lambda count: None,
+    transfer=None,
+    interreflection=None,
+    sky=None,
+    seen=None,
 ):
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
-    Arguments and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, seen)
     problem = scene.problem()
     direct = scene.direct(environment)
     received = direct[scene.places.vertices]
@@ -167,6 +176,11 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
+    measured = skylight.exposure_of(sky, environment) if scene.under_sky else None
+    if measured is not None:
+        shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
+        result = scene.result(shown, skylight.told_by_sky(sky), direct * measured, brighter=False)
+        return result._replace(under_sky=True)
     light = fit.KnownLight(received, scene.bounced(), _UNIT)
     start = np.log(scene.start() / np.median(received, axis=0))[None] / _UNIT
     prior = _prior(1)
@@ -178,9 +192,12 @@ def with_known_light(
 
 
 class _Scene:
-    """What both ways share: the places, the light that surfaces send each other, and the result."""
+    """What both ways share: the places, the light that surfaces send each other, and the result.
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False):
+    areas: (V,) what each vertex counts: its area, or how large it was seen.
+    """
+
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False, seen=None):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -200,7 +217,7 @@ class _Scene:
             visible = visible_fraction(self.transfer)
             interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
         self.bounce = interreflection.bounce(self.captured)
-        self.areas = samples.vertex_areas(occluder)
+        self.areas = samples.vertex_areas(occluder) if seen is None else np.asarray(seen, np.float64)
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
         visible = visible_fraction(self.transfer)
@@ -252,10 +269,10 @@ class _Scene:
             direct += sunlight(self.occluder, slice(None), suns)
         return np.maximum(direct, np.float32(0.0), out=direct)
 
-    def result(self, environment, evidence, direct=None):
+    def result(self, environment, evidence, direct=None, brighter=True):
         direct = self.direct(environment) if direct is None else direct
         shares = np.where(self.usable, self.areas, 0.0)
-        gain = np.float32(self.brighter(direct))
+        gain = np.float32(self.brighter(direct) if brighter else 1.0)
         if gain > 1.0:
             environment = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
         irradiance = gain * direct + self.bounce

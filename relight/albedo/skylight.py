@@ -15,6 +15,7 @@ from splat2mesh.scene.measured import row_solid_angles, texel_directions
 
 from ..sh import harmonics
 from . import fit
+from .division import weighted_median
 
 UNSEEN_BANDS = 4
 """Of the logarithm of the light that was not seen; it is smooth for all that anyone knows."""
@@ -55,6 +56,11 @@ those of a room no more than its windows and the holes of its mesh let in."""
 
 LEAST_BOUND = 0.02
 """Of the upper hemisphere must be seen for its mean to stand for what was not."""
+
+
+MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
+"""To read the exposure off a captured sky: the part of a texel that binds, the sine of its height above the horizon,
+where ground and trees show that no environment has, and steradians in all."""
 
 
 class SkyParts(NamedTuple):
@@ -171,6 +177,22 @@ def told_by_sky(sky):
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
     return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())
+
+
+def exposure_of(sky, environment):
+    """Captured colour per radiance of a known Environment: (3,) float32, medians over what of a CapturedSky binds above
+    the horizon; None where that is too little to tell."""
+    height, width = sky.bound.shape[:2]
+    directions = texel_directions(height, width)
+    areas = np.repeat(row_solid_angles(height, width), width, axis=1)
+    binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > LEAST_HEIGHT) & (sky.radiance.min(axis=2) > 0.0)
+    shown = environment.lookup(directions[binds])
+    lit = (shown > 0.0).all(axis=1)
+    if areas[binds][lit].sum() < LEAST_COMPARED:
+        return None
+    ratio = np.log(sky.radiance[binds][lit] / shown[lit])
+    logs = [weighted_median(ratio[:, color], areas[binds][lit]) for color in range(3)]
+    return np.exp(logs).astype(np.float32)
 
 
 def _unseen(bound, clipped, directions):
