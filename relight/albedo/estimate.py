@@ -16,7 +16,7 @@ from splat2mesh.scene.color import luminance
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
-from . import fit, samples, skylight, sun
+from . import fit, lean, samples, skylight, sun
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
 LIGHT_BANDS = 5
@@ -101,7 +101,8 @@ def estimate(
     interreflection=None,  # Interreflection, likewise
     sky=None,  # CapturedSky, where the capture saw its light
     hopeless="",  # why the light cannot be told, where that is known
-    seen=None,  # (V,) how large each vertex looks from where the capture stood; by area where nobody knows
+    looks=None,  # Looks from where the capture stood: then it is what they show that counts, not area
+    volume=None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -109,12 +110,12 @@ def estimate(
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, seen)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
     problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
     if scene.under_sky:
-        return _under_sky(scene, sky)._replace(under_sky=True)
+        return _under_sky(scene, sky, volume)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -128,13 +129,19 @@ def estimate(
     return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
 
 
-def _under_sky(scene, sky):
-    """The Estimate of a _Scene that was captured under a CapturedSky."""
+def _under_sky(scene, sky, volume=None):
+    """The Estimate of a _Scene that was captured under a CapturedSky. volume: as in `estimate`."""
     places = scene.places
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)
-    start = skylight.start_of(light, parts, places.directions, colors, scene.start())
+    begin = light, parts, places.directions, colors, scene.start()
+    start = skylight.start_of(*begin)
+    patches = scene.patches(volume)
+    if patches is not None:
+        bound = luminance(skylight.without_excess(parts, start, places.directions))
+        tilt = lean.lean_of(patches, places.directions, bound, parts.clipped.mean(axis=1), skylight.USUAL_ALBEDO)
+        start = skylight.start_of(*begin, tilt)
     prior = skylight.prior_of(_prior)
     found = scene.fitted(light, start, prior)
 
@@ -162,13 +169,13 @@ def with_known_light(
     transfer=None,
     interreflection=None,
     sky=None,
-    seen=None,
+    looks=None,
 ):
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
     Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, seen)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
     problem = scene.problem()
     direct = scene.direct(environment)
     received = direct[scene.places.vertices]
@@ -197,7 +204,7 @@ class _Scene:
     areas: (V,) what each vertex counts: its area, or how large it was seen.
     """
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False, seen=None):
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False, looks=None):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -217,7 +224,8 @@ class _Scene:
             visible = visible_fraction(self.transfer)
             interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
         self.bounce = interreflection.bounce(self.captured)
-        self.areas = samples.vertex_areas(occluder) if seen is None else np.asarray(seen, np.float64)
+        self.looks = looks
+        self.areas = samples.vertex_areas(occluder) if looks is None else looks.sizes(count)
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
         visible = visible_fraction(self.transfer)
@@ -239,6 +247,13 @@ class _Scene:
 
     def bounced(self):
         return self.bounce[self.places.vertices].astype(np.float64)
+
+    def patches(self, volume):
+        """The Patches of what was looked at, or None."""
+        if self.looks is None:
+            return None
+        content = self.captured, self.usable, self.transfer, self.bounce
+        return lean.patches_of(self.looks, self.occluder, *content, volume)
 
     def start(self):
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""

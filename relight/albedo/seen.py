@@ -19,10 +19,15 @@ LOOKS = 4096
 
 class Looks(NamedTuple):
     """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
-    each corner has of the point, which sum to 1."""
+    each corner has of the point, which sum to 1. distance: (L,) float32, in the occluder's unit frame."""
 
     corners: np.ndarray
     shares: np.ndarray
+    distance: np.ndarray
+
+    def of(self, rows: np.ndarray) -> "Looks":
+        """Some of the looks."""
+        return Looks(*(each[rows] for each in self))
 
     def at(self, values: np.ndarray) -> np.ndarray:
         """Values (V, C) of vertices as values (L, C) of what is seen."""
@@ -56,4 +61,5 @@ def looks_from(scene: Scene, occluder: Occluder) -> Looks | None:
         return None
     second, third = np.clip(hits.uv[met[front]], 0.0, 1.0).T
     shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
-    return Looks(corners[front], (shares / shares.sum(axis=1, keepdims=True)).astype(np.float32))
+    shares = (shares / shares.sum(axis=1, keepdims=True)).astype(np.float32)
+    return Looks(corners[front], shares, hits.distance[met[front]])

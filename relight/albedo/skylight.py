@@ -135,15 +135,19 @@ def start_of(
     directions,  # (K, 3)
     captured,  # (N, 3) colours of its places
     usual,  # (3,) radiance of a uniform light, where nothing was seen
+    lean=(0.0, 0.0, 0.0),  # of the logarithm of what exceeds 1: its gradient
 ):
     """theta (M, 3) to begin with: the upper half of what was not seen is as bright as what was, before it was clipped,
-    and of what was clipped as much exceeds 1, in all colours alike, as makes the median albedo USUAL_ALBEDO."""
+    and of what was clipped as much exceeds 1, in all colours alike and leaning, as makes the median albedo
+    USUAL_ALBEDO."""
     unit = 1.0 / np.sqrt(4.0 * np.pi)
     theta = np.zeros((UNSEEN_BANDS**2 + EXCESS_BANDS**2, 3))
     above = np.maximum(directions[:, 1:2], 0.0)
     weight = ((1.0 - parts.unseen) * above).sum(axis=0) / above.sum()
     mean = (parts.known * above).sum(axis=0) / above.sum() / np.maximum(weight, 1e-9)
     theta[0] = np.log(np.maximum(np.where(weight > LEAST_BOUND, mean, usual), 1e-6)) / unit
+    x, y, z = lean
+    theta[UNSEEN_BANDS**2 + 1 : UNSEEN_BANDS**2 + 4] = np.array([y, z, x])[:, None] / np.sqrt(3.0) / unit
     low, high = np.log(LEAST_EXCESS), np.log(MOST_EXCESS)
     bright = luminance(captured)
     for _ in range(20):  # halves the range each time: a millionth of it is left
@@ -160,6 +164,12 @@ def radiance(parts, theta, directions):
         free += shares * _exponential(harmonics.evaluate(directions, bands), theta[start : start + bands**2])
         start += bands**2
     return parts.known, free
+
+
+def without_excess(parts, theta, directions):
+    """(D, 3) radiance at directions with these parts, as `radiance` gives it, but that what was clipped is 1."""
+    unseen = _exponential(harmonics.evaluate(directions, UNSEEN_BANDS), theta[: UNSEEN_BANDS**2])
+    return parts.known + parts.unseen * unseen
 
 
 def prior_of(of_bands):

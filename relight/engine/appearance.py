@@ -162,15 +162,15 @@ def _estimated(
         scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
+        volume = None if scene.measured is None else scene.measured.vertex_volume
         if capture_env is None:
             part = closed_part(scene, relighter.occluder, visible_fraction(known["transfer"]))
             hopeless = "" if part is None else told(part)
-            found = estimate(
-                relighter.occluder, captured, relighter.seed, **known, sky=sky, hopeless=hopeless, seen=seen
-            )
+            told_by = {"sky": sky, "looks": looks, "volume": volume, "hopeless": hopeless}
+            found = estimate(relighter.occluder, captured, relighter.seed, **known, **told_by)
         else:
             found = with_known_light(
-                relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, seen=seen
+                relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
             )
         check = self_relight(relighter.occluder, captured, found, **known, seen=seen)
     return {
