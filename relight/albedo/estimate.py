@@ -16,7 +16,7 @@ from splat2mesh.scene.color import luminance
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
-from . import fit, lean, samples, skylight, sun
+from . import contrast, fit, samples, skylight, sun
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
 LIGHT_BANDS = 5
@@ -139,9 +139,7 @@ def _under_sky(scene, sky, volume=None):
     start = skylight.start_of(*begin)
     patches = scene.patches(volume)
     if patches is not None:
-        bound = luminance(skylight.without_excess(parts, start, places.directions))
-        tilt = lean.lean_of(patches, places.directions, bound, parts.clipped.mean(axis=1), skylight.USUAL_ALBEDO)
-        start = skylight.start_of(*begin, tilt)
+        return scene.result(_by_contrast(patches, sky, parts, start, places), skylight.told_by_sky(sky), brighter=False)
     prior = skylight.prior_of(_prior)
     found = scene.fitted(light, start, prior)
 
@@ -157,7 +155,23 @@ def _under_sky(scene, sky, volume=None):
     image = (known + free).reshape(HEIGHT, WIDTH, 3)
     if lamp is not None:
         image += _sun_image(lamp)
-    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky))
+    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky), brighter=False)
+
+
+def _by_contrast(patches, sky, parts, start, places):
+    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells."""
+    directions = places.directions
+    bound = luminance(skylight.without_excess(parts, start, directions))
+    free = (parts.clipped + parts.unseen).mean(axis=1) > skylight.MOSTLY
+    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), free)
+    texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    parts = skylight.SkyParts.looked_up(sky, texels)
+    image = skylight.without_excess(parts, start, texels)
+    image += parts.clipped * found.excess * np.exp(texels @ found.lean)[:, None]
+    image = image.reshape(HEIGHT, WIDTH, 3)
+    if found.sun is not None:
+        image += _sun_image(sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance)))
+    return Environment(image.astype(np.float32), "estimated")
 
 
 def with_known_light(
@@ -253,7 +267,7 @@ class _Scene:
         if self.looks is None:
             return None
         content = self.captured, self.usable, self.transfer, self.bounce
-        return lean.patches_of(self.looks, self.occluder, *content, volume)
+        return contrast.patches_of(self.looks, self.occluder, *content, volume)
 
     def start(self):
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""

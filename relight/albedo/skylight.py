@@ -135,19 +135,15 @@ def start_of(
     directions,  # (K, 3)
     captured,  # (N, 3) colours of its places
     usual,  # (3,) radiance of a uniform light, where nothing was seen
-    lean=(0.0, 0.0, 0.0),  # of the logarithm of what exceeds 1: its gradient
 ):
     """theta (M, 3) to begin with: the upper half of what was not seen is as bright as what was, before it was clipped,
-    and of what was clipped as much exceeds 1, in all colours alike and leaning, as makes the median albedo
-    USUAL_ALBEDO."""
+    and of what was clipped as much exceeds 1, in all colours alike, as makes the median albedo USUAL_ALBEDO."""
     unit = 1.0 / np.sqrt(4.0 * np.pi)
     theta = np.zeros((UNSEEN_BANDS**2 + EXCESS_BANDS**2, 3))
     above = np.maximum(directions[:, 1:2], 0.0)
     weight = ((1.0 - parts.unseen) * above).sum(axis=0) / above.sum()
     mean = (parts.known * above).sum(axis=0) / above.sum() / np.maximum(weight, 1e-9)
     theta[0] = np.log(np.maximum(np.where(weight > LEAST_BOUND, mean, usual), 1e-6)) / unit
-    x, y, z = lean
-    theta[UNSEEN_BANDS**2 + 1 : UNSEEN_BANDS**2 + 4] = np.array([y, z, x])[:, None] / np.sqrt(3.0) / unit
     low, high = np.log(LEAST_EXCESS), np.log(MOST_EXCESS)
     bright = luminance(captured)
     for _ in range(20):  # halves the range each time: a millionth of it is left
@@ -190,19 +186,18 @@ def told_by_sky(sky):
 
 
 def exposure_of(sky, environment):
-    """Captured colour per radiance of a known Environment: (3,) float32, medians over what of a CapturedSky binds above
-    the horizon; None where that is too little to tell."""
+    """Captured colour per radiance of a known Environment: the median over what of a CapturedSky binds, weighted by the
+    square of its height, since trees stand low; None where there is too little to tell."""
     height, width = sky.bound.shape[:2]
     directions = texel_directions(height, width)
     areas = np.repeat(row_solid_angles(height, width), width, axis=1)
     binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > LEAST_HEIGHT) & (sky.radiance.min(axis=2) > 0.0)
     shown = environment.lookup(directions[binds])
-    lit = (shown > 0.0).all(axis=1)
+    lit = luminance(shown) > 0.0
     if areas[binds][lit].sum() < LEAST_COMPARED:
         return None
-    ratio = np.log(sky.radiance[binds][lit] / shown[lit])
-    logs = [weighted_median(ratio[:, color], areas[binds][lit]) for color in range(3)]
-    return np.exp(logs).astype(np.float32)
+    ratio = luminance(sky.radiance[binds][lit]) / luminance(shown[lit])
+    return np.float32(weighted_median(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
 
 
 def _unseen(bound, clipped, directions):
