@@ -32,7 +32,7 @@ LEVEL, BENEATH = 0.7, -0.3
 """Height of a normal from which a surface counts as level, and below which it hangs: a material counts once for
 each, since floors and walls of one hue are not of one paint."""
 
-LEAST_PATCHES, MOST_PATCHES = 200, 6000
+LEAST_PATCHES, MOST_PATCHES = 200, 3000
 """Fewer tell nothing, and of more some are taken."""
 
 OUTLIER = 0.5
@@ -41,9 +41,9 @@ OUTLIER = 0.5
 INDEPENDENT = 300.0
 """Patches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
 
-ALBEDO, ALBEDO_SPREAD = 0.25, 0.4
+ALBEDO, ALBEDO_SPREAD = 0.2, 0.25
 """Median albedo, in luminance, of what lies under an open sky, and spread of its logarithm. Asphalt has .12, grass and
-leaves .1 to .25, brick and paving .2 to .35; what lies around a table more."""
+leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than one too dark."""
 
 ALBEDOS = (0.14, 0.2, 0.28, 0.38, 0.5)
 """Medians that lights are tried to reach by their strength; none at all is tried as well."""
@@ -122,8 +122,8 @@ def patches_of(
 class Brightness(NamedTuple):
     """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
 
-    sun: (3,) unit direction or None. irradiance: of the sun, at right angles. told: evidence in nats over no light beyond
-    what was seen.
+    sun: (3,) unit direction or None. irradiance: of the sun, at right angles. told:
+    evidence in nats over no light beyond what was seen.
     """
 
     excess: float

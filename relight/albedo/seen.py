@@ -40,7 +40,7 @@ class Looks(NamedTuple):
 
 def standing(scene: Scene) -> np.ndarray:
     """(E, 3) float64, scene frame: where the capture of a place stood; none of an object."""
-    eyes = scene.capture.get("eyes", ()) if scene.capture.get("from") in ("inside", "both") else ()
+    eyes = scene.capture.get("eyes", ()) if scene.is_place else ()
     return np.asarray(eyes, np.float64).reshape(-1, 3)
 
 
