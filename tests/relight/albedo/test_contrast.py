@@ -84,7 +84,7 @@ def clipped_picture(light):
 
 
 def test_looks_see_fronts_from_where_the_capture_stood(place):
-    scene, geometry, _, looks = place
+    scene, _, _, looks = place
     count = len(scene.vertices)
     sizes = looks.sizes(count)
     assert sizes.sum() == pytest.approx(len(looks.corners), rel=1e-5)
@@ -103,7 +103,7 @@ def test_an_object_is_not_looked_at_from_within(place):
 
 @pytest.mark.parametrize("toward", [(0.6, 0.8, 0.2), (-0.5, 0.7, 0.5)])
 def test_contrast_tells_on_which_side_a_clipped_sky_is_bright(place, toward):
-    scene, geometry, albedo, looks = place
+    _, geometry, albedo, looks = place
     above = SKY[..., 1:2] > 0.0
     light = Environment(np.where(above, 1.0, 0.05) + lobe(toward, 12.0, 25.0) * above, "one side")
     captured = photographed(geometry, albedo, light)
@@ -119,7 +119,7 @@ def test_contrast_tells_on_which_side_a_clipped_sky_is_bright(place, toward):
 
 
 def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
-    scene, geometry, albedo, looks = place
+    _, geometry, albedo, looks = place
     toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
     above = SKY[..., 1:2] > 0.0
     light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
@@ -136,7 +136,7 @@ def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
 
 
 def test_too_few_patches_tell_nothing(place):
-    scene, geometry, albedo, looks = place
+    _, geometry, albedo, looks = place
     captured = np.full(albedo.shape, 0.5, np.float32)
     usable = np.zeros(len(captured), bool)
     arrays = geometry[0], captured, usable, geometry[1], np.zeros_like(captured)
@@ -150,7 +150,7 @@ def test_thinned_patches_keep_their_materials_apart():
 
 
 def test_a_known_light_takes_its_exposure_from_the_captured_sky(place):
-    scene, geometry, albedo, looks = place
+    _, geometry, albedo, looks = place
     light = Environment(np.where(SKY[..., 1:2] > 0.0, 0.6, 0.1) + lobe((0.3, 0.9, 0.2), 8.0), "known")
     shown = Environment(0.5 * light.radiance, "as shown")
     captured = photographed(geometry, albedo, shown)
