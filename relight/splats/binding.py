@@ -28,7 +28,7 @@ OBJECT_DISTANCE = 0.5
 """Diagonals from which a view sees a scene at least: what is nearer lets mesh and splats be apart by as much less, so
 that within a place nothing bleeds over jumps of depth."""
 
-EYES, EYE_PIXELS = 8, 160
+EYES, EYE_PIXELS = 8, 256
 """Of a place: the places to stand from which the fit looks all around, and the side of its views, six from each."""
 
 MIN_ALPHA = 0.5
