@@ -11,7 +11,8 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
-from ..albedo.interior import closed_part, told, within
+from ..albedo.interior import closed_part, told
+from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_TOLD, told_by_sky
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
@@ -104,7 +105,7 @@ def _without_light(
     cache = relighter.cache
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts += [within(relighter.scene), np.array(ROOMS)]
+    parts += [standing(relighter.scene), np.array(ROOMS)]
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     key = known + relighter.leaves, relighter.seed
     kept = cache.get("albedo", *key)
@@ -171,9 +172,11 @@ def _estimated(
 
     known = relighter.computed(CAPTURE)
     with relighter.stages.stage("albedo"):
-        part = None
+        scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
+        looks = looks_from(scene, relighter.occluder)
+        seen = None if looks is None else looks.sizes(len(captured))
+        volume = None if scene.measured is None else scene.measured.vertex_volume
         if capture_env is None:
-            scene = relighter.scene
             part = closed_part(scene, relighter.occluder, visible_fraction(known["transfer"]))
             hopeless = ""
             if part is not None:
@@ -186,12 +189,13 @@ def _estimated(
                 if room is not None:
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)
-            found = estimate(
-                relighter.occluder, captured, relighter.seed, **known, sky=_sky_of(scene), hopeless=hopeless
-            )
+            told_by = {"sky": sky, "looks": looks, "volume": volume, "hopeless": hopeless}
+            found = estimate(relighter.occluder, captured, relighter.seed, **known, **told_by)
         else:
-            found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
-        check = self_relight(relighter.occluder, captured, found, **known)
+            found = with_known_light(
+                relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
+            )
+        check = self_relight(relighter.occluder, captured, found, **known, seen=seen)
     return {
         **check,
         "under_sky": np.array(found.under_sky),
