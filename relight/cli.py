@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,7 +172,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
 def _understand(options: argparse.Namespace, source: Path) -> None:
     """Put the words of options into the form that the library knows. Raises InputError for what makes no sense."""
-    if not source.exists():
+    if not os.path.exists(source):
         raise _error(f"{source}: no such scene folder, splat or mesh file")
     options.method = chosen("--method", options.method, METHODS)
     options.sky = chosen("--sky", options.sky, ("new", "keep", "drop"))
