@@ -271,7 +271,7 @@ def _relit(
     reports, left = [], iter(folders)
     for light in lights:
         job = job if light == lights[0] else job.under(light)
-        reports += [job.write(shaded, next(left)) for shaded in job.shaded()]
+        reports += [job.write(shaded, next(left), options.overwrite) for shaded in job.shaded()]
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.sheet and len(folders) > 1:
         lines.append(str(job.write_sheet(folders[0].parent)))
