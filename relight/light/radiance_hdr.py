@@ -26,13 +26,13 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     exposure, order, start = _header(data, name)
     (first_sign, first, rows), (second_sign, second, columns) = order
     if {first, second} != {b"X", b"Y"} or not (rows and columns):
-        raise InputError(f"{name} is a damaged Radiance HDR file: its picture has no size")
+        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its picture has no size")
     check_pixels(name, rows, columns, len(data))
     pixels = np.zeros((rows, columns, 4), np.uint8)
     done = _unpack(np.frombuffer(data, np.uint8), start, pixels, _NEW_RUNS[0] <= columns <= _NEW_RUNS[1])
     if done < rows:
         raise InputError(
-            f"{name} is a damaged or truncated Radiance HDR file: {done} of {rows} rows can be read: export it again"
+            f"{name} is a damaged or unusual Radiance HDR file: {done} of {rows} rows can be read: export it again"
         )
     if first_sign == b"+":  # the usual order is -Y +X: from the top, from the left
         pixels = pixels[::-1] if first == b"Y" else pixels
@@ -56,7 +56,7 @@ def _header(data, name):
     while True:
         end = data.find(b"\n", start, _LONGEST_HEADER)
         if end < 0:
-            raise InputError(f"{name} is a damaged Radiance HDR file: its header has no end")
+            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its header has no end")
         line, start = data[start:end].strip(), end + 1
         if not line:
             break
@@ -67,15 +67,17 @@ def _header(data, name):
             elif key == b"COLORCORR":
                 exposure *= [float(part) for part in value.split()]
         except ValueError as error:
-            raise InputError(f"{name} is a damaged Radiance HDR file: {key.decode()} is {error}") from None
+            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: {key.decode()} is {error}") from None
         if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
             raise InputError(f"{name} stores CIE XYZ or another kind: convert it to 32-bit_rle_rgbe or OpenEXR")
     if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
-        raise InputError(f"{name} is a damaged Radiance HDR file: its exposure is {exposure.tolist()}")
+        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its exposure is {exposure.tolist()}")
     end = data.find(b"\n", start, start + 100)
     found = _RESOLUTION.fullmatch(data[start:end]) if end >= 0 else None
     if found is None:
-        raise InputError(f"{name} is a damaged Radiance HDR file: its picture has no size, such as -Y 512 +X 1024")
+        raise InputError(
+            f"{name} is a damaged or unusual Radiance HDR file: its picture has no size, such as -Y 512 +X 1024"
+        )
     parts = found.groups()
     return exposure, [(*parts[:2], int(parts[2])), (*parts[3:5], int(parts[5]))], end + 1
 
