@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -179,7 +180,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
 def _understand(options: argparse.Namespace, source: Path) -> None:
     """Put the words of options into the form that the library knows. Raises InputError for what makes no sense."""
-    if not source.exists():
+    if not os.path.exists(source):
         raise _error(f"{source}: no such scene folder, splat or mesh file")
     options.method = chosen("--method", options.method, METHODS)
     options.sky = chosen("--sky", options.sky, ("new", "keep", "drop"))
@@ -283,7 +284,7 @@ def _relit(
     reports, left = [], iter(folders)
     for light in lights:
         job = job if light == lights[0] else job.under(light)
-        reports += [job.write(shaded, next(left)) for shaded in job.shaded()]
+        reports += [job.write(shaded, next(left), options.overwrite) for shaded in job.shaded()]
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.sheet and len(folders) > 1:
         lines.append(str(job.write_sheet(folders[0].parent)))

@@ -7,10 +7,10 @@ job.write(shaded, folders)    write
 """
 
 import copy
-import json
 import os
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +23,7 @@ from splat2mesh.base.console import peak_mb
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.progress import Stages
+from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 from splat2mesh.scene.foreign import AnyScene, as_scene
 from splat2mesh.scene.scene import Scene
@@ -50,6 +51,10 @@ DEFAULT_FORMATS = ("glb", "png")
 
 AnyLight = Environment | str | os.PathLike[str]
 """An Environment, a file, or the name of a built-in one."""
+
+
+REPORT = "report.json"
+"""In every folder of results, which is how they are told from other folders."""
 
 
 class Shaded(NamedTuple):
@@ -215,6 +220,9 @@ class Job:
         lights = self._lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
         first = self._shading(lights[0])
+        if not first.radiance.any() and lights[0].radiance.any():
+            message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
+            warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self._exposure(first)
         yield Shaded(lights[0], first, exposure)
         for light in lights[1:]:
@@ -226,12 +234,15 @@ class Job:
 
     # write
 
-    def write(self, shaded: Shaded, folder: str | os.PathLike[str]) -> dict[str, Any]:
-        """Fill a folder with the results of one light; returns their report, JSON-clean."""
+    def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
+        """Fill a folder with the results of one light; returns their report, JSON-clean.
+
+        Raises InputError where the folder exists, unless it holds results and may be overwritten.
+        """
         light, shading, exposure = shaded
         report = self.report(shaded)
         alone = self._sheet and len(self.angles_deg) == 1
-        with staged_folder(folder) as staging:
+        with staged_folder(folder, overwrite, REPORT) as staging:
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
             if self._sheet:
                 self._results.add_to_sheet(light, shading.radiance, exposure)
@@ -277,7 +288,7 @@ class Job:
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .animation.film import FILM, animate, frame_times
+        from .animation.film import FILM, Frames, animate, frame_times
 
         self.plan  # noqa: B018
         albedo, animation, (light,) = self.appearance.albedo, self._animation, self._lights
@@ -292,14 +303,21 @@ class Job:
             shading = self.relighter.shading(light, albedo)
             return shading.radiance
 
+        def finish(staging: Path, written: Frames) -> None:
+            frames.close()  # the report tells how long they took
+            report.update(self.report(Shaded(light, shading, written.exposure)))
+            report.update({"animation": animation.name, "frames": written.frames, "fps": fps})
+            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+            self._write_report(staging, report)
+
+        report: dict[str, Any] = {}
         exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
         picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
-        with self.stages.stage("frames", count) as advance:
-            written = animate(animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, **picture)
-        report = self.report(Shaded(light, shading, written.exposure))
-        report |= {"animation": animation.name, "frames": written.frames, "fps": fps}
-        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-        self._write_report(folder, report)
+        with ExitStack() as frames:
+            advance = frames.enter_context(self.stages.stage("frames", count))
+            written = animate(
+                animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, finish=finish, **picture
+            )
         return written.note, report
 
     def session(self) -> dict[str, Any]:
@@ -414,7 +432,7 @@ class Job:
 
     def _write_report(self, folder: str | os.PathLike[str], report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
-        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        (Path(folder) / REPORT).write_text(text_of(report, indent=1) + "\n", encoding="utf-8")
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within

@@ -102,7 +102,7 @@ def _generate(options):
         "bounds": [truth.vertices.min(axis=0).tolist(), truth.vertices.max(axis=0).tolist()],
         "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
     }
-    with staged_folder(options.out) as folder:
+    with staged_folder(options.out, options.overwrite) as folder:
         write_inria_ply(folder / "splat.ply", splats)
         write_truth_ply(folder / "truth.ply", truth, factor * radiance, seen_vertices)
         write_colmap(folder / "sparse" / "0", views)

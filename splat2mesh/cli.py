@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import sys
 import time
 from pathlib import Path
@@ -121,7 +122,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .scene.scene import META
 
     source = Path(options.input)
-    if not source.exists():
+    if not os.path.exists(source):
         raise InputError(f"{source}: no such file")
     _understand(options)
     output = Path(options.output or default_output(source))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
@@ -108,7 +109,7 @@ def _without_light(
     parts += [standing(relighter.scene), np.array(ROOMS)]
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     key = known + relighter.leaves, relighter.seed
-    kept = cache.get("albedo", *key)
+    kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
         cache.put("albedo", *key, **kept)
@@ -129,6 +130,19 @@ def _without_light(
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
     return look._replace(kept=described["left_as_captured"], room=room)
+
+
+def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
+    """What was kept of an estimate. Raises KeyError or ValueError where something is missing or does not fit."""
+    from ..albedo import Prior
+
+    names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
+    for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
+        kept[name]  # or a KeyError
+    for name in ("albedo", "irradiance"):
+        if kept[name].shape != shape or kept[name].dtype.kind != "f" or not np.isfinite(kept[name]).all():
+            raise ValueError(f"its {name} does not fit the scene")
+    return kept
 
 
 def _sky_of(scene):
@@ -213,10 +227,12 @@ _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "
 def _read(choice: str | os.PathLike[str], count: int) -> NDArray[np.float32]:
     """(V, 3) of a .npy file."""
     try:
-        albedo = np.load(choice)
-    except FileNotFoundError:
-        raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
-    except (OSError, ValueError) as error:
+        if not os.path.lexists(choice):
+            raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file")
+        albedo = load_array(choice)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"`albedo` {choice}: not an array in .npy format ({error})") from None
     return _checked(albedo, choice, count)
 

@@ -68,10 +68,12 @@ class Precomputed:
 
     def _matrix(self, rays, visible):
         """The Interreflection, kept from before or computed."""
-        kept = self.cache.get("bounces", rays, self.seed)
+        with self._stages.stage("bounce rays kept"):
+            kept = self.cache.restored(
+                lambda arrays: Interreflection.restored(rays, arrays, visible), "bounces", rays, self.seed
+            )
         if kept is not None:
-            with self._stages.stage("bounce rays kept"):
-                return Interreflection.restored(rays, kept, visible)
+            return kept
         occluder = self.occluder
         with self._stages.stage("bounce rays", len(visible)) as advance:
             found = Interreflection(occluder, rays, self.seed, visible, advance)
@@ -85,10 +87,11 @@ class Precomputed:
         for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
             if key[4] != self.seed or not _serves(key, settings, self._leaves(settings)):
                 continue
+            shape = int(self.sizes.sum()), key[1] ** 2
             with self._stages.stage("transfer kept"):
-                kept = self.cache.get("transfer", *key)
-            if kept is not None and kept["transfer"].shape == (self.sizes.sum(), key[1] ** 2):
-                return key, kept["transfer"]
+                kept = self.cache.restored(lambda arrays: _transfer(arrays, shape), "transfer", *key)  # noqa: B023
+            if kept is not None:
+                return key, kept
         return None
 
     def _computed(self, settings):
@@ -132,11 +135,13 @@ class Precomputed:
         name = _chunks_text(settings.shadowed), self.seed, self.foliage.key if settings.volume else SURFACES
         visibility = self._visibility
         if visibility is None:
-            kept = self.cache.get("visibility", *name)
-            if kept is not None:
-                visibility = Visibility.restored(
-                    self.occluder, int(kept["base"]), self.seed, kept["bits"], kept["traced"]
-                )
+            occluder, seed = self.occluder, self.seed
+            visibility = self.cache.restored(
+                lambda kept: Visibility.restored(occluder, int(kept["base"]), seed, kept["bits"], kept["traced"]),
+                "visibility",
+                *name,
+            )
+            if visibility is not None:
                 visibility.name = name
         if visibility is not None and visibility.name == name and visibility.reaches(settings.rays):
             before = visibility.rays
@@ -166,6 +171,14 @@ class Precomputed:
         """What a transfer is told apart by, as its file is named."""
         method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
+
+
+def _transfer(kept, shape):
+    """The transfer of what was kept. Raises ValueError for another shape or type, and unless it is finite."""
+    transfer = kept["transfer"]
+    if transfer.shape != shape or transfer.dtype != np.float32 or not np.isfinite(transfer).all():
+        raise ValueError(f"expected float32 of shape {shape}, found {transfer.dtype} of {transfer.shape}")
+    return transfer
 
 
 def _key_of(texts):

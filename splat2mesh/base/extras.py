@@ -7,7 +7,6 @@ from types import ModuleType
 from .errors import InputError
 
 EXTRAS = {
-    "pycolmap": "colmap",
     "onnxruntime": "networks",
     "pyvista": "view",
     "imageio_ffmpeg": "film",

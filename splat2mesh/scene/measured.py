@@ -3,15 +3,18 @@
 Kept beside scene.json in one compressed file, `measured.npz`.
 """
 
-import zipfile
 from typing import NamedTuple
 
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.inputs import load_arrays
 from .optical_depth import OpticalDepth
 
 FILE = "measured.npz"
+
+LARGEST = 1 << 29
+"""Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
 SKY_HEIGHT, SKY_WIDTH = 64, 128
 """Texels of 2.8 degrees: the light of a scene needs no finer ones, but for suns, and those are clipped."""
@@ -90,8 +93,7 @@ class Measured(NamedTuple):
     def load(cls, path, vertices):
         """Raises InputError for a file that is damaged, or of another number of vertices."""
         try:
-            with np.load(path) as kept:
-                arrays = dict(kept)
+            arrays = load_arrays(path, LARGEST)
             sky = None
             if "sky_radiance" in arrays:
                 parts = arrays["sky_bound"], arrays["sky_clipped"]
@@ -103,7 +105,9 @@ class Measured(NamedTuple):
             if len(found.vertex_volume) != vertices:
                 raise ValueError(f"it is of {len(found.vertex_volume)} vertices, the scene has {vertices}")
             return found
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        except (KeyError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
 
 
