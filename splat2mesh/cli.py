@@ -118,7 +118,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
-    from .scene.scene import META
+    from .scene.scene import META, PICTURE
 
     source = Path(options.input)
     if not source.exists():
@@ -157,7 +157,9 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         stages.close()
     seconds = time.perf_counter() - start
     counts = scene.statistics
-    lines = [*told(scene, output, seconds), f"  next: relight {output} --env sunset"]
+    lines = told(scene, output, seconds)
+    lines += [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    lines += [f"  next: relight {output} --env sunset"]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
     result = {
