@@ -95,10 +95,7 @@ def _without_light(
     from ..albedo import Prior
 
     cache = relighter.cache
-    sky = _sky_of(relighter.scene)
-    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts.append(within(relighter.scene))
-    key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
+    key = _key(captured, capture_env, relighter)
     kept = cache.get("albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
@@ -115,6 +112,21 @@ def _without_light(
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
     return look._replace(kept=bool(kept["closed"]))
+
+
+def _key(captured, capture_env, relighter):
+    """Under what an estimate is kept."""
+    sky = _sky_of(relighter.scene)
+    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
+    parts.append(within(relighter.scene))
+    return array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
+
+
+def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
+    """The albedo that was estimated before and kept, (V, 3), or None: what a plan asks, which estimates nothing."""
+    captured = relighter.scene.colors_linear
+    kept = relighter.cache.get("albedo", *_key(captured, capture_env, relighter))
+    return None if kept is None else kept["albedo"]
 
 
 def _sky_of(scene):
