@@ -30,7 +30,10 @@ EXAMPLES = """examples:
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
 
 MAX_ANGLES = 3600
-LIGHT_STAGES = {"occluder", "rays", "keep", "transfer", "plan", "check", "light", "sunlight", "shade", "bounces"}
+LIGHT_STAGES = frozenset(
+    {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
+    | {"plan", "check", "light", "sunlight", "shade", "bounces"}
+)
 """What `--budget` is spent on; "bounce rays" are traced for the albedo too, which no budget covers."""
 
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32

@@ -195,7 +195,7 @@ class Results:
         kept = cache.get("texels", key)
         if kept is not None:
             return Baked.of_arrays(kept)
-        more = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
+        more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
         made = bake(self._scene, self._splats, **known, **more)
         cache.put("texels", key, **made.arrays())
         return made

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ class Baked:
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray]) -> "Baked":
         """What `arrays` made of it."""
-        atlas = {name: arrays[f"atlas_{name}"] for name in _ATLAS}
+        atlas: dict[str, Any] = {name: arrays[f"atlas_{name}"] for name in _ATLAS}
         for name in ("vertices", "size", "texel_size"):
             atlas[name] = atlas[name].item()
         atlas["chunks"] = [range(*ends) for ends in atlas["chunks"].tolist()]
