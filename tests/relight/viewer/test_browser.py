@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[3]
 CELL = """
 from viewer_scenes import ball_on_plate
 from relight import view
-view(ball_on_plate(), "noon", method="analytic", tolerance=0.2, size=(160, 120))
+view(ball_on_plate(), "noon", method="analytic", tolerance=0.1, size=(160, 120))
 """
 
 
@@ -49,7 +49,7 @@ def test_a_cell_shows_a_widget(importable):
 def served(importable, tmp_path):
     """A running `relight ball --serve`: the process, and the address that it tells."""
     ball_on_plate().save(tmp_path / "ball")
-    command = [sys.executable, "-m", "relight", "ball", "--serve", "--method", "analytic", "--tolerance", "20%"]
+    command = [sys.executable, "-m", "relight", "ball", "--serve", "--method", "analytic", "--tolerance", "10%"]
     command += ["--albedo", "captured"]
     process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     lines = []
