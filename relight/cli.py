@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.commandline import Parser, chosen, several, share
+from splat2mesh.base.manual import add_manuals
 from splat2mesh.base.version import VERSION
 
 from .output.kinds import BAKED, FILES
@@ -116,6 +117,7 @@ def parser() -> argparse.ArgumentParser:
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
 
 

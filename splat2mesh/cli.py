@@ -9,6 +9,7 @@ from typing import Any
 
 from .base.commandline import Parser, chosen
 from .base.console import peak_mb, run, wants_progress
+from .base.manual import add_manuals
 from .base.version import VERSION
 
 EXAMPLES = """examples:
@@ -107,6 +108,7 @@ def parser() -> argparse.ArgumentParser:
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
 
 
