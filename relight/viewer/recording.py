@@ -29,6 +29,7 @@ class Recording:
         self.path, self._window, self._frames, self._what, self._panel = path, window, frames, what, panel
         self._state, self._orbit, self._done = window.session.state, window.orbit, 0
         self._started, self._shape, self.asked = time.perf_counter(), None, False
+        self._looked = window.orbit
         window.session.change(turning=False, help=False)
         options = {"fps": FRAMES_PER_SECOND} if path.suffix == ".mp4" else {"duration": 1000 / FRAMES_PER_SECOND}
         if path.suffix == ".gif":
@@ -67,7 +68,8 @@ class Recording:
         if self._what == "light":
             self._window.session.change(angle_deg=self._state.angle_deg + self._turned())
         else:
-            self._window.look(self._orbit.dragged(-self._turned() / 180.0, 0.0))
+            self._looked = self._orbit.dragged(-self._turned() / 180.0, 0.0)
+            self._window.look(self._looked)
 
     def _moved_away(self):
         """Whether somebody turned or reset what the film turns; it is turned back."""
@@ -75,7 +77,7 @@ class Recording:
             away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
             moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
         else:
-            moved = self._window.orbit != self._orbit.dragged(-self._turned() / 180.0, 0.0)
+            moved = self._window.orbit != self._looked
         if moved:
             self._turn()
         return moved
