@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.commandline import Parser, chosen, several, share
+from splat2mesh.base.manual import add_manuals
 from splat2mesh.base.version import VERSION
 
 from .output.kinds import BAKED, FILES, HARMONICS
@@ -32,6 +33,12 @@ EXAMPLES = """examples:
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
 
 MAX_ANGLES = 3600
+LIGHT_STAGES = frozenset(
+    {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
+    | {"plan", "check", "light", "sunlight", "shade", "bounces"}
+)
+"""What `--budget` is spent on; "bounce rays" are traced for the albedo too, which no budget covers."""
+
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32
 
 
@@ -82,6 +89,7 @@ def parser() -> argparse.ArgumentParser:
     add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
     add("--plan", action="store_true", help="print what would be done, and what accuracy costs here; do nothing")
     add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
+    add("--clear-cache", action="store_true", help="remove first what is kept in SCENE/cache")
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
 
     add = parser.add_argument_group("session").add_argument
@@ -118,6 +126,7 @@ def parser() -> argparse.ArgumentParser:
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
 
 
@@ -197,6 +206,8 @@ def _understand(options: argparse.Namespace, source: Path) -> None:
         raise _error("--live: it is of --format glb; give that too")
     if options.lights and not {"live", "web"} & set(options.format or ()):
         raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
+    if options.clear_cache and (options.plan or options.no_cache):
+        raise _error("--clear-cache: with --plan and --no-cache nothing is written and nothing removed")
     if options.screenshot:
         from .output.mesh_files import check_image
 
@@ -271,6 +282,8 @@ def _relit(
         stages=stages,
         messages=messages,
     )
+    if options.clear_cache:
+        job.relighter.cache.clear()
     if options.plan:
         return _planned(job)
     if options.serve is not None:
@@ -288,6 +301,7 @@ def _relit(
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.sheet and len(folders) > 1:
         lines.append(str(job.write_sheet(folders[0].parent)))
+    lines += _costs(job, options)
     if options.verbose:
         lines += job.plan.table() if job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
@@ -331,11 +345,24 @@ def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
 
 
 def _planned(job: "Job") -> tuple[list[str], Any]:
-    if job.plan is None and job.steady:
+    plan, note = job.planned()
+    if plan is None and job.steady:
         raise _error("--plan: no environment changes this room, so that there is nothing to plan")
-    if job.plan is None:
+    if plan is None:
         raise _error(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
-    return job.plan.table(), {"plan": job.plan.as_dict()}
+    return plan.table() + [f"  {note}"] * bool(note), {"plan": plan.as_dict(), "note": note}
+
+
+def _costs(job: "Job", options: argparse.Namespace) -> list[str]:
+    """What the summary says of seconds beyond a budget, and of what is kept on disk."""
+    lines = []
+    if options.budget_s is not None:
+        beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)
+        lines.append(f"  --budget {options.budget_s:g} is for the light; all else took {beyond:.1f} s")
+    size = job.relighter.cache.size_bytes
+    if size:
+        lines.append(f"  {job.relighter.cache.folder} keeps {size / 2**20:.0f} MB for the next light (--clear-cache)")
+    return lines
 
 
 def _error(message: str) -> Exception:

@@ -30,7 +30,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from .engine.appearance import CHOICES, Appearance, appearance_of
+from .engine.appearance import CHOICES, Appearance, albedo_kept, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.skies import BUILTIN
@@ -211,6 +211,19 @@ class Job:
         if self.steady:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.angles_deg))
+
+    def planned(self) -> tuple["Plan | None", str]:
+        """The Plan without any work that takes long, and a note on what it leaves open, or "".
+
+        Where the albedo was not estimated yet, it plans with the captured colours.
+        """
+        if self._choice_name != "estimated" or "appearance" in self.__dict__:
+            return self.plan, ""
+        relighter = self.relighter
+        albedo = albedo_kept(None if self._capture_env is None else _light(self._capture_env), relighter)
+        note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
+        used = self.scene.colors_linear if albedo is None else albedo
+        return relighter.plan_for(self.environment, used, len(self.angles_deg)), note
 
     # shade
 

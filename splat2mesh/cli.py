@@ -10,6 +10,7 @@ from typing import Any
 
 from .base.commandline import Parser, chosen
 from .base.console import peak_mb, run, wants_progress
+from .base.manual import add_manuals
 from .base.version import VERSION
 
 EXAMPLES = """examples:
@@ -108,6 +109,7 @@ def parser() -> argparse.ArgumentParser:
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
 
 
@@ -119,7 +121,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
-    from .scene.scene import META
+    from .scene.scene import META, PICTURE
 
     source = Path(options.input)
     if not os.path.exists(source):
@@ -158,7 +160,9 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         stages.close()
     seconds = time.perf_counter() - start
     counts = scene.statistics
-    lines = [*told(scene, output, seconds), f"  next: relight {output} --env sunset"]
+    lines = told(scene, output, seconds)
+    lines += [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    lines += [f"  next: relight {output} --env sunset"]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
     result = {

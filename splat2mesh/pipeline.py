@@ -6,6 +6,7 @@ import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
+from .render.beside import beside
 from .scene.chunks import DEFAULT_MAX_VERTICES, split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
@@ -118,6 +119,7 @@ def convert(
         else:
             view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
         camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
+        picture = beside(splats, mesh, view, near_plane(bounds_of(foreground)))
     statistics = {
         "splats": len(splats) + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
@@ -148,6 +150,7 @@ def convert(
             background_splats=np.sort(rows[far]),
             scene_from_splat=rotation,
             preview_camera=camera,
+            picture=picture,
             capture=_capture(standing, rotation),
             source=describe(path, lod),
             settings=settings,

@@ -104,11 +104,7 @@ def _without_light(
     from ..rooms.keeping import room_from
 
     cache = relighter.cache
-    sky = _sky_of(relighter.scene)
-    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts += [standing(relighter.scene), np.array(ROOMS)]
-    known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
-    key = known + relighter.leaves, relighter.seed
+    key = _key(captured, capture_env, relighter)
     kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
@@ -143,6 +139,23 @@ def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str,
         if kept[name].shape != shape or kept[name].dtype.kind != "f" or not np.isfinite(kept[name]).all():
             raise ValueError(f"its {name} does not fit the scene")
     return kept
+
+
+def _key(captured, capture_env, relighter):
+    """Under what an estimate is kept."""
+    sky = _sky_of(relighter.scene)
+    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
+    parts += [standing(relighter.scene), np.array(ROOMS)]
+    known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
+    return known + relighter.leaves, relighter.seed
+
+
+def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
+    """The albedo that was estimated before and kept, (V, 3), or None: what a plan asks, which estimates nothing."""
+    captured = relighter.scene.colors_linear
+    key = _key(captured, capture_env, relighter)
+    kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
+    return None if kept is None else kept["albedo"]
 
 
 def _sky_of(scene):

@@ -27,6 +27,9 @@ MOST_OF_A_KIND = 6
 LARGEST = 1 << 34
 """Bytes of the arrays of one file: the transfer of 5 million vertices in 10 bands has 2 GB."""
 
+MOST_BYTES = 2 * 2**30
+"""Of all files of a folder together, except the one that was kept last: 160 MB is the transfer of a large place."""
+
 
 class Cache:
     """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found.
@@ -85,12 +88,35 @@ class Cache:
             os.replace(name, path)
             name = None
             self._forget(kind)
+            self._fit()
         except OSError:
             pass
         finally:
             if name is not None:
                 with contextlib.suppress(OSError):
                     os.unlink(name)
+
+    @property
+    def size_bytes(self):
+        """Of all that is kept in the folder."""
+        return sum(path.stat().st_size for path in self._files())
+
+    def clear(self):
+        """Remove all that is kept in the folder, whatever geometry it is of."""
+        for path in self._files():
+            path.unlink(missing_ok=True)
+
+    def _files(self):
+        return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
+
+    def _fit(self):
+        """Remove what was not used for longest until the rest is small enough."""
+        files = sorted(((path.stat().st_mtime, path.stat().st_size, path) for path in self._files()), reverse=True)
+        total = 0
+        for index, (_, size, path) in enumerate(files):
+            total += size
+            if index and total > MOST_BYTES:
+                path.unlink(missing_ok=True)
 
     def _path(self, kind, settings):
         return self.folder / ("-".join([kind, *map(str, settings)]) + ".npz")

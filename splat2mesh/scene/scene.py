@@ -3,6 +3,7 @@
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 background.npy      rows of the source's splats that are far background, where there are any
+preview.png         the splat and the mesh side by side
 measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
 """
 
@@ -52,6 +53,7 @@ MOST_REACH = 1e4
 
 BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED
+PICTURE = "preview.png"
 
 
 @dataclass
@@ -70,6 +72,7 @@ class Scene:
     capture: dict of what the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes`
         ((3,) places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
     measured: what was measured on the splats beyond the surface, or None.
+    picture: (H, W, 3) uint8, the splat and the mesh side by side, which `save` writes as preview.png; never read.
 
     A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
     `colors_linear` are put together on first use, kept, and read-only.
@@ -86,6 +89,7 @@ class Scene:
     background_splats: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     capture: dict[str, Any] = field(default_factory=dict)
     measured: Measured | None = None
+    picture: NDArray[np.uint8] | None = None
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
@@ -148,6 +152,10 @@ class Scene:
                 np.save(folder / BACKGROUND, self.background_splats.astype(np.int64))
             if self.measured is not None:
                 self.measured.save(folder / MEASURED)
+            if self.picture is not None:
+                import imageio.v3 as iio
+
+                iio.imwrite(folder / PICTURE, self.picture)
             meta = {
                 "schema_version": SCHEMA_VERSION,
                 "version": VERSION,
