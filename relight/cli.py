@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from splat2mesh.base.commandline import Parser, chosen, several, share
 from splat2mesh.base.manual import add_manuals
 from splat2mesh.base.version import VERSION
+from splat2mesh.cli import add_tiling, wants_tiles
 
 from .output.kinds import BAKED, FILES, HARMONICS
 from .transfer import METHODS
@@ -26,6 +27,7 @@ EXAMPLES = """examples:
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight lounge --env overcast --lamps off --format splat
+  relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
   relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
@@ -103,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
     add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
     add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
 
+    add_tiling(parser)
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
@@ -165,6 +168,10 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
     from .meshing import is_splat
 
+    if "://" in options.scene or wants_tiles(options) or (Path(options.scene) / "city.json").is_file():
+        from .tiles.command import light_city
+
+        return light_city(options, parser().parse_args([options.scene]), angles_from(options.rotate))
     source = Path(options.scene)
     _understand(options, source)
     if options.serve is not None and _is_page(source):

@@ -212,6 +212,16 @@ def with_known_light(
     return scene.result(scaled, evidence, direct * gain.astype(np.float32))
 
 
+def under_light(occluder, captured, environment, prior, seed=0, transfer=None, interreflection=None):
+    """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
+
+    environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
+    """
+    scene = _Scene(occluder, captured, seed, lambda count: None, transfer, interreflection)
+    irradiance = scene.direct(environment) + scene.bounce
+    return albedo_of(scene.captured, irradiance, prior), irradiance
+
+
 class _Scene:
     """What both ways share: the places, the light that surfaces send each other, and the result.
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from .compiling import allow_read_only_install
-from .errors import DataWarning, InputError, with_options
+from .errors import DataWarning, InputError, UnfinishedError, with_options
 from .interrupts import stopping_in_order
 from .strictjson import text_of
 
@@ -63,6 +63,8 @@ def run(
                 lines, result = command(options)
         except InputError as error:
             return _fail(with_options(str(error), names), EXIT_BAD_INPUT, options)
+        except UnfinishedError as error:
+            return _fail(with_options(str(error), names), EXIT_FAILED, options)
         except KeyboardInterrupt as error:
             return _fail(str(error) or "interrupted", EXIT_INTERRUPTED, options)
         except Exception as error:

@@ -10,6 +10,8 @@ EXTRAS = {
     "onnxruntime": "networks",
     "pyvista": "view",
     "imageio_ffmpeg": "film",
+    "distributed": "cluster",
+    "fsspec": "cluster",
 }
 """Package -> the extra of pyproject.toml that brings it."""
 

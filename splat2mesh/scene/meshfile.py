@@ -134,15 +134,37 @@ def _color_bytes(colors: NDArray | None, count: int) -> NDArray[np.uint8]:
 
 def write_mesh_ply(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour."""
-    vertex = np.zeros(len(mesh.vertices), [("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
+    with open(path, "wb") as file:
+        file.write(mesh_ply_bytes(mesh))
+
+
+_VERTEX = [("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)]
+_FACE = [("count", "u1"), ("indices", "<i4", 3)]
+
+
+def mesh_from_ply_bytes(data: bytes) -> Mesh:
+    """The Mesh of the bytes that `mesh_ply_bytes` made, bit by bit. Raises InputError for others."""
+    header, mark, body = data.partition(b"end_header\n")
+    words = header.split()
+    try:
+        count, faces = (int(words[words.index(name) + 1]) for name in (b"vertex", b"face"))
+        vertex = np.frombuffer(body, np.dtype(_VERTEX), count)
+        face = np.frombuffer(body, np.dtype(_FACE), faces, vertex.nbytes)
+    except (ValueError, IndexError) as error:
+        raise InputError(f"a mesh of a tile is damaged ({error}): make the city again") from None
+    if not mark or len(body) != vertex.nbytes + face.nbytes:
+        raise InputError("a mesh of a tile is damaged (its size is not what its header says): make the city again")
+    return Mesh(*(np.array(a) for a in (vertex["position"], vertex["normal"], face["indices"], vertex["color"])))
+
+
+def mesh_ply_bytes(mesh: Mesh) -> bytes:
+    """The PLY that `write_mesh_ply` writes."""
+    vertex = np.zeros(len(mesh.vertices), _VERTEX)
     vertex["position"], vertex["normal"], vertex["color"] = mesh.vertices, mesh.normals, mesh.colors_srgb
-    face = np.zeros(len(mesh.faces), [("count", "u1"), ("indices", "<i4", 3)])
+    face = np.zeros(len(mesh.faces), _FACE)
     face["count"], face["indices"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
     header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     header += [f"property uchar {name}" for name in ("red", "green", "blue")]
     header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    with open(path, "wb") as file:
-        file.write("\n".join(header).encode("ascii"))
-        vertex.tofile(file)
-        face.tofile(file)
+    return "\n".join(header).encode("ascii") + vertex.tobytes() + face.tobytes()
