@@ -38,7 +38,7 @@ def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     if not stat.S_ISREG(found.st_mode):
-        raise InputError(f"{path} is no regular file, but a {_kind(found.st_mode)}: expected a {what}")
+        raise InputError(f"cannot read {path}: it is a {_kind(found.st_mode)}, expected a {what}")
     return found.st_size
 
 
@@ -165,5 +165,5 @@ def quiet_numbers() -> Iterator[None]:
 
 
 def _kind(mode: int) -> str:
-    kinds = {stat.S_ISDIR: "folder", stat.S_ISFIFO: "pipe", stat.S_ISSOCK: "socket"}
+    kinds = {stat.S_ISDIR: "directory", stat.S_ISFIFO: "pipe", stat.S_ISSOCK: "socket"}
     return next((name for test, name in kinds.items() if test(mode)), "device")

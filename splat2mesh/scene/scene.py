@@ -112,7 +112,7 @@ class Scene:
 
     @classmethod
     def _of_folder(cls, path: Path) -> "Scene":
-        entries, fields = _read_meta(path / META)
+        entries, fields, sums = _read_meta(path / META)
         chunks: list[Mesh] = []
         background: list[Mesh] = []
         for file, is_background, *expected in entries:
@@ -124,7 +124,12 @@ class Scene:
                     f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
                     f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
                 )
+            if file in sums and sha256_of(file) != sums[file]:
+                raise _changed(file)
             (background if is_background else chunks).append(mesh)
+        for file in (path / name for name in BESIDE):
+            if file in sums and sha256_of(file) != sums[file]:
+                raise _changed(file)
         if (path / BACKGROUND).is_file():
             fields["background_splats"] = _read_rows(path / BACKGROUND)
         if (path / MEASURED).is_file():
@@ -298,31 +303,36 @@ def _digest(file: Any) -> str:
 
 
 def _sum(meta: dict[str, Any]) -> str:
-    """SHA-256 of what scene.json says, whatever its spaces and the order of its keys."""
+    """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
+    they may be mended by hand, and what they lead to has a checksum of its own."""
     told = {name: meta.get(name) for name in SUMMED}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    source = dict(told["source"] or {})
+    source.pop("path", None)
+    if "objects" in source:
+        source["objects"] = [{key: each[key] for key in each if key != "path"} for each in source["objects"]]
+    return hashlib.sha256(json.dumps(told | {"source": source}, sort_keys=True).encode()).hexdigest()
 
 
 def _check_sums(path: Path, meta: dict[str, Any]) -> None:
-    """Raise InputError where scene.json or a file that it names is not as it was written. Version 1 had no sums."""
-    summed = [("sha256" in meta), "files" in meta, *("sha256" in entry for entry in meta["chunks"])]
+    """Raise InputError where scene.json is not as it was written. Version 1 had no sums."""
+    summed = ["sha256" in meta, "files" in meta, *("sha256" in entry for entry in meta["chunks"])]
     if meta["schema_version"] == 1 and not any(summed):
         return
-    advice = "copy the folder again, or convert the splat again"
     if not all(summed) or _sum(meta) != meta["sha256"]:
-        raise InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
-    files = {path.parent / "chunks" / entry["file"]: entry["sha256"] for entry in meta["chunks"]}
-    files |= {path.parent / name: digest for name, digest in meta["files"].items() if name in BESIDE}
-    for file, digest in files.items():
-        if sha256_of(file) != digest:
-            raise InputError(f"{file}: damaged or changed since it was written (its SHA-256 differs): {advice}")
+        raise _changed(path)
     extra = [name for name in BESIDE if (path.parent / name).exists() and name not in meta["files"]]
     if extra:
         raise InputError(f"{path.parent / extra[0]}: no part of this scene, whose {META} does not name it: remove it")
 
 
-def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
-    """Of scene.json: [file, whether background, vertices, faces] of each chunk, and the Scene's other fields."""
+def _changed(path: Path) -> InputError:
+    advice = "copy the folder again, or convert the splat again"
+    return InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
+
+
+def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
+    """Of scene.json: [file, whether background, vertices, faces] of each chunk, the Scene's other fields, and the
+    SHA-256 of files."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
@@ -350,7 +360,12 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
             ]
             for entry in meta["chunks"]
         ]
-        _check_sums(path, meta)
+        sums = {
+            file: entry["sha256"]
+            for (file, *_), entry in zip(entries, meta["chunks"], strict=True)
+            if "sha256" in entry
+        }
+        sums |= {path.parent / name: digest for name, digest in meta.get("files", {}).items() if name in BESIDE}
         if all(is_background for _, is_background, *_ in entries):
             raise ValueError("only background chunks")
         fields = {"capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
@@ -359,8 +374,9 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any]]:
         if not np.isfinite(fields["scene_from_splat"]).all():
             raise ValueError("scene_from_splat is not finite")
         _check_camera(fields["preview_camera"], meta.get("bounds"))
+        _check_sums(path, meta)
     except InputError:
         raise
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error
-    return entries, fields
+    return entries, fields, sums

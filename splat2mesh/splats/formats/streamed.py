@@ -88,7 +88,7 @@ def open_streamed(path):
             raise InputError(f"{path}: version {version} of {META} is not known here: expected 1")
         levels, names = int(meta["lodLevels"]), [inside(path.parent, name, path) for name in meta["filenames"]]
         if not 0 < levels <= MOST_LEVELS:
-            raise InputError(f"{path}: lodLevels must be from 1 to {MOST_LEVELS}, found {levels}")
+            raise InputError(f"{path}: lodLevels must be positive and at most {MOST_LEVELS}, found {levels}")
         tiles = _tiles(path, meta["tree"], levels, names)
         environment = inside(path.parent, meta["environment"], path) if meta.get("environment") else None
         counts = tuple(sum(tile.values()) for tile in tiles)
