@@ -34,7 +34,7 @@ def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
     try:
         found = os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{path}: no such file: expected a {what}") from None
+        raise InputError(f"cannot read {path}: no such file, expected a {what}") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
     if not stat.S_ISREG(found.st_mode):
