@@ -418,7 +418,8 @@ class Job:
         if splats is not None and {"live", "web"} & set(self.formats):
             others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
             tolerance = self._wishes.tolerance
-            live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
+            known = look._replace(kept=True) if look.room else look  # what is live knows no lamps
+            live = LiveFiles(self.relighter, known, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
         engines = None
         if self._live_mesh or {*FOR_ENGINES} & {*self.formats}:
             wishes = self._live_mesh, self._harmonics, self._sky
