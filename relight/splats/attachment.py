@@ -16,10 +16,6 @@ of the mesh, and 32 lose 0.5 to 0.9."""
 NEAR = 2e-3
 """Of the diagonal: nearer points weigh the same. Centres of Gaussians scatter about the surface by 0.3 to 0.7%."""
 
-SPACING = 0.5
-"""Of the mean length of the edges about a vertex: nearer points weigh the same in a place, whose mesh is finer than its
-diagonal tells. So what lies just behind an edge does not bleed over it."""
-
 ROUND = 0.5
 """Ratio of shortest to middle axis from which a Gaussian has no normal. The flatter, the more its normal counts."""
 
@@ -41,8 +37,7 @@ class Surface:
     """The welded mesh of a scene in the frame of its splats.
 
     points, normals: (M, 3) float32 of its nodes, which are vertices that agree in both. node: (V,) their number for
-    each vertex. faces: (F, 3) int32 of nodes. areas: (M,) float64. spacing: (M,) float32, mean length of the edges of
-    a node's faces. diagonal: of the box.
+    each vertex. faces: (F, 3) int32 of nodes. areas: (M,) float64. diagonal: of the box.
     """
 
     def __init__(self, scene):
@@ -62,10 +57,6 @@ class Surface:
         a, b, c = self.points[self.faces.T].astype(np.float64)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
         self.areas = np.bincount(self.faces.ravel(), np.repeat(area, 3), len(self.points))
-        edges = np.stack([np.linalg.norm(b - a, axis=1), np.linalg.norm(c - b, axis=1), np.linalg.norm(a - c, axis=1)])
-        at = np.bincount(self.faces.ravel(), minlength=len(self.points))
-        lengths = np.bincount(self.faces.ravel(), np.repeat(edges.mean(axis=0), 3), len(self.points))
-        self.spacing = (lengths / np.maximum(at, 1)).astype(np.float32)
         used = np.unique(self.faces)
         self.diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
         self._caster = None
@@ -91,7 +82,7 @@ class Places:
         """Ask the mesh: `columns` (N, 9) int32 nodes, `weights` (N, 9) float32, rows that sum to 1, and `far` (N,)
         float32, the part that a mean over the scene has. Needs finite means and quaternions that are not zero."""
         self._surface, self._means = surface, splats.means
-        count = len(splats)
+        count, near = len(splats), NEAR * surface.diagonal
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
         self.far = np.zeros(count, np.float32)
@@ -107,13 +98,11 @@ class Places:
             nearest = min(NEAREST, len(surface.points))
             distance, index = tree.query(means, nearest, workers=-1)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)
-            near = np.minimum(SPACING * surface.spacing[corners].mean(axis=1), np.float32(NEAR * surface.diagonal))
-            near = np.square(near, dtype=np.float64)
             axis, flat = _normals(splats.take(rows))
             agrees = _agreement(axis, flat, surface.normals[index])
             on_face = np.einsum("nk,nkc->nc", shares, surface.normals[corners])[:, None]
-            ahead = _agreement(axis, flat, on_face) / (touched * touched + near)[:, None]
-            around = agrees / (distance * distance + near[:, None])
+            ahead = _agreement(axis, flat, on_face) / (touched * touched + near * near)[:, None]
+            around = agrees / (distance * distance + near * near)
             total = ahead + around.sum(axis=1, keepdims=True)
             self.columns[rows, :3], self.columns[rows, 3 : 3 + nearest] = corners, index
             self.weights[rows, :3] = shares * ahead / total / shares.sum(axis=1, keepdims=True)

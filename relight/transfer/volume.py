@@ -101,8 +101,7 @@ class Foliage:
         """Light (V, 3) float32 that suns give surfaces, in place, with volumes taking their share of the volume's."""
         directions, weights = shining(suns)
         if len(directions):
-            free = transmittance(self._depth, self._lattice.points, directions)
-            own = self._lattice.interpolate((free @ (0.25 * weights)).astype(np.float32))
+            own = self._lattice.interpolate(gathered(self._depth, self._lattice.points, directions, 0.25 * weights))
             light[self.rows] += self.share * (own - light[self.rows])
         return light
 
@@ -128,14 +127,7 @@ class Foliage:
     def probes(self, bands, directions=VOLUME_DIRECTIONS):
         """Transfer (P, K) float32 of the probes: the mean over the sphere of exp(-tau) times the harmonics."""
         toward = fibonacci_sphere(directions)
-        basis = (harmonics.evaluate(toward, bands) / directions).astype(np.float32)
-        points = self._lattice.points
-        found = np.zeros((len(points), bands**2), np.float32)
-        step = max(1, _BATCH // directions)
-        for start in range(0, len(points), step):
-            part = slice(start, start + step)
-            found[part] = transmittance(self._depth, points[part], toward) @ basis
-        return found
+        return gathered(self._depth, self._lattice.points, toward, harmonics.evaluate(toward, bands) / directions)
 
     @cached_property
     def _lattice(self):
@@ -210,36 +202,65 @@ def transmittance(
     Nothing is outside of the grids.
     """
     found = np.zeros((len(points), len(directions)), np.float32)
-    in_slices(
-        _march,
-        len(points),
-        np.ascontiguousarray(points, np.float64),
-        np.ascontiguousarray(directions, np.float64),
-        *depth,
-        found,
-    )
+    in_slices(_march, len(points), *_as_float64(points, directions), *depth, found)
     return found
+
+
+def gathered(
+    depth,  # OpticalDepth
+    points,  # (M, 3) in its frame
+    directions,  # (D, 3) unit vectors
+    weights,  # (D, C)
+):
+    """The sums over the directions of weights times `transmittance`, (M, C) float32, in the order of the directions."""
+    found = np.zeros((len(points), weights.shape[1]), np.float32)
+    in_slices(_gather, len(points), *_as_float64(points, directions, weights), *depth, found)
+    return found
+
+
+def _as_float64(*arrays):
+    return [np.ascontiguousarray(array, np.float64) for array in arrays]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _march(begin, end, points, directions, origins, cells, shapes, starts, depth, found):
     for m in range(begin, end):
         for k in range(len(directions)):
-            dx, dy, dz = directions[k]
-            gone, passed = CLEARANCE * cells[0], 0.0
-            for grid in range(len(cells)):
-                cell, (nx, ny, nz), start = cells[grid], shapes[grid], starts[grid]
-                from_here, last = gone / cell + 0.5, grid + 1 == len(cells)
-                x = (points[m, 0] - origins[grid, 0]) / cell + from_here * dx
-                y = (points[m, 1] - origins[grid, 1]) / cell + from_here * dy
-                z = (points[m, 2] - origins[grid, 2]) / cell + from_here * dz
-                steps = 0
-                while (last or gone + steps * cell <= NEAR * cell) and passed < OPAQUE:
-                    if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
-                        break
-                    passed += depth[start + (int(x) * ny + int(y)) * nz + int(z)]
-                    x, y, z, steps = x + dx, y + dy, z + dz, steps + 1
-                gone += steps * cell
-                if passed >= OPAQUE:
-                    break
-            found[m, k] = math.exp(-passed) if passed < OPAQUE else 0.0
+            found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(begin, end, points, directions, weights, origins, cells, shapes, starts, depth, found):
+    sums = np.zeros(weights.shape[1])
+    for m in range(begin, end):
+        sums[:] = 0.0
+        for k in range(len(directions)):
+            free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+            if free > 0.0:
+                for c in range(len(sums)):
+                    sums[c] += free * weights[k, c]
+        found[m] = sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _through(point, direction, origins, cells, shapes, starts, depth):
+    """exp(-tau) from a point along a direction."""
+    dx, dy, dz = direction
+    gone, passed = CLEARANCE * cells[0], 0.0
+    for grid in range(len(cells)):
+        cell, start, last = cells[grid], starts[grid], grid + 1 == len(cells)
+        nx, ny, nz = shapes[grid]
+        begin = gone / cell + 0.5
+        x = (point[0] - origins[grid, 0]) / cell + begin * dx
+        y = (point[1] - origins[grid, 1]) / cell + begin * dy
+        z = (point[2] - origins[grid, 2]) / cell + begin * dz
+        steps = 0
+        while last or gone + steps * cell <= NEAR * cell:
+            if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
+                break
+            passed += depth[start + (int(x) * ny + int(y)) * nz + int(z)]
+            if passed >= OPAQUE:
+                return 0.0
+            x, y, z, steps = x + dx, y + dy, z + dz, steps + 1
+        gone += steps * cell
+    return math.exp(-passed)
