@@ -122,15 +122,13 @@ def patches_of(
 class Brightness(NamedTuple):
     """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
 
-    sun: (3,) unit direction or None. irradiance: of the sun, at right angles. told:
-    evidence in nats over no light beyond what was seen.
+    sun: (3,) unit direction or None. irradiance: of the sun, at right angles.
     """
 
     excess: float
     lean: np.ndarray
     sun: np.ndarray | None
     irradiance: float
-    told: float
 
 
 def brightness_of(
@@ -154,9 +152,9 @@ def brightness_of(
         scales, evidence = _strengths(patches, known, lights)
         steep = np.linalg.norm(tried, axis=1)
         odds = evidence - 0.5 * (steep[:, None] / SPREAD) ** 2
-        # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
-        share = np.exp(odds - odds.max()) * np.where(steep > 0.0, steep**2 * _widths(steep), 0.0)[:, None]
         if odds.max() > nothing:
+            # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
+            share = np.exp(odds - odds.max()) * np.maximum(steep**2 * _widths(steep), 1e-9)[:, None]
             share /= share.sum()
             lean = share.sum(axis=1) @ tried
             excess = float(np.exp((share * np.log(np.maximum(scales, 1e-9))).sum()))
@@ -165,8 +163,8 @@ def brightness_of(
     sun, irradiance, gained = _sun(patches, known, lit, directions, open_to_suns, bands)
     if gained - best > SURE:
         alone = irradiance[1]
-        return Brightness(0.0 if alone else excess, lean, sun, irradiance[0], gained - nothing)
-    return Brightness(excess, lean, None, 0.0, best - nothing)
+        return Brightness(0.0 if alone else excess, lean, sun, irradiance[0])
+    return Brightness(excess, lean, None, 0.0)
 
 
 def _sun(patches, known, lit, directions, open_to_suns, bands):

@@ -106,7 +106,8 @@ def estimate(
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
-    Of a captured sky, what was not clipped is taken as it is, and what was is at least 1. Deterministic; depends on no
+    Of a captured sky, what was not clipped is taken as it is, and what was is at least 1; where it was looked at from
+    within, the contrast of colours tells how much more. Deterministic; depends on no
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
