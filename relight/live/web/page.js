@@ -25,6 +25,9 @@ async function start() {
     element("relight-message").style.display = text ? "block" : "none";
   };
   try {
+    if (localStorage.getItem("controlsPanelOpen") === null) localStorage.setItem("controlsPanelOpen", "false"); // the viewer's list of keys
+  } catch { /* storage may be denied */ }
+  try {
     const files = await readFiles(data);
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
