@@ -23,7 +23,7 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter
-from .job import AnyLight, Job, Shaded
+from .job import REPORT, AnyLight, Job, Shaded
 from .light.environment import Environment
 from .light.tonemap import tone_map
 from .options import LightingOptions
@@ -59,8 +59,8 @@ class RelitScene:
 
         Raises InputError for a folder that exists, unless it holds results and may be overwritten.
         """
-        check_output(folder, overwrite, "report.json")
-        return self._job.write(self._shaded, folder)
+        check_output(folder, overwrite, REPORT)
+        return self._job.write(self._shaded, folder, overwrite)
 
     def to_pyvista(self) -> "pyvista.PolyData":
         """The mesh for PyVista, with "radiance" (V, 3) linear and "rgb" (V, 3) uint8 at its points, and its normals.

@@ -3,12 +3,15 @@
 import argparse
 import contextlib
 import math
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.commandline import Parser, chosen, several, share
+from splat2mesh.base.manual import add_manuals
 from splat2mesh.base.version import VERSION
+from splat2mesh.cli import add_tiling, wants_tiles
 
 from .output.kinds import BAKED, FILES, HARMONICS
 from .transfer import METHODS
@@ -23,6 +26,8 @@ EXAMPLES = """examples:
   relight garden --env stpeters.exr --rotate 45
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
+  relight lounge --env overcast --lamps off --format splat
+  relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
   relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
@@ -30,6 +35,12 @@ EXAMPLES = """examples:
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
 
 MAX_ANGLES = 3600
+LIGHT_STAGES = frozenset(
+    {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
+    | {"plan", "check", "light", "sunlight", "shade", "bounces"}
+)
+"""What `--budget` is spent on; "bounce rays" are traced for the albedo too, which no budget covers."""
+
 MAX_EXPOSURE_EV = 64.0  # far beyond any light, and 2^64 still fits in the files' float32
 
 
@@ -56,6 +67,9 @@ def parser() -> argparse.ArgumentParser:
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
+    lamps = "of a closed room: keep, off, or a factor on their light (default: %(default)s)"
+    add("--lamps", default="keep", metavar="keep|off|FACTOR", help=lamps)
+    add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
     add("--exposure", type=float, metavar="EV", help=exposure)
 
     add = parser.add_argument_group("surface and accuracy").add_argument
@@ -77,6 +91,7 @@ def parser() -> argparse.ArgumentParser:
     add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
     add("--plan", action="store_true", help="print what would be done, and what accuracy costs here; do nothing")
     add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
+    add("--clear-cache", action="store_true", help="remove first what is kept in SCENE/cache")
     add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
 
     add = parser.add_argument_group("session").add_argument
@@ -90,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
     add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
     add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
 
+    add_tiling(parser)
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
@@ -113,6 +129,7 @@ def parser() -> argparse.ArgumentParser:
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
 
 
@@ -120,7 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     from splat2mesh.base.console import run
 
-    return run(_command, parser().parse_args(arguments), {"budget_s": "--budget"})
+    return run(_command, parser().parse_args(arguments), {"budget_s": "--budget", "opened": "--open"})
 
 
 def angles_from(text: str) -> list[float]:
@@ -151,6 +168,10 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
     from .meshing import is_splat
 
+    if "://" in options.scene or wants_tiles(options) or (Path(options.scene) / "city.json").is_file():
+        from .tiles.command import light_city
+
+        return light_city(options, parser().parse_args([options.scene]), angles_from(options.rotate))
     source = Path(options.scene)
     _understand(options, source)
     if options.serve is not None and _is_page(source):
@@ -175,7 +196,7 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
 
 def _understand(options: argparse.Namespace, source: Path) -> None:
     """Put the words of options into the form that the library knows. Raises InputError for what makes no sense."""
-    if not source.exists():
+    if not os.path.exists(source):
         raise _error(f"{source}: no such scene folder, splat or mesh file")
     options.method = chosen("--method", options.method, METHODS)
     options.sky = chosen("--sky", options.sky, ("new", "keep", "drop"))
@@ -192,6 +213,8 @@ def _understand(options: argparse.Namespace, source: Path) -> None:
         raise _error("--live: it is of --format glb; give that too")
     if options.lights and not {"live", "web"} & set(options.format or ()):
         raise _error(f"--lights {options.lights[0]}: only --format live and web hold several lights")
+    if options.clear_cache and (options.plan or options.no_cache):
+        raise _error("--clear-cache: with --plan and --no-cache nothing is written and nothing removed")
     if options.screenshot:
         from .output.mesh_files import check_image
 
@@ -240,7 +263,7 @@ def _relit(
     from .job import Job
     from .options import LightingOptions
 
-    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
+    names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed", "lamps", "opened")
     lighting = LightingOptions(**{name: getattr(options, name) for name in names})
     writes = not (options.plan or options.view or options.serve is not None)
     folders = _output_folders(options, source, lights, angles) if writes else []
@@ -266,6 +289,8 @@ def _relit(
         stages=stages,
         messages=messages,
     )
+    if options.clear_cache:
+        job.relighter.cache.clear()
     if options.plan:
         return _planned(job)
     if options.serve is not None:
@@ -279,10 +304,11 @@ def _relit(
     reports, left = [], iter(folders)
     for light in lights:
         job = job if light == lights[0] else job.under(light)
-        reports += [job.write(shaded, next(left)) for shaded in job.shaded()]
+        reports += [job.write(shaded, next(left), options.overwrite) for shaded in job.shaded()]
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.sheet and len(folders) > 1:
         lines.append(str(job.write_sheet(folders[0].parent)))
+    lines += _costs(job, options)
     if options.verbose:
         lines += job.plan.table() if job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
@@ -326,9 +352,24 @@ def _viewed(job: "Job", screenshot: str | None) -> tuple[list[str], Any]:
 
 
 def _planned(job: "Job") -> tuple[list[str], Any]:
-    if job.plan is None:
+    plan, note = job.planned()
+    if plan is None and job.steady:
+        raise _error("--plan: no environment changes this room, so that there is nothing to plan")
+    if plan is None:
         raise _error(f"--plan: the method {job.options.method} has nothing to plan; leave it at auto")
-    return job.plan.table(), {"plan": job.plan.as_dict()}
+    return plan.table() + [f"  {note}"] * bool(note), {"plan": plan.as_dict(), "note": note}
+
+
+def _costs(job: "Job", options: argparse.Namespace) -> list[str]:
+    """What the summary says of seconds beyond a budget, and of what is kept on disk."""
+    lines = []
+    if options.budget_s is not None:
+        beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)
+        lines.append(f"  --budget {options.budget_s:g} is for the light; all else took {beyond:.1f} s")
+    size = job.relighter.cache.size_bytes
+    if size:
+        lines.append(f"  {job.relighter.cache.folder} keeps {size / 2**20:.0f} MB for the next light (--clear-cache)")
+    return lines
 
 
 def _error(message: str) -> Exception:

@@ -7,10 +7,10 @@ job.write(shaded, folders)    write
 """
 
 import copy
-import json
 import os
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -23,13 +23,14 @@ from splat2mesh.base.console import peak_mb
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.base.progress import Stages
+from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 from splat2mesh.scene.foreign import AnyScene, as_scene
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from .engine.appearance import CHOICES, Appearance, appearance_of
+from .engine.appearance import CHOICES, Appearance, albedo_kept, appearance_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.skies import BUILTIN
@@ -42,6 +43,7 @@ from .output.results import PICTURE_SIZE, Results
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
+    from .engine.relit_room import RelitRoom
     from .planning.plan import Plan
 
 DEFAULT_FORMATS = ("glb", "png")
@@ -49,6 +51,10 @@ DEFAULT_FORMATS = ("glb", "png")
 
 AnyLight = Environment | str | os.PathLike[str]
 """An Environment, a file, or the name of a built-in one."""
+
+
+REPORT = "report.json"
+"""In every folder of results, which is how they are told from other folders."""
 
 
 class Shaded(NamedTuple):
@@ -118,7 +124,7 @@ class Job:
         """The same job under another light: all that does not depend on the light is shared."""
         self._results  # noqa: B018  what is shared is made first
         other = copy.copy(self)
-        for name in ("environment", "plan", "_lights"):
+        for name in ("environment", "plan", "_lights", "_room"):
             other.__dict__.pop(name, None)
         other._env = env
         return other
@@ -190,28 +196,50 @@ class Job:
         relighter = self.relighter
         with self.stages.stage("load"):
             capture_env = None if self._capture_env is None else _light(self._capture_env)
-        return appearance_of(self._choice, capture_env, relighter)
+        look = appearance_of(self._choice, capture_env, relighter)
+        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
+            return look._replace(kept=False)
+        shut = look.room is not None and look.room.told["windows"] is None
+        return look._replace(kept=True) if shut and self.options.lamp_factor == 1.0 else look
 
     # plan
 
     @cached_property
     def plan(self) -> "Plan | None":
-        """The Plan for all the angles; None for a method that has nothing to plan."""
-        albedo = self.appearance.albedo
-        return self.relighter.plan_for(self.environment, albedo, len(self.angles_deg))
+        """The Plan for all the angles; None where there is nothing to plan: a method without, a room that is kept."""
+        albedo, room = self.appearance.albedo, self._room
+        if self.steady:
+            return None
+        return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.angles_deg))
+
+    def planned(self) -> tuple["Plan | None", str]:
+        """The Plan without any work that takes long, and a note on what it leaves open, or "".
+
+        Where the albedo was not estimated yet, it plans with the captured colours.
+        """
+        if self._choice_name != "estimated" or "appearance" in self.__dict__:
+            return self.plan, ""
+        relighter = self.relighter
+        albedo = albedo_kept(None if self._capture_env is None else _light(self._capture_env), relighter)
+        note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
+        used = self.scene.colors_linear if albedo is None else albedo
+        return relighter.plan_for(self.environment, used, len(self.angles_deg)), note
 
     # shade
 
     def shaded(self) -> Iterator[Shaded]:
         """Light the scene from angle after angle, all at the same exposure."""
         self.plan  # noqa: B018  for all the angles
-        albedo, lights = self.appearance.albedo, self._lights
+        lights = self._lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
-        first = self.relighter.shading(lights[0], albedo)
+        first = self._shading(lights[0])
+        if not first.radiance.any() and lights[0].radiance.any():
+            message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
+            warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self._exposure(first)
         yield Shaded(lights[0], first, exposure)
         for light in lights[1:]:
-            yield Shaded(light, self.relighter.shading(light, albedo), exposure)
+            yield Shaded(light, self._shading(light), exposure)
 
     def relit_splats(self, shaded: Shaded) -> Splats:
         """The splats that the scene was made from, in its light."""
@@ -219,12 +247,15 @@ class Job:
 
     # write
 
-    def write(self, shaded: Shaded, folder: str | os.PathLike[str]) -> dict[str, Any]:
-        """Fill a folder with the results of one light; returns their report, JSON-clean."""
+    def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
+        """Fill a folder with the results of one light; returns their report, JSON-clean.
+
+        Raises InputError where the folder exists, unless it holds results and may be overwritten.
+        """
         light, shading, exposure = shaded
         report = self.report(shaded)
         alone = self._sheet and len(self.angles_deg) == 1
-        with staged_folder(folder) as staging:
+        with staged_folder(folder, overwrite, REPORT) as staging:
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
             if self._sheet:
                 self._results.add_to_sheet(light, shading.radiance, exposure)
@@ -249,6 +280,8 @@ class Job:
             "chunks": len(self.scene.chunks),
             "environment": {"name": light.name, "source": self._light_name, "repaired_pixels": light.repaired},
             "angle_deg": light.rotation_deg,
+            "lamps": self.options.lamp_factor,
+            "open": self.options.opened,
             "albedo": self._choice_name,
             "capture": self.appearance.capture,
             "method": settings.method,
@@ -268,7 +301,7 @@ class Job:
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .animation.film import FILM, animate, frame_times
+        from .animation.film import FILM, Frames, animate, frame_times
 
         self.plan  # noqa: B018
         albedo, animation, (light,) = self.appearance.albedo, self._animation, self._lights
@@ -283,31 +316,74 @@ class Job:
             shading = self.relighter.shading(light, albedo)
             return shading.radiance
 
+        def finish(staging: Path, written: Frames) -> None:
+            frames.close()  # the report tells how long they took
+            report.update(self.report(Shaded(light, shading, written.exposure)))
+            report.update({"animation": animation.name, "frames": written.frames, "fps": fps})
+            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+            self._write_report(staging, report)
+
+        report: dict[str, Any] = {}
         exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
         picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
-        with self.stages.stage("frames", count) as advance:
-            written = animate(animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, **picture)
-        report = self.report(Shaded(light, shading, written.exposure))
-        report |= {"animation": animation.name, "frames": written.frames, "fps": fps}
-        report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
-        self._write_report(folder, report)
+        with ExitStack() as frames:
+            advance = frames.enter_context(self.stages.stage("frames", count))
+            written = animate(
+                animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, finish=finish, **picture
+            )
         return written.note, report
 
     def session(self) -> dict[str, Any]:
         """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
-        look = self.appearance
+        look, room = self.appearance, self._room
         others = {"captured": look.captured, "white": None}
         chosen = self._choice_name if self._choice_name in CHOICES else Path(self._choice_name).stem
         lights = Path(self._light_name)
+        exposure = None if self._exposure_ev is None else 2.0**self._exposure_ev
+        albedo, by_lamps = (look.albedo, None) if room is None else room.session()
+        exposure = room.exposure if room and exposure is None else exposure
+        opened = self.options.opened is not None
         return {
-            "scene": self.scene,
+            "scene": room.lit.scene if room and opened else self.scene,
             "environment": self._lights[0],
             "options": replace(self.options, budget_s=None).planned(),  # a session has a tolerance
-            "albedos": {chosen: look.albedo, **{name: each for name, each in others.items() if name != chosen}},
+            "albedos": {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
             "environments_folder": lights.parent if lights.is_file() else None,
-            "exposure": None if self._exposure_ev is None else 2.0**self._exposure_ev,
-            "cache": self.relighter.cache,
+            "exposure": exposure,
+            "cache": None if opened else self.relighter.cache,
+            "lamps": {} if by_lamps is None else {chosen: by_lamps},
         }
+
+    @cached_property
+    def _room(self) -> "RelitRoom | None":
+        """The closed room that the scene is, or None."""
+        look, options = self.appearance, self.options
+        closed = look.capture is not None and "room" in look.capture
+        if options.opened and not closed:
+            raise InputError("`opened` ceiling: expected a closed room that was captured from within, found none")
+        from .engine.relit_room import RelitRoom
+
+        room = RelitRoom(look, self.relighter, self._level) if closed else None
+        if options.lamps != "keep" and not (room and room.lamps_found):
+            told = "`lamps`: no lamp was found whose strength is known, and none is changed"
+            warnings.warn(told, DataWarning, stacklevel=4)
+        return room
+
+    @property
+    def steady(self) -> bool:
+        """Whether no environment changes anything here: a closed room that stays as captured, or has no window."""
+        return bool(self._room and self._room.steady)
+
+    @property
+    def _level(self) -> float:
+        """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
+        capture, mean = self.appearance.capture, self.environment.mean_luminance
+        return float(capture["brightness"] / mean) if capture and mean > 0.0 else 1.0
+
+    def _shading(self, light: Environment) -> Shading:
+        if self._room:
+            return self._room.shading(light)
+        return self.relighter.shading(light, self.appearance.albedo)
 
     @cached_property
     def _animation(self) -> Any:
@@ -342,7 +418,8 @@ class Job:
         if splats is not None and {"live", "web"} & set(self.formats):
             others = [_light(each) for each in (*self._more_lights, *BUILTIN)]
             tolerance = self._wishes.tolerance
-            live = LiveFiles(self.relighter, look, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
+            known = look._replace(kept=True) if look.room else look  # what is live knows no lamps
+            live = LiveFiles(self.relighter, known, splats[0], others, self._exposure_of, tolerance, self._sky, seed)
         engines = None
         if self._live_mesh or {*FOR_ENGINES} & {*self.formats}:
             wishes = self._live_mesh, self._harmonics, self._sky
@@ -369,14 +446,16 @@ class Job:
 
     def _write_report(self, folder: str | os.PathLike[str], report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.stages.seconds), peak_mb=peak_mb())
-        (Path(folder) / "report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+        (Path(folder) / REPORT).write_text(text_of(report, indent=1) + "\n", encoding="utf-8")
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
         a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
         if self._exposure_ev is not None:
             return 2.0**self._exposure_ev
-        others = (self.relighter.shade(light, self.appearance.albedo) for light in self._lights[1:])
+        if self._room and self._room.exposure is not None:
+            return self._room.exposure
+        others = (self._shading(light).radiance for light in self._lights[1:])
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
         return self._as_captured(exposure, self.environment)
 

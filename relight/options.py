@@ -8,7 +8,18 @@ from typing import Any
 from splat2mesh.base.errors import InputError
 
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
-from .transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, EFFECTS, SHADOWS, SUN, SUN_TOLERANCE, Settings
+from .transfer.settings import (
+    BOUNCE_RAYS,
+    BOUNCE_TOLERANCE,
+    BOUNCES,
+    EFFECTS,
+    SHADOWS,
+    SUN,
+    SUN_TOLERANCE,
+    VOLUME,
+    VOLUME_DIRECTIONS,
+    Settings,
+)
 
 DEFAULT_TOLERANCE = 0.01
 """Relative error of exit radiance, root mean square over vertices and colours."""
@@ -16,6 +27,10 @@ DEFAULT_TOLERANCE = 0.01
 PLACE_TOLERANCE = 0.03
 """The same for a place: among leaves and grass the last percents cost ten times the rays, and what is known of the
 capture's light is worse than this. A garden of 367,000 vertices: 22 s planned for .03, 140 s for .01."""
+
+
+MOST_LAMPS = 1000.0
+"""Largest factor on the light of lamps: ten stops."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +41,13 @@ class LightingOptions:
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
         shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
-    effects: "auto", "none", or some of shadows, sun, bounces, as names or as text with commas; kept as "auto" or a
-        frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
+    effects: "auto", "none", or some of shadows, sun, bounces, volume, as names or as text with commas; kept as "auto"
+        or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.
+    lamps: what becomes of the lamps of a closed room: "keep", "off", or a factor on their light, kept as a number.
+    opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
     """
 
@@ -41,6 +58,8 @@ class LightingOptions:
     tolerance: float | None = None
     budget_s: float | None = None
     seed: int = 0
+    lamps: str | float = "keep"
+    opened: str | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -60,6 +79,9 @@ class LightingOptions:
                 raise InputError(f"`{name}` must be a number above 0, found {value}")
         if self.tolerance is not None and self.budget_s is not None:
             raise InputError("`tolerance` and `budget_s`: expected one of them")
+        kept["lamps"] = _checked_lamps(self.lamps)
+        if self.opened not in (None, "ceiling"):
+            raise InputError(f"`opened` {self.opened!r}: expected ceiling")
         for name, value in kept.items():
             object.__setattr__(self, name, value)
 
@@ -95,6 +117,11 @@ class LightingOptions:
         return None if self.method == "auto" else self.method
 
     @property
+    def lamp_factor(self) -> float:
+        """The factor on the light of lamps: 1 to keep it, 0 for off."""
+        return 1.0 if self.lamps == "keep" else float(self.lamps)
+
+    @property
     def unplanned(self) -> Settings:
         """The Settings where nothing is planned: all that the chosen effects do not rule out."""
         method, effects = self.method, self.chosen_effects
@@ -105,12 +132,26 @@ class LightingOptions:
             return Settings(method, min(bands, GASH_BANDS) if method == "neural-gash" else bands)
         rays = self.rays or (NEURAL_RAYS if method == "neural" else DEFAULT_RAYS)
         bouncing = (BOUNCE_RAYS, BOUNCE_TOLERANCE) if BOUNCES in effects else (0, 0.0)
-        return Settings(method, bands, rays, None, SUN_TOLERANCE if SUN in effects else 0.0, *bouncing)
+        sun_tolerance = SUN_TOLERANCE if SUN in effects else 0.0
+        return Settings(method, bands, rays, None, sun_tolerance, *bouncing, VOLUME_DIRECTIONS * (VOLUME in effects))
 
 
 def _able(method: str) -> frozenset[str]:
-    """The effects that a method can do: sun and bounces are traced among shadows, and all three need rays."""
+    """The effects that a method can do: the others are traced among shadows, and all need rays."""
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
+
+
+def _checked_lamps(choice: str | float) -> str | float:
+    """ "keep", or a factor: 0.0 for "off". Raises InputError for anything else."""
+    if choice in ("keep", "off"):
+        return "keep" if choice == "keep" else 0.0
+    try:
+        factor = float(choice)
+    except (TypeError, ValueError):
+        factor = math.nan
+    if not 0.0 <= factor <= MOST_LAMPS:
+        raise InputError(f"`lamps` {choice!r}: expected keep, off or a factor from 0 to {MOST_LAMPS:g}")
+    return factor
 
 
 def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozenset[str]:
@@ -123,7 +164,7 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
     if effects - set(EFFECTS):
         raise InputError(f"`effects` {listed!r}: expected auto or none alone, or some of {' '.join(EFFECTS)}")
     if effects - {SHADOWS} and SHADOWS not in effects:
-        raise InputError(f"`effects` {listed}: sun and bounces need shadows too")
+        raise InputError(f"`effects` {listed}: sun, bounces and volume need shadows too")
     if effects - _able(method):
         raise InputError(f"`effects` {listed}: the method {method} has none; leave it at auto")
     if method in SHADOWING and not effects:

@@ -21,6 +21,7 @@ from .files import write_place, write_truth_ply
 from .kinds import KINDS, build
 from .light import bake, exposure
 from .places import PLACES
+from .places.city import write_city
 from .splat import splats_from
 
 EPILOG = """examples:
@@ -28,6 +29,7 @@ EPILOG = """examples:
   python -m scenes room --kind room --splats 500000 --env sunset
   python -m scenes garden --kind garden --env cloudy --relit sunset
   python -m scenes big --splats 6000000 --seed 3
+  python -m scenes city --kind city --splats 30e6
 """
 
 
@@ -45,9 +47,11 @@ def _parser():
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write")
     parser.add_argument(
-        "--kind", choices=[*KINDS, *PLACES], default="tabletop", help="what to build (default: tabletop)"
+        "--kind", choices=[*KINDS, *PLACES, "city"], default="tabletop", help="what to build (default: tabletop)"
     )
-    parser.add_argument("--splats", type=int, default=100_000, metavar="N", help="number of splats (default: 100000)")
+    parser.add_argument(
+        "--splats", type=_whole, default=100_000, metavar="N", help="number of splats (default: 100000)"
+    )
     parser.add_argument("--vertices", type=int, metavar="N", help="about how many (default: 45000; places: 60000)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="another seed, another scene (default: 0)")
     parser.add_argument(
@@ -70,6 +74,13 @@ def _parser():
     return parser
 
 
+def _whole(text):
+    """A whole number, also written as 30e6."""
+    if not float(text).is_integer():
+        raise ValueError(text)
+    return int(float(text))
+
+
 def _generate(options):
     for name, least in (("splats", 100), ("views", 8), ("seed", 0)):
         if getattr(options, name) < least:
@@ -77,6 +88,8 @@ def _generate(options):
     check_output(options.out, options.overwrite)
     if options.kind in PLACES:
         return write_place(options)
+    if options.kind == "city":
+        return write_city(options)
     if options.relit or options.degree:
         raise InputError(f"--kind {options.kind}: --relit and --degree are for places: {' '.join(PLACES)}")
     from relight import Environment
@@ -102,7 +115,7 @@ def _generate(options):
         "bounds": [truth.vertices.min(axis=0).tolist(), truth.vertices.max(axis=0).tolist()],
         "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
     }
-    with staged_folder(options.out) as folder:
+    with staged_folder(options.out, options.overwrite) as folder:
         write_inria_ply(folder / "splat.ply", splats)
         write_truth_ply(folder / "truth.ply", truth, factor * radiance, seen_vertices)
         write_colmap(folder / "sparse" / "0", views)

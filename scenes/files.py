@@ -50,7 +50,7 @@ def write_place(options):
         "bounds": [place.vertices.min(axis=0).tolist(), place.vertices.max(axis=0).tolist()],
         "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
     }
-    with staged_folder(options.out) as folder:
+    with staged_folder(options.out, options.overwrite) as folder:
         write_inria_ply(folder / "point_cloud" / "iteration_30000" / "point_cloud.ply", made.splats)
         write_truth_ply(folder / "truth.ply", place, made.exposure * lighting.radiance(), seen)
         write_colmap(folder / "sparse" / "0", views)

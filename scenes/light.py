@@ -26,16 +26,17 @@ WHITE_POINT, WHITE_PERCENTILE = 0.9, 98.0
 """What this percentile of the brightest channel is exposed to: a well-exposed photograph, hardly clipped."""
 
 
-def bake(truth, environment):
+def bake(truth, environment, count=None):
     """Exit radiance of every vertex, without interreflection: (V, 3) float32, linear, not exposed.
 
-    environment: relight.Environment. Raises InputError when it is black.
+    environment: relight.Environment. count: only of the first so many vertices, whose normals and albedos alone are
+    needed; the others hide light. Raises InputError when it is black.
     """
     toward, light, _ = distant_lights(environment)
     caster = RayCaster(truth.vertices, truth.faces)
     diagonal = np.linalg.norm(np.ptp(truth.vertices, axis=0))
-    origins = truth.vertices + np.float32(CLEARANCE * diagonal) * truth.normals
-    irradiance = np.zeros_like(truth.vertices)
+    origins = truth.vertices[:count] + np.float32(CLEARANCE * diagonal) * truth.normals
+    irradiance = np.zeros_like(origins)
     for start in range(0, len(origins), BLOCK):
         block = slice(start, start + BLOCK)
         cosine = np.maximum(truth.normals[block] @ toward.T, 0.0)

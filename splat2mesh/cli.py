@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import sys
 import time
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from .base.commandline import Parser, chosen
 from .base.console import peak_mb, run, wants_progress
+from .base.manual import add_manuals
 from .base.version import VERSION
 
 EXAMPLES = """examples:
@@ -18,6 +20,7 @@ EXAMPLES = """examples:
   splat2mesh plaza/lod-meta.json --lod 1       a streamed SOG, its second finest level
   splat2mesh robot/meta.json --plan            shows what would be done, does nothing
   splat2mesh room.json                         several splats, placed as the layout says, in one scene
+  splat2mesh city/ -o meshed --memory 4        a capture larger than memory, tile by tile; --workers 8 shares the work
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
@@ -101,13 +104,34 @@ def parser() -> argparse.ArgumentParser:
         help="a place where the capture stood, in the splat's own frame; may be given several times",
     )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
+    add_tiling(parser)
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
     add("--plan", action="store_true", help="print what would be done, and do nothing")
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
     add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
     add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
     return parser
+
+
+def add_tiling(parser: argparse.ArgumentParser) -> None:
+    """The options of cities in tiles, which both commands have."""
+    add = parser.add_argument_group("cities in tiles").add_argument
+    add("--tiles", action="store_true", help="tile by tile, in bounded memory; any option of this group implies it")
+    add("--memory", type=float, metavar="GIB", help="that a process may take: it sets the size of the tiles")
+    add("--workers", type=int, metavar="N", help="processes on this machine that share the tiles")
+    add(
+        "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed whose workers do, such as tcp://host:8786"
+    )
+    add("--resume", action="store_true", help="go on where a run with the same settings stopped")
+
+
+def wants_tiles(options: argparse.Namespace) -> bool:
+    """Whether an option asks for a city in tiles."""
+    return bool(options.tiles or options.resume) or any(
+        value is not None for value in (options.memory, options.workers, options.scheduler)
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -118,12 +142,16 @@ def main(arguments: list[str] | None = None) -> int:
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
-    from .scene.scene import META
+    from .scene.scene import META, PICTURE
 
     source = Path(options.input)
-    if not source.exists():
+    if not os.path.exists(source):
         raise InputError(f"{source}: no such file")
     _understand(options)
+    if wants_tiles(options):
+        from .tiles.command import mesh_city
+
+        return mesh_city(options, parser().parse_args([options.input]), options.output or str(default_output(source)))
     output = Path(options.output or default_output(source))
     if options.plan:
         return _plan(options)
@@ -157,7 +185,9 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
         stages.close()
     seconds = time.perf_counter() - start
     counts = scene.statistics
-    lines = [*told(scene, output, seconds), f"  next: relight {output} --env sunset"]
+    lines = told(scene, output, seconds)
+    lines += [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    lines += [f"  next: relight {output} --env sunset"]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
     result = {

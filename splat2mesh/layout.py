@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from .base.errors import DataWarning, InputError
+from .base.inputs import read_json, reading
 from .scene.chunks import DEFAULT_MAX_VERTICES
 from .scene.scene import Scene
 from .scene.sources import describe
@@ -26,6 +27,7 @@ from .views.upright import UP_CHOICES
 _SOG_METAS = ("meta.json", "lod-meta.json")
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
 _CHECKED = {"detail": "normal", "surface": "field", "background": "cut", "stand": "auto"}
+MOST_OBJECTS = 10_000
 _LARGEST = 1e6
 """Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
 
@@ -54,8 +56,8 @@ def is_layout(path):
     if path.suffix.lower() != ".json" or path.name in _SOG_METAS or not path.is_file():
         return False
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError):
+        content = read_json(path)
+    except ValueError:  # an InputError is one
         return True
     return not (isinstance(content, dict) and ("means" in content or "lodLevels" in content))
 
@@ -138,12 +140,12 @@ def read_layout(path):
     """
     path = Path(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=lambda pairs: _once(path, pairs))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+        content = read_json(path, object_pairs_hook=lambda pairs: _once(path, pairs))
     except InputError:
         raise
-    except (ValueError, RecursionError) as error:
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
         raise InputError(f"{path}: not valid JSON ({error})") from error
     entries = content.get("objects") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
@@ -153,9 +155,12 @@ def read_layout(path):
     unknown = [key for key in content if key != "objects"]
     if unknown:
         raise InputError(f"{path}: unknown key '{unknown[0]}' beside 'objects'")
+    if len(entries) > MOST_OBJECTS:
+        raise InputError(f"{path}: places {len(entries)} objects, expected at most {MOST_OBJECTS}")
     placements = []
-    for number, entry in enumerate(entries, 1):
-        placements.append(_placement(path, f"{path}: object {number}", entry, {other.name for other in placements}))
+    with reading(path):
+        for number, entry in enumerate(entries, 1):
+            placements.append(_placement(path, f"{path}: object {number}", entry, {other.name for other in placements}))
     return placements
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
+from .render.beside import beside
 from .scene.chunks import DEFAULT_MAX_VERTICES, split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
@@ -75,6 +76,7 @@ def convert(
     Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
     """
     check_settings(vertices, max_chunk_vertices, up, detail, surface, background, stand)
+    check_seed(seed)
     stages, lod = stages or Stages(), check_lod(lod)
     with stages.stage("read"):
         loaded = read_splats(path, lod)
@@ -117,6 +119,7 @@ def convert(
         else:
             view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
         camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
+        picture = beside(splats, mesh, view, near_plane(bounds_of(foreground)))
     statistics = {
         "splats": len(splats) + sum(counts.values()),
         **{f"splats_{reason}": count for reason, count in counts.items()},
@@ -147,6 +150,7 @@ def convert(
             background_splats=np.sort(rows[far]),
             scene_from_splat=rotation,
             preview_camera=camera,
+            picture=picture,
             capture=_capture(standing, rotation),
             source=describe(path, lod),
             settings=settings,
@@ -260,6 +264,12 @@ def check_settings(vertices, max_chunk_vertices, up, detail, surface, background
         raise InputError(f"`stand` {stand}: expected one of {' '.join(CHOICES)}")
 
 
+def check_seed(seed):
+    """Raise InputError for a seed that the generators do not take."""
+    if seed != int(seed) or not 0 <= seed < 2**64:
+        raise InputError(f"`seed` must be a whole number from 0 to 2^64 - 1, found {seed}")
+
+
 def choose_views(splats, trained, up, effort, seed, stages):
     """The views to look from: trained ones where given, else virtual ones."""
     with stages.stage("views"):
@@ -311,6 +321,7 @@ def plan(
 ):
     """What `convert` would do, from the file alone: a dict of counts, the foreground's bounds, frame and settings."""
     check_settings(None, DEFAULT_MAX_VERTICES, up, detail, surface, background, stand)
+    check_seed(seed)
     splats, counts = clean(read_splats(path, lod))
     trained = trained_views(cameras, path, splats)
     rotation, up_from = upright(up, trained, splats)

@@ -26,17 +26,18 @@ _LEAST = 1e-3
 """Linear light below which differences are not seen."""
 
 
-def self_relight(occluder, captured, found, transfer, interreflection):
+def self_relight(occluder, captured, found, transfer, interreflection, seen=None):
     """What the capture relit by its own estimated light is off by: a dict of arrays.
 
-    found: Estimate. transfer, interreflection: those it was made with. self_relight_db: PSNR of sRGB colours over the
-    area of what was neither black nor clipped. trust: (V,) float32. distrusted_share: part of the area.
+    found: Estimate. transfer, interreflection: those it was made with. seen: (V,) what each vertex counts, its area
+    without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped. trust: (V,) float32.
+    distrusted_share: part of what is seen.
     """
     from ..light.sun_split import split
     from ..transfer.bounces import with_bounces
     from ..transfer.sunlight import sunlight
 
-    areas = samples.vertex_areas(occluder)
+    areas = samples.vertex_areas(occluder) if seen is None else np.asarray(seen, np.float64)
     if not found.separable:
         trust = np.ones(len(captured), np.float32)
         return {"self_relight_db": np.array(99.0), "trust": trust, "distrusted_share": np.array(0.0)}

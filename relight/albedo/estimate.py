@@ -16,7 +16,7 @@ from splat2mesh.scene.color import luminance
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
-from . import fit, samples, skylight, sun
+from . import contrast, fit, samples, skylight, sun
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
 LIGHT_BANDS = 5
@@ -101,6 +101,8 @@ def estimate(
     interreflection=None,  # Interreflection, likewise
     sky=None,  # CapturedSky, where the capture saw its light
     hopeless="",  # why the light cannot be told, where that is known
+    looks=None,  # Looks from where the capture stood: then it is what they show that counts, not area
+    volume=None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -108,12 +110,12 @@ def estimate(
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
     problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
     if scene.under_sky:
-        return _under_sky(scene, sky)._replace(under_sky=True)
+        return _under_sky(scene, sky, volume)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -127,13 +129,17 @@ def estimate(
     return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
 
 
-def _under_sky(scene, sky):
-    """The Estimate of a _Scene that was captured under a CapturedSky."""
+def _under_sky(scene, sky, volume=None):
+    """The Estimate of a _Scene that was captured under a CapturedSky. volume: as in `estimate`."""
     places = scene.places
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)
-    start = skylight.start_of(light, parts, places.directions, colors, scene.start())
+    begin = light, parts, places.directions, colors, scene.start()
+    start = skylight.start_of(*begin)
+    patches = scene.patches(volume)
+    if patches is not None:
+        return scene.result(_by_contrast(patches, sky, parts, start, places), skylight.told_by_sky(sky), brighter=False)
     prior = skylight.prior_of(_prior)
     found = scene.fitted(light, start, prior)
 
@@ -149,17 +155,41 @@ def _under_sky(scene, sky):
     image = (known + free).reshape(HEIGHT, WIDTH, 3)
     if lamp is not None:
         image += _sun_image(lamp)
-    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky))
+    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky), brighter=False)
+
+
+def _by_contrast(patches, sky, parts, start, places):
+    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells."""
+    directions = places.directions
+    bound = luminance(skylight.without_excess(parts, start, directions))
+    free = (parts.clipped + parts.unseen).mean(axis=1) > skylight.MOSTLY
+    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), free)
+    texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    parts = skylight.SkyParts.looked_up(sky, texels)
+    image = skylight.without_excess(parts, start, texels)
+    image += parts.clipped * found.excess * np.exp(texels @ found.lean)[:, None]
+    image = image.reshape(HEIGHT, WIDTH, 3)
+    if found.sun is not None:
+        image += _sun_image(sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance)))
+    return Environment(image.astype(np.float32), "estimated")
 
 
 def with_known_light(
-    occluder, captured, environment, seed=0, advance=lambda count: None, transfer=None, interreflection=None
+    occluder,
+    captured,
+    environment,
+    seed=0,
+    advance=lambda count: None,
+    transfer=None,
+    interreflection=None,
+    sky=None,
+    looks=None,
 ):
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
-    Arguments and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
     problem = scene.problem()
     direct = scene.direct(environment)
     received = direct[scene.places.vertices]
@@ -167,6 +197,11 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
+    measured = skylight.exposure_of(sky, environment) if scene.under_sky else None
+    if measured is not None:
+        shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
+        result = scene.result(shown, skylight.told_by_sky(sky), direct * measured, brighter=False)
+        return result._replace(under_sky=True)
     light = fit.KnownLight(received, scene.bounced(), _UNIT)
     start = np.log(scene.start() / np.median(received, axis=0))[None] / _UNIT
     prior = _prior(1)
@@ -177,10 +212,23 @@ def with_known_light(
     return scene.result(scaled, evidence, direct * gain.astype(np.float32))
 
 
-class _Scene:
-    """What both ways share: the places, the light that surfaces send each other, and the result."""
+def under_light(occluder, captured, environment, prior, seed=0, transfer=None, interreflection=None):
+    """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False):
+    environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
+    """
+    scene = _Scene(occluder, captured, seed, lambda count: None, transfer, interreflection)
+    irradiance = scene.direct(environment) + scene.bounce
+    return albedo_of(scene.captured, irradiance, prior), irradiance
+
+
+class _Scene:
+    """What both ways share: the places, the light that surfaces send each other, and the result.
+
+    areas: (V,) what each vertex counts: its area, or how large it was seen.
+    """
+
+    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False, looks=None):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -200,7 +248,8 @@ class _Scene:
             visible = visible_fraction(self.transfer)
             interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
         self.bounce = interreflection.bounce(self.captured)
-        self.areas = samples.vertex_areas(occluder)
+        self.looks = looks
+        self.areas = samples.vertex_areas(occluder) if looks is None else looks.sizes(count)
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
         visible = visible_fraction(self.transfer)
@@ -222,6 +271,13 @@ class _Scene:
 
     def bounced(self):
         return self.bounce[self.places.vertices].astype(np.float64)
+
+    def patches(self, volume):
+        """The Patches of what was looked at, or None."""
+        if self.looks is None:
+            return None
+        content = self.captured, self.usable, self.transfer, self.bounce
+        return contrast.patches_of(self.looks, self.occluder, *content, volume)
 
     def start(self):
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
@@ -252,10 +308,10 @@ class _Scene:
             direct += sunlight(self.occluder, slice(None), suns)
         return np.maximum(direct, np.float32(0.0), out=direct)
 
-    def result(self, environment, evidence, direct=None):
+    def result(self, environment, evidence, direct=None, brighter=True):
         direct = self.direct(environment) if direct is None else direct
         shares = np.where(self.usable, self.areas, 0.0)
-        gain = np.float32(self.brighter(direct))
+        gain = np.float32(self.brighter(direct) if brighter else 1.0)
         if gain > 1.0:
             environment = Environment(environment.radiance * gain, environment.name, environment.rotation_deg)
         irradiance = gain * direct + self.bounce

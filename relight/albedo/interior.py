@@ -5,6 +5,8 @@ alike. Where next to nothing enters, neither can the light of the capture be tol
 environment light anything: the places are left as captured.
 """
 
+from typing import Any
+
 import numpy as np
 
 from splat2mesh.scene.scene import Scene
@@ -59,9 +61,18 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: np.ndarray, eyes: np.nda
     return float(seen.mean()) if len(seen) else 1.0
 
 
-def told(part: float) -> str:
-    """Why a closed room is left as captured, and what to do: the rest of a line."""
-    return (
-        f"it is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen, so splats and textures "
-        "stay as captured (`albedo` captured, or its light as `capture_env`, lights them all the same)"
+def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
+    """The line on a closed room: what enters it, what was found in it or why nothing was, and what to do.
+
+    found: what a `rooms.Room` tells; None where the light of the room could not be told.
+    """
+    line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
+    if found is None:
+        line += f"{problem}, so that it stays as captured"
+        return f"{line} (`opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
+    lamps = len(found["lamps"])
+    line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} found" + ", windows let the new light in" * bool(
+        found["windows"]
     )
+    dims = "`lamps` off or a factor dims them, " * bool(lamps)
+    return f"{line} ({dims}`opened` ceiling lets more light in)"

@@ -15,6 +15,7 @@ from splat2mesh.scene.measured import row_solid_angles, texel_directions
 
 from ..sh import harmonics
 from . import fit
+from .division import weighted_median
 
 UNSEEN_BANDS = 4
 """Of the logarithm of the light that was not seen; it is smooth for all that anyone knows."""
@@ -55,6 +56,11 @@ those of a room no more than its windows and the holes of its mesh let in."""
 
 LEAST_BOUND = 0.02
 """Of the upper hemisphere must be seen for its mean to stand for what was not."""
+
+
+MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
+"""To read the exposure off a captured sky: the part of a texel that binds, the sine of its height above the horizon,
+where ground and trees show that no environment has, and steradians in all."""
 
 
 class SkyParts(NamedTuple):
@@ -156,6 +162,12 @@ def radiance(parts, theta, directions):
     return parts.known, free
 
 
+def without_excess(parts, theta, directions):
+    """(D, 3) radiance at directions with these parts, as `radiance` gives it, but that what was clipped is 1."""
+    unseen = _exponential(harmonics.evaluate(directions, UNSEEN_BANDS), theta[: UNSEEN_BANDS**2])
+    return parts.known + parts.unseen * unseen
+
+
 def prior_of(of_bands):
     """(3 M, 3 M), colours outermost, of the prior `of_bands` gives an exponential by its bands, in units of fit's."""
     unseen, excess = UNSEEN_BANDS**2, EXCESS_BANDS**2
@@ -171,6 +183,21 @@ def told_by_sky(sky):
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
     return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())
+
+
+def exposure_of(sky, environment):
+    """Captured colour per radiance of a known Environment: the median over what of a CapturedSky binds, weighted by the
+    square of its height, since trees stand low; None where there is too little to tell."""
+    height, width = sky.bound.shape[:2]
+    directions = texel_directions(height, width)
+    areas = np.repeat(row_solid_angles(height, width), width, axis=1)
+    binds = (sky.bound.min(axis=2) > MOSTLY) & (directions[..., 1] > LEAST_HEIGHT) & (sky.radiance.min(axis=2) > 0.0)
+    shown = environment.lookup(directions[binds])
+    lit = luminance(shown) > 0.0
+    if areas[binds][lit].sum() < LEAST_COMPARED:
+        return None
+    ratio = luminance(sky.radiance[binds][lit]) / luminance(shown[lit])
+    return np.float32(weighted_median(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
 
 
 def _unseen(bound, clipped, directions):

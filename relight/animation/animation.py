@@ -7,14 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, global_matrices, triangles, warn_skipped
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
-from .gltf import GltfData, global_matrices, warn_skipped
 from .skinning import Track, morphed, moved, skinned
-
-TRIANGLES, STRIP, FAN = 4, 5, 6
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Properties of a node that an animation may change, and their widths; weights of morph targets come on top."""
@@ -34,6 +33,10 @@ class Animation:
         Raises InputError for a file that is broken, has no triangles or no animation, or not the one that is asked for.
         """
         self._data = GltfData(path)
+        with reading(self._data.path):
+            self._read(animation)
+
+    def _read(self, animation):
         document = self._data.document
         self._order, self._parent, self._shown = self._data.hierarchy()
         self._initial = self._data.initial_transforms()
@@ -107,7 +110,8 @@ class Animation:
             if node is None or path not in (*PATHS, "weights"):
                 continue  # an extension animates something else, such as a camera or a material
             what = f"the {path} of node {node}"
-            sampler = animation.samplers[channel.sampler]
+            entry(self._initial, node)
+            sampler = entry(animation.samplers, channel.sampler)
             interpolation = sampler.interpolation or "LINEAR"
             times = self._data.array(sampler.input, what)
             values = np.asarray(self._data.array(sampler.output, what), np.float64)
@@ -127,6 +131,8 @@ class Animation:
     def _read_skin(self, skin, number):
         """Nodes of the joints (J,) and their inverse bind matrices (J, 4, 4)."""
         joints = np.array(skin.joints, np.int64)
+        if joints.ndim != 1 or not len(joints) or joints.min() < 0 or joints.max() >= len(self._initial):
+            raise InputError(f"{self._data.path}: skin {number} names joints beyond the {len(self._initial)} nodes")
         inverse = np.tile(np.eye(4), (len(joints), 1, 1))
         if skin.inverseBindMatrices is not None:
             flat = self._data.vectors(skin.inverseBindMatrices, len(joints), 16, f"skin {number}")
@@ -139,10 +145,10 @@ class Animation:
             node = document.nodes[index]
             if node.mesh is None or not self._shown[index]:
                 continue
-            mesh = document.meshes[node.mesh]
+            mesh = entry(document.meshes, node.mesh)
             for primitive in mesh.primitives:
                 mode = TRIANGLES if primitive.mode is None else primitive.mode
-                if mode not in (TRIANGLES, STRIP, FAN) or primitive.attributes.POSITION is None:
+                if mode not in MODES or primitive.attributes.POSITION is None:
                     skipped += 1
                     continue
                 parts.append(self._read_part(index, node, mesh, primitive, mode))
@@ -157,8 +163,8 @@ class Animation:
         vertices = data.vectors(attributes.POSITION, count, 3, what)
         normals = None if attributes.NORMAL is None else data.vectors(attributes.NORMAL, count, 3, what)
         faces = np.arange(count) if primitive.indices is None else data.array(primitive.indices, what).astype(np.int64)
-        faces = _triangles(faces, mode)
-        if len(faces) == 0 or faces.max() >= count:
+        faces = triangles(faces, mode)
+        if len(faces) == 0 or faces.min() < 0 or faces.max() >= count:
             raise InputError(f"{data.path}: {what} has no faces, or one that names a vertex beyond its {count}")
         targets = primitive.targets or []
         vertex_targets = self._targets(targets, "POSITION", count, what)
@@ -189,8 +195,9 @@ class Animation:
         if not joints:
             return None, None
         joints, weights = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
-        known = len(self._skins[node.skin][0])
-        if joints.shape != weights.shape or (joints[weights != 0] >= known).any():
+        known = len(entry(self._skins, node.skin)[0])
+        used = joints[weights != 0] if joints.shape == weights.shape else np.array([-1])
+        if (used >= known).any() or (used < 0).any():
             raise InputError(f"{self._data.path}: {what} names joints beyond the {known} of its skin")
         total = weights.sum(axis=1, keepdims=True)
         loose = total[:, 0] <= 0
@@ -247,18 +254,6 @@ def face_normals(
     length = np.linalg.norm(total, axis=1, keepdims=True)
     total = np.divide(total, length, out=np.zeros_like(total), where=length > 0)
     return total[place].astype(np.float32)
-
-
-def _triangles(indices, mode):
-    """(F, 3) int32 of a list, a strip or a fan."""
-    if mode == TRIANGLES:
-        faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
-    elif mode == FAN:
-        faces = np.stack([np.full(max(len(indices) - 2, 0), indices[0]), indices[1:-1], indices[2:]], axis=1)
-    else:
-        faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
-        faces[1::2] = faces[1::2, [1, 0, 2]]
-    return np.ascontiguousarray(faces, np.int32)
 
 
 def _chosen(path, names, animation):

@@ -58,6 +58,7 @@ def animate(
     overwrite: bool = False,
     film: bool = True,  # whether to make a film too
     advance: Callable[[int], Any] = lambda count: None,
+    finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,  # called with the folder before it appears
 ) -> "Frames":
     """Light and draw every frame from the time 0 to the animation's end: Frames.
 
@@ -67,7 +68,7 @@ def animate(
     times = frame_times(animation.duration_s, fps)
     check_output(folder, overwrite, MARKER)
     camera = camera or fitted_camera(animation, width / height)
-    with staged_folder(folder) as staging:
+    with staged_folder(folder, overwrite, MARKER) as staging:
         for number, time_s in enumerate(times):
             scene = animation.frame(time_s)
             radiance = radiance_of(scene, time_s)
@@ -76,7 +77,9 @@ def animate(
             write_png(staging / f"{number:04d}.png", picture)
             advance(1)
         note = encode(staging, fps) if film else ""
-    return Frames(len(times), film and not note, float(exposure), note)  # type: ignore[arg-type]  # one frame at least
+        written = Frames(len(times), film and not note, float(exposure), note)  # type: ignore[arg-type]  # one at least
+        finish(staging, written)
+    return written
 
 
 def frame_times(duration_s: float, fps: float) -> NDArray:

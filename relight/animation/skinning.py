@@ -64,21 +64,6 @@ class Track:
         return value / max(np.linalg.norm(value), 1e-300) if self.spherical else value
 
 
-def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
-    """The (4, 4) float64 matrix that scales, then rotates, then moves."""
-    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
-    # fmt: off
-    rotation = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
-    # fmt: on
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation * np.asarray(scale, np.float64), translation
-    return matrix
-
-
 def for_normals(matrices: NDArray) -> NDArray:
     """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
 

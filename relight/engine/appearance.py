@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.inputs import load_array
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
-from ..albedo.interior import closed_part, told, within
+from ..albedo.interior import closed_part, told
+from ..albedo.seen import looks_from, standing
 from ..albedo.skylight import LEAST_TOLD, told_by_sky
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
@@ -19,11 +21,15 @@ from ..transfer.store import array_key
 if TYPE_CHECKING:
     from ..albedo import Prior
     from ..light.environment import Environment
+    from ..rooms.room import Room
     from .relighter import Relighter
 
 CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
+
+ROOMS = 1
+"""Of the way that closed rooms are estimated: goes up when it would give other numbers, for what is kept."""
 
 CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)
 """The transfer and bounces from which the capture's light is estimated."""
@@ -35,7 +41,8 @@ class Appearance(NamedTuple):
     irradiance: (V, 3) float32, what every vertex received on the capture day, in the unit of `captured`; where it was
     not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
     capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], how much of a change of light is
-    applied to each vertex of a splat; all of it without. kept: whether splats and textures stay as captured.
+    applied to each vertex of a splat; all of it without. kept: whether it all stays as captured. room: the Room of a
+    closed room whose lamps and windows were told, or None.
     """
 
     albedo: NDArray[np.float32] | None
@@ -45,6 +52,7 @@ class Appearance(NamedTuple):
     capture: dict[str, Any] | None = None
     trust: NDArray[np.float32] | None = None
     kept: bool = False
+    room: "Room | None" = None
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo.
@@ -93,28 +101,61 @@ def _without_light(
     captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
 ) -> Appearance:
     from ..albedo import Prior
+    from ..rooms.keeping import room_from
 
     cache = relighter.cache
-    sky = _sky_of(relighter.scene)
-    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts.append(within(relighter.scene))
-    key = array_key(captured, None if capture_env is None else capture_env.radiance, *parts), relighter.seed
-    kept = cache.get("albedo", *key)
+    key = _key(captured, capture_env, relighter)
+    kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
         kept = _of_objects(captured, capture_env, relighter)
         cache.put("albedo", *key, **kept)
-    if not kept["separable"]:
+    room = room_from(kept)
+    if kept["closed"]:
+        warnings.warn(str(kept["reason"]), DataWarning, stacklevel=3)
+    elif not kept["separable"]:
         message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"
     described["light"] = estimated if capture_env is None else capture_env.name
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
-    described["left_as_captured"] = bool(kept["closed"])
+    described["left_as_captured"] = bool(kept["closed"]) and room is None
+    if kept["closed"]:
+        described["room"] = None if room is None else room.told
     check = {name: round(float(kept[name]), 3) for name in ("self_relight_db", "distrusted_share")}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
-    return look._replace(kept=bool(kept["closed"]))
+    return look._replace(kept=described["left_as_captured"], room=room)
+
+
+def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
+    """What was kept of an estimate. Raises KeyError or ValueError where something is missing or does not fit."""
+    from ..albedo import Prior
+
+    names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
+    for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
+        kept[name]  # or a KeyError
+    for name in ("albedo", "irradiance"):
+        if kept[name].shape != shape or kept[name].dtype.kind != "f" or not np.isfinite(kept[name]).all():
+            raise ValueError(f"its {name} does not fit the scene")
+    return kept
+
+
+def _key(captured, capture_env, relighter):
+    """Under what an estimate is kept."""
+    sky = _sky_of(relighter.scene)
+    parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
+    parts += [standing(relighter.scene), np.array(ROOMS)]
+    known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
+    return known + relighter.leaves, relighter.seed
+
+
+def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
+    """The albedo that was estimated before and kept, (V, 3), or None: what a plan asks, which estimates nothing."""
+    captured = relighter.scene.colors_linear
+    key = _key(captured, capture_env, relighter)
+    kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
+    return None if kept is None else kept["albedo"]
 
 
 def _sky_of(scene):
@@ -158,17 +199,30 @@ def _estimated(
 
     known = relighter.computed(CAPTURE)
     with relighter.stages.stage("albedo"):
-        part = None
+        scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
+        looks = looks_from(scene, relighter.occluder)
+        seen = None if looks is None else looks.sizes(len(captured))
+        volume = None if scene.measured is None else scene.measured.vertex_volume
         if capture_env is None:
-            scene = relighter.scene
             part = closed_part(scene, relighter.occluder, visible_fraction(known["transfer"]))
-            hopeless = "" if part is None else told(part)
-            found = estimate(
-                relighter.occluder, captured, relighter.seed, **known, sky=_sky_of(scene), hopeless=hopeless
-            )
+            hopeless = ""
+            if part is not None:
+                from ..rooms.keeping import as_arrays
+                from ..rooms.room import room_of
+
+                room, hopeless = room_of(
+                    scene, relighter.occluder, captured, known["transfer"], known["interreflection"], relighter.seed
+                )
+                if room is not None:
+                    return as_arrays(room, told(part, room.told))
+                hopeless = told(part, None, hopeless)
+            told_by = {"sky": sky, "looks": looks, "volume": volume, "hopeless": hopeless}
+            found = estimate(relighter.occluder, captured, relighter.seed, **known, **told_by)
         else:
-            found = with_known_light(relighter.occluder, captured, capture_env, relighter.seed, **known)
-        check = self_relight(relighter.occluder, captured, found, **known)
+            found = with_known_light(
+                relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
+            )
+        check = self_relight(relighter.occluder, captured, found, **known, seen=seen)
     return {
         **check,
         "under_sky": np.array(found.under_sky),
@@ -186,10 +240,12 @@ _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "
 def _read(choice: str | os.PathLike[str], count: int) -> NDArray[np.float32]:
     """(V, 3) of a .npy file."""
     try:
-        albedo = np.load(choice)
-    except FileNotFoundError:
-        raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file") from None
-    except (OSError, ValueError) as error:
+        if not os.path.lexists(choice):
+            raise InputError(f"`albedo` {choice}: expected {', '.join(CHOICES)} or a .npy file; no such file")
+        albedo = load_array(choice)
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"`albedo` {choice}: not an array in .npy format ({error})") from None
     return _checked(albedo, choice, count)
 

@@ -31,6 +31,10 @@ DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
 """Of a scene that needed no rays before something moved in it."""
 
 
+CAPTURE_DIRECTIONS = 256
+"""From which light comes to leaves and grass where the light of the capture is estimated."""
+
+
 class Shading(NamedTuple):
     """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
 
@@ -74,6 +78,8 @@ class Relighter:
         self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = self.options.unplanned
+        if self.precomputed.foliage is None:
+            self._everything = self._everything._replace(volume=0)
         self._planner: Any = None
         self._latest: Settings | None = None
         self._dynamic: Any = None
@@ -120,10 +126,18 @@ class Relighter:
         return self.precomputed.interreflection(rays, self.transfer)
 
     def computed(self, settings: Settings) -> dict[str, Any]:
-        """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them."""
+        """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them; leaves
+        and grass are volumes wherever they may be."""
+        settings = settings._replace(volume=CAPTURE_DIRECTIONS if self._everything.volume else 0)
         transfer = self.precomputed.transfer(settings)[0]
         bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
         return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
+
+    @property
+    def leaves(self) -> str:
+        """Short text that tells which leaves and grass are taken for volumes, if any; for keys."""
+        foliage = self.precomputed.foliage
+        return "" if foliage is None or not self._everything.volume else foliage.key
 
     @property
     def cache(self) -> "Cache":
@@ -212,7 +226,7 @@ class Relighter:
                 if self.options.method != "auto":
                     raise InputError(f"the method {settings.method} cannot follow motion; leave it at auto")
                 settings = self._everything._replace(method="raytraced", bands=DYNAMIC_BANDS, rays=DYNAMIC_RAYS)
-            settings = settings._replace(shadowed=None)
+            settings = settings._replace(shadowed=None, volume=0)
             self._dynamic = DynamicGeometry(self.scene, moving, settings, self.seed, self._max_speed, before)
             self._direct_light = self._lit(self._dynamic)
         with self.stages.stage("motion"):

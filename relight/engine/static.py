@@ -22,6 +22,13 @@ class StaticGeometry:
         """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more."""
         if not len(suns):
             return None
+        light = self._on_surfaces(suns, settings)
+        if settings.volume and self._precomputed.foliage is not None:
+            with self._stages.stage("sunlight"):
+                light = self._precomputed.foliage.with_suns(light, suns)
+        return light
+
+    def _on_surfaces(self, suns, settings):
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         if settings.shadowed is None:
             with self._stages.stage("sunlight", count) as advance:

@@ -16,12 +16,19 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.inputs import file_size, reading
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics, rotors
-from . import projections, skies
+from . import projections, radiance_hdr, skies
+from .sizes import check_exr
 
 _EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
+LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 GB
+
+MOST_RADIANCE = 1e12
+"""What is brighter is clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
+
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 
 
@@ -38,7 +45,8 @@ class Environment:
     rotation_deg: active rotation about +y in [0, 360), counter-clockwise seen from +y (+z goes to +x).
     formula: name of the built-in sky that it is, which pictures show in any detail; None for others.
     repaired: dict of defect -> number of pixels that had it. "NaN": now the mean of the valid values around
-        it (0 without any); "infinite": the largest finite value of its channel; "negative": 0.
+        it (0 without any); "infinite": the largest finite value of its channel; "negative": 0;
+        "above 1e+12": that.
     """
 
     def __init__(self, radiance: NDArray, name: str = "environment", rotation_deg: float = 0.0) -> None:
@@ -66,7 +74,8 @@ class Environment:
             environment.formula = builtin
             return environment
         path = Path(source)
-        image = _read(path)
+        with reading(path):
+            image = _read(path)
         image, repaired = _repaired(image, path.name)
         projection = projections.recognise(image)
         if projection == "angular map":
@@ -81,6 +90,9 @@ class Environment:
                 DataWarning,
                 stacklevel=2,
             )
+        if not image.any():
+            message = f"{path.name} is black everywhere, and so is all that it lights"
+            warnings.warn(message, DataWarning, stacklevel=2)
         environment = cls(image, path.stem)
         environment.repaired = repaired
         return environment
@@ -150,7 +162,7 @@ def _repaired(image, name):
     """
     with np.errstate(over="ignore"):
         image = np.array(image, np.float32)
-    if image.min() >= 0.0 and image.max() < np.inf:
+    if image.min() >= 0.0 and image.max() <= MOST_RADIANCE:
         return image, {}
     if not np.isfinite(image).all(axis=2).any():
         raise InputError(f"{name}: no pixel of the image is finite; write the file again")
@@ -161,6 +173,10 @@ def _repaired(image, name):
         values = image[..., channel]
         values[defects["infinite"][..., channel]] = values[np.isfinite(values)].max(initial=0.0)
     _fill_from_neighbors(image, defects["NaN"])
+    bright = image > MOST_RADIANCE
+    if bright.any():
+        image[bright] = MOST_RADIANCE
+        repaired[f"above {MOST_RADIANCE:g}"] = int(bright.any(axis=2).sum())
     counts = ", ".join(f"{count} {defect}" for defect, count in repaired.items())
     warnings.warn(f"{name}: repaired pixels that held no radiance: {counts}", DataWarning, stacklevel=3)
     return image, repaired
@@ -183,17 +199,21 @@ def _fill_from_neighbors(image, missing):
 def _read(path):
     """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
     try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(_unknown(path)) from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from None
+        exists = os.path.lexists(path)
+    except (OSError, ValueError):
+        exists = False
+    if not exists:
+        raise InputError(_unknown(path))
+    if file_size(path, "light") > LARGEST_FILE:
+        raise InputError(f"{path} takes over {LARGEST_FILE >> 30} GB: make it smaller")
+    data = path.read_bytes()
     if not data:
         raise InputError(f"{path} is empty: expected an OpenEXR or Radiance HDR image")
     if data.startswith(_EXR_MAGIC):
+        check_exr(path, data)
         return _read_exr(path)
     if data.startswith(_HDR_MAGIC):
-        return _decode_hdr(data, path)
+        return radiance_hdr.decode(data, path)
     raise InputError(
         f"{path} is neither OpenEXR nor Radiance HDR: give a file that holds linear radiance, "
         "which PNG, JPEG and other display pictures do not"
@@ -256,17 +276,3 @@ def _in_display_window(pixels, header):
     inside = image[rows, columns]
     inside[...] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
     return image
-
-
-def _decode_hdr(data, path):
-    """Pixels of a Radiance file whose rows run from the top, as all but a few writers leave them."""
-    import imagecodecs
-
-    if b"32-bit_rle_xyze" in data[:1024]:
-        raise InputError(f"{path} stores CIE XYZ: convert it to 32-bit_rle_rgbe or OpenEXR")
-    try:
-        return imagecodecs.rgbe_decode(data)
-    except (ValueError, RuntimeError, MemoryError) as error:
-        raise InputError(
-            f"{path} is a damaged or unusual Radiance HDR file ({error}): export it again, or as OpenEXR"
-        ) from None

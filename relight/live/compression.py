@@ -13,11 +13,14 @@ from splat2mesh.base.errors import InputError
 
 from ..transfer.threads import in_slices
 
-TRAINED_ON = 2**16
+TRAINED_ON = 2**15
 """Rows that clusters are found on; all rows then choose theirs and take part in its components."""
 
-ROUNDS = 10
-"""Of k-means; from the eighth on the error falls by less than 1% a round."""
+ROUNDS = 8
+"""Of k-means; those that follow lower the error by less than 1% each."""
+
+LEAST_ROWS = 256
+"""Rows a cluster: of fewer its own components take more bytes than they save."""
 
 CANDIDATES = 4
 """Nearest clusters among which a row takes the one that shows it best: against the nearest alone 8% less error."""
@@ -42,6 +45,10 @@ class Choice(NamedTuple):
 
 CHOICES = tuple(Choice(clusters, weights) for weights in (2, 6, 14) for clusters in (64, 256, 1024))
 """4, 8 and 16 bytes a row: what a shader reads in whole texels."""
+
+
+COMPONENT = 348
+"""Bytes of a component: 116 coefficients in three colours."""
 
 
 class Compressed(NamedTuple):
@@ -74,16 +81,23 @@ def principal(values, counts, most):
     return mean, _signed(directions[:, np.argsort(-spread, kind="stable")[:most]].T)
 
 
-def compress(rows, counts, choice, seed=0):
+def choices_for(count):
+    """The CHOICES for so many rows, those first that take the fewest bytes with their components."""
+    able = [choice for choice in CHOICES if choice.clusters * LEAST_ROWS <= max(count, 64 * LEAST_ROWS)]
+    return sorted(able, key=lambda choice: choice.bytes * count + choice.clusters * (choice.weights + 2) * COMPONENT)
+
+
+def compress(rows, counts, choice, seed=0, centers=None):
     """Compressed rows (N, D) float32, each of which counts so much (N,) float32.
 
+    centers: of `cluster_centers`, where they are known from another choice of as many clusters.
     The sum of squared errors over the D columns, times the counts, is kept small. Raises InputError for no rows.
     """
     if rows.ndim != 2 or not len(rows) or len(counts) != len(rows):
         raise InputError(f"expected rows (N, D) and counts (N,), found {rows.shape} and {np.shape(counts)}")
     rows, counts = np.ascontiguousarray(rows, np.float32), np.ascontiguousarray(counts, np.float32)
-    step = -(-len(rows) // TRAINED_ON)
-    centers = _clusters(rows[::step], counts[::step], min(choice.clusters, len(rows[::step])), seed)
+    if centers is None:
+        centers = cluster_centers(rows, counts, choice.clusters, seed)
     near = np.zeros((len(rows), min(CANDIDATES, len(centers))), np.int32)
     in_slices(_nearest, len(rows), rows, *_columns(centers), near)
     cluster = near[:, 0].copy()
@@ -101,8 +115,11 @@ def compress(rows, counts, choice, seed=0):
     return Compressed(cluster.astype(np.uint16), packed, means, components)
 
 
-def _clusters(rows, counts, clusters, seed):
+def cluster_centers(rows, counts, clusters, seed=0):
     """Centres (C, D) float32 by k-means; one that loses all its rows takes the row that is worst off."""
+    step = -(-len(rows) // TRAINED_ON)
+    rows, counts = np.ascontiguousarray(rows[::step], np.float32), counts[::step]
+    clusters = min(clusters, len(rows))
     pick = np.sort(np.random.default_rng(seed).choice(len(rows), clusters, replace=False))
     centers = rows[pick].copy()
     near = np.zeros((len(rows), 1), np.int32)

@@ -23,6 +23,10 @@ NEAR_DEG = 3.0
 """Suns closer to one another are one: half as much as the soft rim of a shadow of 10 bands."""
 
 
+LEAST_SUN = 0.1
+"""Of all light, as a surface receives it that faces the sun: a weaker one casts no shadow that is seen."""
+
+
 class Light(NamedTuple):
     """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
@@ -40,8 +44,10 @@ class Light(NamedTuple):
 
 def light_of(environment, exposure):
     """The Light of an Environment, as turned."""
-    rest, suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)
-    suns = _joined(suns)
+    suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)[1]
+    suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
+    kept = luminance(suns.weights) > least
+    suns = Suns(suns.directions[kept], suns.weights[kept])
     image = pooled(environment.radiance, IMAGE)
     shift = environment.rotation_deg / 360.0 * IMAGE[1]
     if shift:  # whole columns of the finer image cannot be shifted by a fraction: the small one is blended
@@ -49,10 +55,8 @@ def light_of(environment, exposure):
         share = shift - low
         image = np.roll(image, -low, axis=1) * (1.0 - share) + np.roll(image, -low - 1, axis=1) * share
     whole = about_y(environment.sh(BANDS))
-    mean = environment.mean_luminance
-    return Light(
-        environment.name, image.astype(np.float32), about_y(rest.sh(BANDS)), whole, suns, float(exposure), mean
-    )
+    rest, mean = whole - about_y(suns.sh(BANDS)), environment.mean_luminance
+    return Light(environment.name, image.astype(np.float32), rest, whole, suns, float(exposure), mean)
 
 
 def _joined(suns):

@@ -13,15 +13,15 @@ from splat2mesh.surface.decimate import decimate
 from ..sh import harmonics
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
-from .compression import CHOICES, compress, principal
+from .compression import choices_for, cluster_centers, compress, principal
 from .lights import capture_light, light_of
 from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 
-TOLERANCE = 0.03
-"""Relative error of the light that the bytes may add, where none is asked for: 1.2% of a display value."""
+TOLERANCE = 0.04
+"""Relative error of the light that the bytes may add, where none is asked for: 1.7% of a display value."""
 
-DIRECTIONS = 64
+DIRECTIONS = 48
 """Numbers that a response is worked with before it is compressed; what they leave out is a tenth of what bytes do."""
 
 PROXY_VERTICES = 50_000
@@ -171,8 +171,8 @@ def _usual_bands():
 
 
 def _compressed(rows, restore, lights, tolerance, seed):
-    """The first of CHOICES within the tolerance, in order of the bytes that it takes in all, else the best; and what
-    each that was tried takes and leaves, a list of dicts."""
+    """The first of `choices_for` the rows within the tolerance, else the best; and what each that was tried takes and
+    leaves, a list of dicts."""
     from .harmonics import turned
 
     turns = [
@@ -186,8 +186,11 @@ def _compressed(rows, restore, lights, tolerance, seed):
     every = slice(None, None, -(-len(rows) // _BATCH))
     truth = np.einsum("nd,dtc->ntc", rows[every], small) + base
     tried, best = [], None
-    for choice in sorted(CHOICES, key=lambda c: _total(c, len(rows))):
-        found = compress(rows, restore.counts, choice, seed)
+    centers = {}
+    for choice in choices_for(len(rows)):
+        if choice.clusters not in centers:
+            centers[choice.clusters] = cluster_centers(rows, restore.counts, choice.clusters, seed)
+        found = compress(rows, restore.counts, choice, seed, centers[choice.clusters])
         off = np.einsum("nd,dtc->ntc", found.rows(every) - rows[every], small)
         error = float(np.sqrt(np.square(off).mean(axis=(0, 2)) / np.square(truth).mean(axis=(0, 2))).max())
         tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
@@ -202,10 +205,6 @@ def _compressed(rows, restore, lights, tolerance, seed):
             stacklevel=2,
         )
     return best[1], tried
-
-
-def _total(choice, count):
-    return choice.bytes * count + choice.clusters * (choice.weights + 2) * COEFFICIENTS * 3
 
 
 def _as_bytes(found, restore):
@@ -232,7 +231,7 @@ def _first_view(scene, vertices):
     low, high = np.percentile(vertices, [1, 99], axis=0)
     middle, reach = (low + high) / 2, np.linalg.norm(high - low) / 2
     toward = np.array([0.35, 0.4, 1.0]) / np.linalg.norm([0.35, 0.4, 1.0])
-    return {"position": (middle + 2.3 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
+    return {"position": (middle + 1.7 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
 
 
 def _spatial_order(splats):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from ..light.environment import Environment
 
-SIDE = 144
+SIDE = 128
 """Points of the ground along a side of the square that is looked at."""
 
 REACH = 4.0
@@ -26,9 +26,9 @@ REACH = 4.0
 CROWDED = 0.3
 """How much nearer to one another the points in the middle are than they would be evenly spread: feet are small."""
 
-DIRECTIONS, SHARED = 640, 4
+DIRECTIONS, SHARED = 512, 4
 """Directions of the upper hemisphere from which light is looked for, and those that share the light of a texel: they
-lie 6 degrees apart, which softens every shadow by as much."""
+lie 6.5 degrees apart, which softens every shadow by as much."""
 
 BLUR = 0.8
 """Standard deviation, in points, by which shadows are smoothed: the ground's points leave no stairs."""

@@ -186,9 +186,26 @@ class Results:
             write_splats(folder / name, relit, kind)
         return [name]
 
+    def _baked_or_kept(self, known: dict[str, Any]) -> Any:
+        """The texture, from the cache where the same was baked before. known: what `bake` is told of the light."""
+        from ..texture import Baked, bake
+        from ..transfer.store import array_key
+
+        cache = self._relighter.cache
+        settings = repr((self._texture_size, self._seed, self._scene.source.get("sha256"), sorted(known)))
+        text = np.frombuffer(settings.encode(), np.uint8)
+        values = [np.asarray(known[name], np.float32) if known[name] is not None else None for name in sorted(known)]
+        key = array_key(text, self._scene.colors_srgb, *values)
+        kept = cache.get("texels", key)
+        if kept is not None:
+            return Baked.of_arrays(kept)
+        more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
+        made = bake(self._scene, self._splats, **known, **more)
+        cache.put("texels", key, **made.arrays())
+        return made
+
     def _write_textures(self, folder, light, radiance, exposure, told):
         """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
-        from ..texture import bake
         from .textured_files import write_textured_glb, write_transfer
 
         appearance = self._appearance
@@ -198,8 +215,7 @@ class Results:
                 white = np.ones_like(appearance.captured)
                 known = {"albedo": white if appearance.albedo is None else appearance.albedo}
                 known = {} if appearance.albedo is appearance.captured else known
-            known |= {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
-            self._texture = bake(self._scene, self._splats, **known)
+            self._texture = self._baked_or_kept(known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):

@@ -1,7 +1,6 @@
 """Textured scenes as files: GLB with the picture inside, and transfer as images that a shader can light."""
 
 import io
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
+from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
 from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
@@ -117,7 +117,7 @@ def write_transfer(
     }
     names.append("transfer.json")
     with staged_file(folder / names[-1]) as staging:
-        staging.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+        staging.write_text(text_of(facts, indent=1) + "\n", encoding="utf-8")
     return names
 
 

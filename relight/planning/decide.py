@@ -2,6 +2,7 @@
 
 import math
 import time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -9,8 +10,8 @@ from splat2mesh.base.extras import installed
 
 from ..light import sun_split
 from ..options import DEFAULT_TOLERANCE, LightingOptions
-from ..transfer import SHADOWING
-from ..transfer.settings import BOUNCES, SHADOWS, SUN, Settings
+from ..transfer import SHADOWING, volume
+from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
 from .effect_errors import EffectErrors
 from .plan import Plan
@@ -43,7 +44,13 @@ NEAR_LEAST = 1.1
 MAX_SPLITS = 3
 """How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
 
+VOLUME_PART = 0.35
+"""Of the tolerance, for the directions from which light comes to leaves and grass."""
+
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
+
+UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
+"""Methods that trace nothing, and march through nothing."""
 
 SAMPLE_VERTICES = 384
 SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
@@ -63,6 +70,7 @@ def planned(
     albedo=None,  # (V, 3) linear, white without
     options=None,  # LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic"
     angles=1,  # for how many lights
+    foliage=None,  # Foliage of the scene, where it has one
 ):
     """Measure a sample of the scene under all rotations of the light, and choose: a Plan."""
     start = time.perf_counter()
@@ -75,8 +83,21 @@ def planned(
     if albedo is None and effects is not None and BOUNCES in effects:
         albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
-    measured = EffectErrors(sample, environment, albedo, bouncing)
-    choice = _Choice(measured, environment, options, tolerance, angles)
+    leaves = None
+    if foliage is not None and options.fixed_method not in UNSHADOWED:
+        thickened, direction_s = sample.thickened(foliage)
+        measured = EffectErrors(thickened, environment, albedo, bouncing)
+        error = measured.changed(sample.seen)
+        if error > SKIPPED * wish if effects is None else VOLUME in effects:
+            good = [count for count, noise in volume.NOISE.items() if noise * measured.leafy <= VOLUME_PART * wish]
+            count = min(good, default=max(volume.NOISE))
+            lost = volume.NOISE[count] * measured.leafy
+            leaves = _Leaves(count, error, count * direction_s, len(foliage.rows), lost)
+        else:
+            leaves = _Leaves(0, error, 0.0, len(foliage.rows), error)
+    if leaves is None or not leaves.directions:
+        measured = EffectErrors(sample, environment, albedo, bouncing)
+    choice = _Choice(measured, environment, options, tolerance, angles, leaves)
     best = choice.best()
     return Plan(
         settings=best.settings,
@@ -95,6 +116,17 @@ def planned(
     )
 
 
+class _Leaves(NamedTuple):
+    """Of leaves and grass: directions from which light comes to them, 0 where they are surfaces; the error of their
+    being surfaces; seconds; how many vertices; the error as done."""
+
+    directions: int
+    error: float
+    seconds: float
+    vertices: int
+    lost: float
+
+
 def _quickest(candidate):
     return candidate[:2]
 
@@ -102,7 +134,8 @@ def _quickest(candidate):
 class _Choice:
     """All settings worth considering for what was measured."""
 
-    def __init__(self, measured, environment, options, tolerance, angles):
+    def __init__(self, measured, environment, options, tolerance, angles, leaves=None):
+        self._leaves = leaves
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
@@ -177,6 +210,9 @@ class _Choice:
             rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
             left = measured.open_truncation(settings.bands, **self.rest(settings))
             rows.append(("bands", left, f"{settings.bands} kept"))
+        if self._leaves is not None:
+            told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
+            rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
         if measured.bounced is None:
             rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
         else:
@@ -200,7 +236,8 @@ class _Choice:
         yield from (self._rated(settings) for settings in self._analytic())
         if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
             return
-        if not self._shadowed.any():
+        leafy = 0 if self._leaves is None else self._leaves.directions
+        if not self._shadowed.any() and not leafy:
             return
         shadowed = None if self._shadowed.all() else tuple(map(bool, self._shadowed))
         all_bands = BANDS if self._bands is None else (self._bands,)
@@ -212,7 +249,7 @@ class _Choice:
                         for rays in known if self._rays is None else (self._rays,):
                             stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
                             yield self._rated(
-                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop)
+                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
                             )
 
     def _methods(self, bands, shadowed):
@@ -225,7 +262,8 @@ class _Choice:
 
     def _analytic(self):
         """Settings without rays, where none are asked for."""
-        if self._method in (None, "analytic") and not self._effects:
+        leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
+        if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
                 yield Settings("analytic", bands)
                 if self._method is None and self._effects is None and not self._shadowed.any():
@@ -254,14 +292,22 @@ class _Choice:
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        ray_s = self.measured.sample.ray_s
-        once, each = costs.seconds(settings, int(sizes.sum()), traced, ray_s, self.sun_count(settings))
+        sample = self.measured.sample
+        once, each = costs.seconds(
+            settings,
+            int(sizes.sum()),
+            int(traced * sample.weights[sample.solid > 0.0].sum()),
+            sample.ray_s,
+            self.sun_count(settings),
+        )
+        once += self._leaves.seconds if settings.volume else 0.0
         return _Candidate((once + self._angles * each, error, settings))
 
     def _but_noise(self, settings):
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
+        parts += [0.0 if self._leaves is None else self._leaves.lost]
         if settings.rays:
             parts += [self._truncation(settings), self._sun_width(settings)]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]

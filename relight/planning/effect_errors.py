@@ -87,6 +87,16 @@ class EffectErrors:
         norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(DEPTH)])
         return (norms / self.total).max(axis=1)
 
+    def changed(self, seen):
+        """Error of seeing `seen`, (S, D) as the sample has it, in place of what it sees."""
+        return float((self._norm(self._through(seen - self.sample.seen, self._light)) / self.total).max())
+
+    @cached_property
+    def leafy(self):
+        """The light of leaves and grass over all, where the sample has them as volumes."""
+        light = self._full * (1.0 - self.sample.solid)[:, None, None]
+        return float((self._norm(light) / self.total).max())
+
     @cached_property
     def bleeding(self):
         """Error of bouncing light without the colours of surfaces."""
@@ -137,7 +147,7 @@ class EffectErrors:
         """(B,) error of radiance in 1, 2, .. bands per deviation of the coefficients of a half hidden vertex."""
         f = np.clip(self.seen_transfer[:, 0] * np.sqrt(4.0 * np.pi), 0.0, 1.0)
         tint = 1.0 if self._albedo is None else np.square(self._albedo[self.sample.rows]).mean(axis=1)
-        spread = float(self.sample.weights @ (f * (1.0 - f) * tint))
+        spread = float(self.sample.weights @ (f * (1.0 - f) * tint * np.square(self.sample.solid)))
         square = np.cumsum(np.square(coefficients).sum(axis=2), axis=0)[np.arange(1, MAX_BANDS + 1) ** 2 - 1]
         return np.sqrt(spread * square / self.total**2).max(axis=1)
 

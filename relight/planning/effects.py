@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from ..options import LightingOptions
-from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, SUN
+from ..transfer.settings import BOUNCES, EFFECTS, SHADOWS, SUN, VOLUME
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
     from .plan import Plan
 
-__all__ = ["BOUNCES", "EFFECTS", "SHADOWS", "SUN", "plan"]
+__all__ = ["BOUNCES", "EFFECTS", "SHADOWS", "SUN", "VOLUME", "plan"]
 
 
 def plan(
@@ -32,10 +32,10 @@ def plan(
     many lights. options: of LightingOptions, such as budget_s. Raises InputError for a scene that cannot be lit.
     """
     from ..transfer.occluder import Occluder
+    from ..transfer.volume import Foliage
     from .decide import planned
 
     sizes = [len(chunk.vertices) for chunk in scene.chunks]
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
-    return planned(
-        occluder, sizes, environment, albedo_linear, LightingOptions(tolerance=tolerance, **options).planned(), angles
-    )
+    wishes = LightingOptions(tolerance=tolerance, **options).planned()
+    return planned(occluder, sizes, environment, albedo_linear, wishes, angles, Foliage.of_scene(scene))

@@ -68,9 +68,10 @@ class Planner:
             plan.contributions = plan.choice.contributions(plan.settings)
 
     def _made(self, environment, albedo, angles):
-        occluder = self._precomputed.occluder
+        known = self._precomputed
+        occluder, foliage = known.occluder, known.foliage
         with self._stages.stage("plan"):
-            return planned(occluder, self._precomputed.sizes, environment, albedo, self._options, angles)
+            return planned(occluder, known.sizes, environment, albedo, self._options, angles, foliage)
 
     def _kept(self, key):
         kept = self._precomputed.cache.get("plan", key)
@@ -85,6 +86,13 @@ class Planner:
         options = self._options
         effects = None if options.fixed_effects is None else sorted(options.fixed_effects)
         fixed = options.fixed_method, options.bands, options.rays, effects
-        wishes = self._tolerance, options.budget_s, *fixed, self._precomputed.seed
+        foliage = self._precomputed.foliage
+        wishes = (
+            self._tolerance,
+            options.budget_s,
+            *fixed,
+            self._precomputed.seed,
+            None if foliage is None else foliage.key,
+        )
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

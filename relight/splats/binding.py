@@ -24,6 +24,13 @@ ROUNDS = 2
 DEPTH_TOLERANCE = 0.03
 """Of the diagonal: where mesh and splats are further apart in a view, the picture tells nothing of the mesh's light."""
 
+OBJECT_DISTANCE = 0.5
+"""Diagonals from which a view sees a scene at least: what is nearer lets mesh and splats be apart by as much less, so
+that within a place nothing bleeds over jumps of depth."""
+
+EYES, EYE_PIXELS = 8, 256
+"""Of a place: the places to stand from which the fit looks all around, and the side of its views, six from each."""
+
 MIN_ALPHA = 0.5
 """Of a pixel that takes part in the fit."""
 
@@ -69,7 +76,7 @@ class Binding:
         self._sketch = _diffuse(shown, self._drawn)
         up = np.asarray(scene.scene_from_splat, np.float64)[1, :3]
         self._looks = []
-        for view in self._chosen(up, seed) if views is None else views:
+        for view in self._chosen(scene, up, seed) if views is None else views:
             self._looks.append(self._look(view))
             advance(1)
 
@@ -132,11 +139,19 @@ class Binding:
         correction[self._drawn] = moved
         return correction
 
-    def _chosen(self, up, seed):
+    def _chosen(self, scene, up, seed):
+        """Views from where the capture of a place stood, of an object from all around."""
+        from splat2mesh.views.eyes import around
+        from splat2mesh.views.standpoints import Eye
         from splat2mesh.views.viewpoints import virtual_views
 
         if len(self._sketch) < MIN_SPLATS:
             return []
+        standing = scene.capture.get("eyes", ()) if scene.is_place else ()
+        if len(standing):
+            back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
+            eyes = [Eye(back[:3, :3] @ eye + back[:3, 3], self._near) for eye in np.asarray(standing, np.float64)]
+            return around(eyes[:EYES], EYE_PIXELS, up / np.linalg.norm(up))[0]
         return virtual_views(self._sketch, VIEWS, PIXELS, up / np.linalg.norm(up), seed)
 
     def _look(self, view):
@@ -154,7 +169,8 @@ class _Look:
         self.view, self.color = view, rendering.color
         self.base = rendering.color + np.float32(CURVE_OFFSET) * rendering.alpha[..., None]
         apart = np.abs(hits.distance - rendering.depth_median)
-        self._known = (rendering.alpha > MIN_ALPHA) & (apart < DEPTH_TOLERANCE * surface.diagonal)
+        allowed = DEPTH_TOLERANCE * np.minimum(surface.diagonal, rendering.depth_median / OBJECT_DISTANCE)
+        self._known = (rendering.alpha > MIN_ALPHA) & (apart < allowed)
         self._corners = surface.faces[hits.faces[self._known]]
         second, third = hits.uv[self._known].T
         self._shares = np.stack([1.0 - second - third, second, third], axis=1)

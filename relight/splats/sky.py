@@ -22,6 +22,7 @@ def under_sky(
     scene_from_splat,  # (4, 4)
     exposure,  # shown = radiance * exposure
     choice="new",  # of SKIES; "keep" is for the caller not to ask
+    eye=None,  # (3,) from where they are seen, in the splats' frame; the middle of the others without
 ):
     """The Splats with the far ones in the new sky, or with opacity 0. Raises InputError for another choice
     and for rows that are not there."""
@@ -35,8 +36,9 @@ def under_sky(
         opacities = splats.opacities.copy()
         opacities[rows] = 0.0
         return Splats(splats.means, splats.scales, splats.quats_wxyz, opacities, splats.sh)
-    near = np.delete(splats.means, rows, axis=0)
-    eye = np.median(near[np.isfinite(near).all(axis=1)], axis=0) if len(near) else np.zeros(3)
+    if eye is None:
+        near = np.delete(splats.means, rows, axis=0)
+        eye = np.median(near[np.isfinite(near).all(axis=1)], axis=0) if len(near) else np.zeros(3)
     matrix = np.asarray(scene_from_splat, np.float64)[:3, :3]
     shown = environment.lookup((splats.means[rows] - eye) @ matrix.T) * np.float32(exposure)
     sh = splats.sh.copy()

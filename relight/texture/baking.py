@@ -1,8 +1,9 @@
 """Bake the captured colour of the splat and its albedo into every texel of a scene's texture."""
 
 import warnings
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 FILL_FROM, FILL_SAMPLES = 4, 200_000
 """Nearest texels that fill an unseen one, and the most texels to choose them from."""
 
+_ATLAS = tuple(each.name for each in fields(Atlas))
+
 
 @dataclass(frozen=True)
 class Baked:
@@ -37,6 +40,21 @@ class Baked:
     captured: np.ndarray
     albedo: np.ndarray
     unseen: int = 0
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray]) -> "Baked":
+        """What `arrays` made of it."""
+        atlas: dict[str, Any] = {name: arrays[f"atlas_{name}"] for name in _ATLAS}
+        for name in ("vertices", "size", "texel_size"):
+            atlas[name] = atlas[name].item()
+        atlas["chunks"] = [range(*ends) for ends in atlas["chunks"].tolist()]
+        return cls(Atlas(**atlas), arrays["captured"], arrays["albedo"], int(arrays["unseen"]))
+
+    def arrays(self) -> dict[str, NDArray]:
+        """The same as named arrays, to be kept."""
+        atlas = {f"atlas_{name}": np.asarray(getattr(self.atlas, name)) for name in _ATLAS if name != "chunks"}
+        atlas["atlas_chunks"] = np.array([[chunk.start, chunk.stop] for chunk in self.atlas.chunks])
+        return {**atlas, "captured": self.captured, "albedo": self.albedo, "unseen": np.array(self.unseen)}
 
     def image(self, colors: NDArray) -> NDArray:
         """Linear colours of texels (T, 3) as a picture: (size, size, 3) uint8 sRGB."""

@@ -80,9 +80,10 @@ class Occluder:
         self.faces = np.ascontiguousarray(faces, np.uint32)
         self._caster = RayCaster(centered, self.faces)
 
-    def occluded(self, rays):
-        """Whether anything hides the rays: (..., 6) float32 origin, direction, unit frame -> (...) bool."""
-        return self._caster.occluded(rays)
+    def occluded(self, rays, far=np.inf):
+        """Whether anything hides the rays up to `far` lengths of their directions: (..., 6) float32 origin, direction,
+        unit frame -> (...) bool."""
+        return self._caster.occluded(rays, far)
 
     def first_hits(self, rays):
         """What the rays (..., 6) float32 meet first, unit frame: Hits."""

@@ -5,8 +5,11 @@ import numpy as np
 from .analytic import analytic
 from .bounces import Interreflection, visible_fraction
 from .store import Cache, array_key
+from .volume import Foliage
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
+
+SURFACES = "surfaces"  # instead of the key of a Foliage
 
 
 class Precomputed:
@@ -14,7 +17,8 @@ class Precomputed:
 
     A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
     From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
-    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far.
+    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
+    scene, or None.
     """
 
     def __init__(self, scene, seed, cache=None, stages=None):
@@ -26,6 +30,7 @@ class Precomputed:
         self.rays_traced = 0
         self._stages = stages or Stages()
         self._occluder = self._visibility = None
+        self.foliage = Foliage.of_scene(scene)
         self._transfers, self._interreflections = {}, {}
 
     @property
@@ -39,9 +44,11 @@ class Precomputed:
         return self._occluder
 
     def transfer(self, settings):
-        """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
+        a volume only where the scene has one)."""
+        settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
         for known, transfer in self._transfers.items():
-            if _serves(known, settings):
+            if _serves(known, settings, self._leaves(settings)):
                 return transfer, settings._replace(rays=known[2])
         found = self._kept(settings) or self._computed(settings)
         while len(self._transfers) >= KEPT_IN_MEMORY:
@@ -61,10 +68,12 @@ class Precomputed:
 
     def _matrix(self, rays, visible):
         """The Interreflection, kept from before or computed."""
-        kept = self.cache.get("bounces", rays, self.seed)
+        with self._stages.stage("bounce rays kept"):
+            kept = self.cache.restored(
+                lambda arrays: Interreflection.restored(rays, arrays, visible), "bounces", rays, self.seed
+            )
         if kept is not None:
-            with self._stages.stage("bounce rays kept"):
-                return Interreflection.restored(rays, kept, visible)
+            return kept
         occluder = self.occluder
         with self._stages.stage("bounce rays", len(visible)) as advance:
             found = Interreflection(occluder, rays, self.seed, visible, advance)
@@ -76,12 +85,13 @@ class Precomputed:
     def _kept(self, settings):
         """(key, transfer) of the smallest kept transfer that serves, or None."""
         for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
-            if key[4] != self.seed or not _serves(key, settings):
+            if key[4] != self.seed or not _serves(key, settings, self._leaves(settings)):
                 continue
+            shape = int(self.sizes.sum()), key[1] ** 2
             with self._stages.stage("transfer kept"):
-                kept = self.cache.get("transfer", *key)
-            if kept is not None and kept["transfer"].shape == (self.sizes.sum(), key[1] ** 2):
-                return key, kept["transfer"]
+                kept = self.cache.restored(lambda arrays: _transfer(arrays, shape), "transfer", *key)  # noqa: B023
+            if kept is not None:
+                return key, kept
         return None
 
     def _computed(self, settings):
@@ -97,6 +107,9 @@ class Precomputed:
                     transfer = from_visibility(visibility, bands)[0]
                 else:
                     transfer = visibility.transfer(bands)
+            if settings.volume:
+                with self._stages.stage("volume"):
+                    transfer = self.foliage.mixed(transfer, settings.volume)
         elif method == "neural-gash":
             from .neuralgash import neural_gash
 
@@ -105,8 +118,8 @@ class Precomputed:
                 transfer = np.ascontiguousarray(guess[:, : bands**2])
         else:
             with self._stages.stage("transfer"):
-                return _key(settings, 0, self.seed), analytic(self.scene.normals, bands)  # quicker than reading it
-        key = _key(settings, rays, self.seed)
+                return self._key(settings, 0), analytic(self.scene.normals, bands)  # quicker than reading it
+        key = self._key(settings, rays)
         with self._stages.stage("keep"):
             self.cache.put("transfer", *key, transfer=transfer)
         return key, transfer
@@ -116,15 +129,19 @@ class Precomputed:
         from .visibility import Visibility
 
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
+        if settings.volume:  # leaves and grass need no rays
+            mask = self.foliage.solid if mask is None else mask & self.foliage.solid
         traced = int(self.sizes.sum() if mask is None else mask.sum())
-        name = _chunks_text(settings.shadowed), self.seed
+        name = _chunks_text(settings.shadowed), self.seed, self.foliage.key if settings.volume else SURFACES
         visibility = self._visibility
         if visibility is None:
-            kept = self.cache.get("visibility", *name)
-            if kept is not None:
-                visibility = Visibility.restored(
-                    self.occluder, int(kept["base"]), self.seed, kept["bits"], kept["traced"]
-                )
+            occluder, seed = self.occluder, self.seed
+            visibility = self.cache.restored(
+                lambda kept: Visibility.restored(occluder, int(kept["base"]), seed, kept["bits"], kept["traced"]),
+                "visibility",
+                *name,
+            )
+            if visibility is not None:
                 visibility.name = name
         if visibility is not None and visibility.name == name and visibility.reaches(settings.rays):
             before = visibility.rays
@@ -146,25 +163,42 @@ class Precomputed:
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)
         return visibility
 
+    def _leaves(self, settings):
+        """Text for a file's name that tells volumes apart."""
+        return f"{self.foliage.key}x{settings.volume}" if settings.volume else SURFACES
 
-def _key(settings, rays, seed):
-    """What a transfer is told apart by, as its file is named."""
-    return settings.method.replace("-", "_"), settings.bands, rays, _chunks_text(settings.shadowed), seed
+    def _key(self, settings, rays):
+        """What a transfer is told apart by, as its file is named."""
+        method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
+        return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
+
+
+def _transfer(kept, shape):
+    """The transfer of what was kept. Raises ValueError for another shape or type, and unless it is finite."""
+    transfer = kept["transfer"]
+    if transfer.shape != shape or transfer.dtype != np.float32 or not np.isfinite(transfer).all():
+        raise ValueError(f"expected float32 of shape {shape}, found {transfer.dtype} of {transfer.shape}")
+    return transfer
 
 
 def _key_of(texts):
     """The key that a file's name was made of, or None for another's file."""
     try:
-        method, bands, rays, chunks, seed = texts
-        return method, int(bands), int(rays), chunks, int(seed)
+        method, bands, rays, chunks, seed, leaves = texts
+        return method, int(bands), int(rays), chunks, int(seed), leaves
     except ValueError:
         return None
 
 
-def _serves(key, settings):
+def _serves(key, settings, leaves):
     """Whether the transfer of a key is as good as that of the settings, or better."""
-    method, bands, rays, chunks, _ = key
-    if method != settings.method.replace("-", "_") or bands < settings.bands or rays < settings.rays:
+    method, bands, rays, chunks, _, as_leaves = key
+    if (
+        as_leaves != leaves
+        or method != settings.method.replace("-", "_")
+        or bands < settings.bands
+        or rays < settings.rays
+    ):
         return False
     return chunks in ("all", _chunks_text(settings.shadowed))
 

@@ -27,6 +27,7 @@ def reference(
     rows,  # slice or (R,) indices into the occluder's vertices
     environment,  # Environment
     directions=DEFAULT_DIRECTIONS,
+    foliage=None,  # Foliage of the scene; without, leaves and grass are surfaces
 ):
     """Exit radiance of white vertices under all the light of an environment: (R, 3) float32.
 
@@ -34,7 +35,13 @@ def reference(
     and the clear sky 8192 directions came within 0.02 to 0.11% (relative L2) of 65536. Raises InputError for
     directions outside 64..131072.
     """
-    return sunlight(occluder, rows, light_directions(environment, directions))
+    suns = light_directions(environment, directions)
+    light = sunlight(occluder, rows, suns)
+    if foliage is None or not len(suns):
+        return light
+    share, free, _ = foliage.seen(np.arange(len(occluder.origins))[rows], suns.directions)
+    own = (free @ (suns.weights / (4.0 * np.pi))).astype(np.float32)
+    return light + share[:, None] * (own - light)
 
 
 def light_directions(environment, count):

@@ -2,12 +2,14 @@
 
 from typing import NamedTuple
 
-SHADOWS, SUN, BOUNCES = EFFECTS = ("shadows", "sun", "bounces")
+SHADOWS, SUN, BOUNCES, VOLUME = EFFECTS = ("shadows", "sun", "bounces", "volume")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
-directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo."""
+directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo.
+volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
-SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE = 0.007, 64, 1e-3
-"""Where nothing is planned: the defaults of `sun_split.split`, of `bounces.Interreflection` and of `with_bounces`."""
+SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE, VOLUME_DIRECTIONS = 0.007, 64, 1e-3, 512
+"""Where nothing is planned: the defaults of `sun_split.split`, `bounces.Interreflection`, `with_bounces` and
+`volume.Foliage`."""
 
 
 class Settings(NamedTuple):
@@ -18,6 +20,7 @@ class Settings(NamedTuple):
     sun_tolerance: estimated error that the split of the sun may leave; 0 for no split.
     bounce_rays: rays per vertex that carry light from surface to surface; 0 for none.
     bounce_tolerance: what bounces still to come may contribute, relative, when they stop.
+    volume: directions from which light comes to leaves and grass; 0 where they are surfaces like all else.
     """
 
     method: str
@@ -27,12 +30,13 @@ class Settings(NamedTuple):
     sun_tolerance: float = 0.0
     bounce_rays: int = 0
     bounce_tolerance: float = 0.0
+    volume: int = 0
 
     @property
     def effects(self) -> frozenset[str]:
         """The names of EFFECTS that it has."""
-        has = (SHADOWS, self.rays > 0), (SUN, self.sun_tolerance > 0.0), (BOUNCES, self.bounce_rays > 0)
-        return frozenset(name for name, there in has if there)
+        has = {SHADOWS: self.rays, SUN: self.sun_tolerance, BOUNCES: self.bounce_rays, VOLUME: self.volume}
+        return frozenset(name for name, there in has.items() if there)
 
     def __str__(self) -> str:
         parts = [self.method, f"{self.bands} bands"]
@@ -43,4 +47,6 @@ class Settings(NamedTuple):
             parts.append("suns")
         if self.bounce_rays:
             parts.append(f"bounces ({self.bounce_rays} rays)")
+        if self.volume:
+            parts.append(f"volume ({self.volume} directions)")
         return ", ".join(parts)

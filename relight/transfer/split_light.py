@@ -13,6 +13,15 @@ def image_key(environment):
     return environment.derived("key", lambda: array_key(environment.radiance))
 
 
+def _checked(kept, bands):
+    """What was kept of a light. Raises ValueError where its arrays do not fit each other or are not finite."""
+    directions, weights = kept["directions"], kept["weights"]
+    fits = kept["coefficients"].shape == (bands**2, 3) and directions.shape == weights.shape == (len(directions), 3)
+    if not (fits and all(each.dtype.kind == "f" and np.isfinite(each).all() for each in kept.values())):
+        raise ValueError("a light of another kind")
+    return kept
+
+
 def split_light(environment, settings, cache):
     """(coefficients, suns) of an environment as turned: (K, 3) float32 for a transfer of `settings.bands`, and Suns.
 
@@ -22,7 +31,7 @@ def split_light(environment, settings, cache):
 
     def found():
         name = image_key(environment), bands, f"{tolerance:g}"
-        kept = cache.get("light", *name)
+        kept = cache.restored(lambda arrays: _checked(arrays, bands), "light", *name)
         if kept is None:
             whole = environment.rotated(-environment.rotation_deg)
             rest, suns = split(whole, bands, tolerance) if tolerance else (whole, Suns.none())

@@ -10,10 +10,11 @@ import contextlib
 import hashlib
 import os
 import tempfile
-import zipfile
 from pathlib import Path
 
 import numpy as np
+
+from splat2mesh.base.inputs import load_arrays
 
 VERSION = 1
 """Of what is kept: goes up whenever the same geometry and settings would give other numbers."""
@@ -23,7 +24,11 @@ FOLDER = "cache"
 MOST_OF_A_KIND = 6
 """Files of a kind, such as transfer; the one not used for longest goes first."""
 
-_ERRORS = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+LARGEST = 1 << 34
+"""Bytes of the arrays of one file: the transfer of 5 million vertices in 10 bands has 2 GB."""
+
+MOST_BYTES = 2 * 2**30
+"""Of all files of a folder together, except the one that was kept last: 160 MB is the transfer of a large place."""
 
 
 class Cache:
@@ -34,6 +39,8 @@ class Cache:
 
     def __init__(self, folder=None, geometry="", read_only=False):
         self.folder, self._read_only = None if folder is None else Path(folder), read_only
+        if self.folder is not None and os.path.islink(self.folder):
+            self.folder = None  # a scene from elsewhere must not have files written to a place that it names
         self._key = f"{VERSION} {geometry}"
 
     @classmethod
@@ -46,6 +53,19 @@ class Cache:
     def get(self, kind, *settings):
         """Dict of the arrays kept under a kind and its settings, or None."""
         return self._read(self._path(kind, settings)) if self.folder else None
+
+    def restored(self, make, kind, *settings):
+        """What `make` makes of the arrays that are kept, or None, also where it cannot: then they count as not there.
+
+        make(arrays) must check what it uses: a scene folder, with its cache, may come from anybody.
+        """
+        kept = self.get(kind, *settings)
+        if kept is None:
+            return None
+        try:
+            return make(kept)
+        except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, MemoryError):
+            return None
 
     def settings_of(self, kind):
         """[settings] of every file of a kind, as tuples of text."""
@@ -68,6 +88,7 @@ class Cache:
             os.replace(name, path)
             name = None
             self._forget(kind)
+            self._fit()
         except OSError:
             pass
         finally:
@@ -75,18 +96,39 @@ class Cache:
                 with contextlib.suppress(OSError):
                     os.unlink(name)
 
+    @property
+    def size_bytes(self):
+        """Of all that is kept in the folder."""
+        return sum(path.stat().st_size for path in self._files())
+
+    def clear(self):
+        """Remove all that is kept in the folder, whatever geometry it is of."""
+        for path in self._files():
+            path.unlink(missing_ok=True)
+
+    def _files(self):
+        return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
+
+    def _fit(self):
+        """Remove what was not used for longest until the rest is small enough."""
+        files = sorted(((path.stat().st_mtime, path.stat().st_size, path) for path in self._files()), reverse=True)
+        total = 0
+        for index, (_, size, path) in enumerate(files):
+            total += size
+            if index and total > MOST_BYTES:
+                path.unlink(missing_ok=True)
+
     def _path(self, kind, settings):
         return self.folder / ("-".join([kind, *map(str, settings)]) + ".npz")
 
     def _read(self, path):
         try:
-            with np.load(path, allow_pickle=False) as file:
-                if str(file["key"]) != self._key:
-                    return None
-                found = {name: file[name] for name in file.files if name != "key"}
+            found = load_arrays(path, LARGEST)
+            if str(found.pop("key")) != self._key:
+                return None
             if not self._read_only:
                 os.utime(path)
-        except _ERRORS:
+        except (OSError, ValueError, KeyError, MemoryError):  # whatever is wrong with it, it can be computed again
             return None
         return found
 

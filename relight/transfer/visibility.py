@@ -56,6 +56,8 @@ class Visibility:
         self = cls.__new__(cls)
         self._begin(occluder, check_rays(base), seed)
         expected = len(self.neighbors.vertices), -(-base // 8)
+        if bits.ndim != 3 or bits.dtype != np.uint8 or traced.dtype != bool:
+            raise InputError(f"kept visibility is of {bits.dtype} and {traced.dtype}, expected bytes and truth values")
         if bits.shape[1:] != expected or traced.shape != expected[:1] or len(bits) not in (1, 2, 4):
             raise InputError(f"kept visibility of shape {bits.shape} does not fit {expected[0]} nodes and {base} rays")
         self.bits, self.traced, self.sets = list(bits), traced, [(0.0, 0.0)]

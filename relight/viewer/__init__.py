@@ -41,6 +41,7 @@ def view(
     exposure: float | None = None,  # display value per unit of radiance
     state: Mapping[str, Any] | None = None,  # fields of `session.State` to start with
     cache: "Cache | None" = None,  # as of Relighter
+    lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
     **wishes: Any,
 ) -> Any:
     """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
@@ -58,7 +59,7 @@ def view(
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
     options = LightingOptions.of(options, **wishes)
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache)
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache, lamps)
     try:
         window = Window(session, size or SIZE, off_screen)
         if notebook:
@@ -152,10 +153,12 @@ def record_turntable(
     window.close()
 
 
-def _session(scene, environment, options, albedos, folder, exposure, state, cache):
+def _session(scene, environment, options, albedos, folder, exposure, state, cache, lamps=None):
     from .session import Session, choices_of
 
-    session = Session(as_scene(scene), choices_of(environment, folder), options, albedos, exposure, cache=cache)
+    session = Session(
+        as_scene(scene), choices_of(environment, folder), options, albedos, exposure, cache=cache, lamps=lamps
+    )
     if state:
         session.change(**state)
     return session

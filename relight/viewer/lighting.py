@@ -17,13 +17,13 @@ from splat2mesh.base.errors import InputError
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
 from ..options import LightingOptions
-from ..planning.effects import BOUNCES, SHADOWS, SUN
+from ..planning.effects import BOUNCES, SHADOWS, SUN, VOLUME
 from ..sh import harmonics
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
 from ..transfer.settings import Settings
 
-CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4)
+CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4, 2048)
 """Settings of the reference at every vertex, for the error mode."""
 
 SAMPLE = 256
@@ -211,7 +211,7 @@ class Lighting:
         rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
         key = wish.environment, wish.angle_deg
         if self._sample[0] != key:
-            self._sample = key, reference(occluder, rows, environment)
+            self._sample = key, reference(occluder, rows, environment, foliage=self._relighter.precomputed.foliage)
         expected = self._sample[1]
         if albedo is not None:
             expected = albedo[rows] * (expected + _gathered(occluder, rows, whole))
@@ -262,6 +262,8 @@ def restricted(settings, effects):
         return Settings("analytic", settings.bands)
     if SUN not in effects:
         settings = settings._replace(sun_tolerance=0.0)
+    if VOLUME not in effects:
+        settings = settings._replace(volume=0)
     return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounce_tolerance=0.0)
 
 

@@ -93,7 +93,9 @@ def vertex_errors(session):
     reference, shown = session.reference, session.radiance()
     if reference is None or shown is None:
         return None
-    return session.remembered("errors", (id(reference), id(shown)), lambda: _relative(shown, reference.radiance))
+    return session.remembered(
+        "errors", (id(reference), id(shown)), lambda: _relative(shown, session.beside_lamps(reference.radiance))
+    )
 
 
 def error_scale(session):

@@ -1,7 +1,10 @@
 """Record a turn of the light as a film, every picture with all effects."""
 
+import time
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 from splat2mesh.base.errors import InputError
 
@@ -25,6 +28,8 @@ class Recording:
 
         self.path, self._window, self._frames, self._what, self._panel = path, window, frames, what, panel
         self._state, self._orbit, self._done = window.session.state, window.orbit, 0
+        self._started, self._shape, self.asked = time.perf_counter(), None, False
+        self._looked = window.orbit
         window.session.change(turning=False, help=False)
         options = {"fps": FRAMES_PER_SECOND} if path.suffix == ".mp4" else {"duration": 1000 / FRAMES_PER_SECOND}
         if path.suffix == ".gif":
@@ -43,18 +48,46 @@ class Recording:
         if not session.settled:
             session.hurry()
             return
-        self._writer.append_data(window.picture(self._panel))
+        if self._moved_away():
+            return
+        image = window.picture(self._panel)
+        self._shape = self._shape or image.shape[:2]
+        self._writer.append_data(fitted(image, self._shape))
         self._done += 1
-        window.note = f"recording {self._done} of {self._frames}; v stops it"
+        window.note = self._told()
         if self._done == self._frames:
             self._end()
-            window.recorded(f"saved {self.path}")
+            window.recorded(f"saved {self.path.absolute()}")
             return
-        turned = 360.0 * self._done / self._frames
+        self._turn()
+
+    def _turned(self):
+        return 360.0 * self._done / self._frames
+
+    def _turn(self):
         if self._what == "light":
-            session.change(angle_deg=self._state.angle_deg + turned)
+            self._window.session.change(angle_deg=self._state.angle_deg + self._turned())
         else:
-            window.look(self._orbit.dragged(-turned / 180.0, 0.0))
+            self._looked = self._orbit.dragged(-self._turned() / 180.0, 0.0)
+            self._window.look(self._looked)
+
+    def _moved_away(self):
+        """Whether somebody turned or reset what the film turns; it is turned back."""
+        if self._what == "light":
+            away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
+            moved = abs((away + 180.0) % 360.0 - 180.0) > 1e-6
+        else:
+            moved = self._window.orbit != self._looked
+        if moved:
+            self._turn()
+        return moved
+
+    def _told(self):
+        """The line on the window: how far it is, how long it will take, and how it ends."""
+        each = (time.perf_counter() - self._started) / self._done
+        left = each * (self._frames - self._done)
+        ends = "q again drops it" if self.asked else "v stops it"
+        return f"recording {self._done} of {self._frames}, about {left:.0f} s left; {ends}"
 
     def stop(self, reason="stopped"):
         """Drop the recording."""
@@ -66,6 +99,20 @@ class Recording:
         self._writer.close()
         self._window.session.change(angle_deg=self._state.angle_deg, turning=self._state.turning)
         self._window.look(self._orbit)
+
+
+def fitted(image, shape):
+    """A picture, (H, W, 3) uint8, in the size that a film began with: cut, and filled with black, about its middle."""
+    if image.shape[:2] == shape:
+        return image
+    result = np.zeros((*shape, 3), np.uint8)
+    inner, outer = [], []
+    for have, want in zip(image.shape[:2], shape, strict=True):
+        common = min(have, want)
+        inner.append(slice((have - common) // 2, (have - common) // 2 + common))
+        outer.append(slice((want - common) // 2, (want - common) // 2 + common))
+    result[tuple(outer)] = image[tuple(inner)]
+    return result
 
 
 def check_film(path, frames, what, overwrite=False):

@@ -16,7 +16,7 @@ from ..light import skies
 from ..light.environment import Environment, turned_about_y
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
-from ..planning.effects import BOUNCES, EFFECTS, SHADOWS
+from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import Wish, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
@@ -75,6 +75,7 @@ class Session:
         exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
         worker=Process,
         cache=None,  # as of Relighter
+        lamps=None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
         **wishes,  # fields of LightingOptions, such as tolerance
     ):
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -83,6 +84,7 @@ class Session:
         self.scene = scene
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
+        self.lamps = dict(lamps or {})
         self.environments = dict(environments)
         self.available = options.chosen_effects
         if not RANGES["tolerance"][0] <= tolerance <= RANGES["tolerance"][1]:
@@ -214,7 +216,7 @@ class Session:
         """What is still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.light is None:
             return ""
-        missing = [name for name in EFFECTS if name in self.effects & self.called_for]
+        missing = [name for name in EFFECTS if name in self.effects & self.called_for - {VOLUME}]  # with the shadows
         if SHADOWS in missing and "transfer" in self._found:
             missing.remove(SHADOWS)
             if BOUNCES in missing and self._bounced() is not None:
@@ -230,7 +232,7 @@ class Session:
         """
         lit = self._lit()
         if lit is not None:
-            return lit.radiance
+            return self.remembered("lit", (id(lit), self.wish.albedo), lambda: self.beside_lamps(lit.radiance))
         if self.light is None:
             return None
         wish, newest = self.wish, [id(self._found.get(kind)) for kind in ("light", "transfer", "bounced")]
@@ -328,7 +330,12 @@ class Session:
         bounced = self._bounced() if BOUNCES in self.effects else None
         radiance = harmonic_light(transfer, turned, self.albedos[self.state.albedo], bounced)
         self.light_seconds = time.perf_counter() - began
-        return radiance
+        return self.beside_lamps(radiance)
+
+    def beside_lamps(self, radiance):
+        """Radiance (V, 3) with what the lamps of a room add to it."""
+        lamps = self.lamps.get(self.state.albedo)
+        return radiance if lamps is None else radiance + lamps
 
     def remembered(self, name, key, compute):
         """What `compute()` returned, kept under this name until it is asked for with another key."""

@@ -64,7 +64,7 @@ class Window:
             ("MouseMoveEvent", self._move),
             ("MouseWheelForwardEvent", lambda: self.look(self.orbit.nearer(1))),
             ("MouseWheelBackwardEvent", lambda: self.look(self.orbit.nearer(-1))),
-            ("ExitEvent", self.quit),
+            ("ExitEvent", lambda: self.quit(asked=True)),
             *((f"{button}Button{way}Event", self._press(button) if way == "Press" else self._release)
               for button in ("Left", "Middle", "Right") for way in ("Press", "Release")),
         ):  # fmt: skip
@@ -171,7 +171,7 @@ class Window:
         except (OSError, InputError) as error:
             self.note = f"cannot save {path}: {error}"
         else:
-            self.note = f"saved {path}"
+            self.note = f"saved {path.absolute()}"
 
     def record(self, path=None, **options):
         """Start to record a turn of the light, or stop and drop the recording that runs."""
@@ -196,13 +196,18 @@ class Window:
         """Whether a recording runs."""
         return self._recording is not None
 
-    def quit(self):
-        """Close the window soon."""
+    def quit(self, asked=False):
+        """Close the window soon; while a film is recorded, say that it would be dropped, and close the second time."""
+        if self._recording is not None and not asked and not self._recording.asked:
+            self._recording.asked, self.note = True, "a film is recorded: q again drops it"
+            return
         self._open = False
 
     def close(self):
-        """Close the window and end the worker. Once more does nothing."""
+        """Close the window and end the worker; a film that is not complete is dropped. Once more does nothing."""
         self._open = False
+        if self._recording is not None:
+            self._recording.stop("the window was closed")
         self.session.close()
         self.plotter.close()
 

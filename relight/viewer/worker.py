@@ -1,6 +1,6 @@
 """Heavy work in a process of its own, so that neither the interpreter's lock nor a busy core stops the window.
 
-The process is `python -m relight.viewer.worker`: it reads pickled messages from stdin, of which the newest wish
+The process (`command`) reads pickled messages from stdin, of which the newest wish
 counts, and writes to stdout. A thread would not do: tracing holds the interpreter's lock for up to half a second. The
 process has a lower priority, so that drawing comes first on a busy machine.
 """
@@ -12,10 +12,13 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from contextlib import contextmanager
+from pathlib import Path
 
+from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.console import THREADS
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.errors import DataWarning, InputError
 
 from .lighting import Lighting, keys
 
@@ -79,13 +82,27 @@ class Inline:
         """Nothing to end."""
 
 
+def command() -> list[str]:
+    """What starts the process: this interpreter, which looks for modules where this one does.
+
+    `python -m` and `python -c` look in the current folder first, and run a queue.py that lies there. Isolated mode does
+    not; the current folder comes last, and only where it was asked for by its whole path or holds this package.
+    """
+    package = str(Path(__file__).resolve().parents[2])
+    here = os.getcwd()
+    paths = [path for path in dict.fromkeys([*sys.path, package]) if os.path.isabs(path)]
+    paths.sort(key=lambda path: os.path.realpath(path) == os.path.realpath(here))
+    start = "import sys; sys.path[:] = sys.argv[1:]; from relight.viewer.worker import main; main()"
+    return [sys.executable, "-I", "-c", start, *paths]
+
+
 class Process:
     """The worker process of one session."""
 
     def __init__(self, scene, environments, albedos, options=None, cache=None):
-        command = [sys.executable, "-m", "relight.viewer.worker"]
-        environment = THREADS | os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment)
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        # Ctrl-C in the terminal is the window's to answer: it ends this process.
+        self._process = subprocess.Popen(command(), **pipes, env=THREADS | os.environ, start_new_session=True)
         self._answers, self._wishes = queue.SimpleQueue(), queue.SimpleQueue()
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._write, daemon=True).start()
@@ -148,6 +165,9 @@ def main():
     os.dup2(2, 1)  # whatever a library prints must not land between the messages
     if hasattr(os, "nice"):
         os.nice(NICENESS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)  # the command has said it
+        allow_read_only_install()
     scene, environments, albedos, options, cache = pickle.load(messages_in)
     newest, arrived = [None], threading.Event()
 
@@ -180,7 +200,3 @@ def main():
             send(*message)
             if arrived.is_set():
                 break
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,5 @@
 """What both command lines share: one-line errors, exit codes, warnings and results on the right streams."""
 
-import json
 import os
 import sys
 import traceback
@@ -10,7 +9,10 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from .errors import DataWarning, InputError, with_options
+from .compiling import allow_read_only_install
+from .errors import DataWarning, InputError, UnfinishedError, with_options
+from .interrupts import stopping_in_order
+from .strictjson import text_of
 
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT = 0, 1, 2
 EXIT_INTERRUPTED = 130  # 128 and the number of SIGINT, as shells have it
@@ -56,17 +58,21 @@ def run(
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", DataWarning)
         try:
-            lines, result = command(options)
+            with stopping_in_order():
+                allow_read_only_install()
+                lines, result = command(options)
         except InputError as error:
             return _fail(with_options(str(error), names), EXIT_BAD_INPUT, options)
-        except KeyboardInterrupt:
-            return _fail("interrupted", EXIT_INTERRUPTED, options)
+        except UnfinishedError as error:
+            return _fail(with_options(str(error), names), EXIT_FAILED, options)
+        except KeyboardInterrupt as error:
+            return _fail(str(error) or "interrupted", EXIT_INTERRUPTED, options)
         except Exception as error:
             text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
             return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
     try:
         if options.json:
-            print(json.dumps(result))
+            print(text_of(result))
         elif not options.quiet:
             print("\n".join(lines))
         sys.stdout.flush()

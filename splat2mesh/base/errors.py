@@ -18,6 +18,13 @@ class InputError(ValueError):
     """
 
 
+class UnfinishedError(Exception):
+    """Work that failed in part, where the rest is done and kept. The message names the parts and how to go on.
+
+    The command line prints it as one line and exits with code 1.
+    """
+
+
 class DataWarning(UserWarning):
     """Part of the input was dropped or repaired; the message carries the count."""
 

@@ -7,10 +7,11 @@ from types import ModuleType
 from .errors import InputError
 
 EXTRAS = {
-    "pycolmap": "colmap",
     "onnxruntime": "networks",
     "pyvista": "view",
     "imageio_ffmpeg": "film",
+    "distributed": "cluster",
+    "fsspec": "cluster",
 }
 """Package -> the extra of pyproject.toml that brings it."""
 

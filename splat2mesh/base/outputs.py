@@ -1,30 +1,37 @@
-"""Writing results so that nothing half-written is ever left behind."""
+"""Writing results so that nothing half-written is ever left behind, and nothing that stood there is lost.
+
+What is written grows in a hidden folder beside its place, `.NAME.unfinished`, and is renamed when it is complete. The
+run that writes holds a lock on that folder; where a run was killed the lock is gone, and the next run to write beside
+it removes the folder, or puts back what had been moved aside (see `leftovers`).
+"""
 
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from .errors import InputError
+from .interrupts import shielded
+from .leftovers import NAME, NEW, OLD, Busy, claim, release, sweep, workspace_of
+from .renaming import exchange, rename_new
+
+LONGEST_NAME = 255
+"""Bytes of one name, on every file system in use."""
 
 
 def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | None = None) -> None:
-    """Refuse, before any work is done, an output that exists or cannot be made.
+    """Refuse, before any work is done, an output that exists or cannot be made; clean up after runs that were killed.
 
     marker: name of a file that every folder written by the caller holds. Where it is given, no other folder or file
     is replaced: `-o . --overwrite` must not delete what somebody keeps there.
     Raises InputError when `path` exists and `overwrite` is false, when it lacks the marker and is not an empty
-    folder, or when its parent folder cannot be written.
+    folder, when its name is too long, or when its parent folder cannot be written. Warns with a DataWarning about what
+    a killed run had left and what became of it.
     """
     path = Path(path)
-    if os.path.lexists(path):
-        if not overwrite:
-            raise InputError(f"{path} exists already: give another `output`, or replace it by `overwrite`")
-        ours = marker is None or (path / marker).is_file() or (path.is_dir() and not any(path.iterdir()))
-        if not ours:
-            raise InputError(f"{path} holds no {marker}, so `overwrite` spares it: give another `output`")
+    _check_names(path)
+    sweep(path.absolute().parent)
+    _check_free(path, overwrite, marker)
     parent = path.absolute().parent
     while not parent.exists():
         parent = parent.parent
@@ -33,35 +40,88 @@ def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | No
 
 
 @contextmanager
-def staged_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
+def staged_folder(path: str | os.PathLike[str], overwrite: bool = True, marker: str | None = None) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails.
 
-    What stood at `path` is moved aside first and deleted last, so that a crash at any moment loses neither.
+    overwrite, marker: as for `check_output`, which is asked again before the rename: what appeared while the work ran
+    is spared, and stays as it is. What is replaced is exchanged with the new in one step, where the system can, so that
+    a crash at any moment loses neither. Raises InputError for an output that may not be replaced (any more), and where
+    another run is writing it at the moment.
     """
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
-    workspace = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    staging, replaced = workspace / "new", workspace / "old"
-    try:
-        staging.mkdir()
-        yield staging
-        if os.path.lexists(path):
-            path.rename(replaced)
-        staging.rename(path)
-    finally:
-        if os.path.lexists(replaced) and not os.path.lexists(path):
-            replaced.rename(path)
-        shutil.rmtree(workspace, ignore_errors=True)
+    with _workspace(path) as workspace:
+        yield workspace / NEW
+        with shielded():
+            _put(workspace, path, overwrite, marker)
 
 
 @contextmanager
 def staged_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; it becomes `path` on success and vanishes on failure."""
+    """Yield a temporary name, of the same ending, beside `path`; it becomes `path` on success, vanishes on failure."""
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
-    staging = path.with_name(f".{os.getpid()}.{path.name}")
-    try:
+    with _workspace(path) as workspace:
+        staging = workspace / NEW / path.name
         yield staging
         staging.replace(path)
+
+
+@contextmanager
+def _workspace(path: Path) -> Iterator[Path]:
+    """The claimed folder beside `path`, with an empty NEW in it; it is gone when the block ends, however it ends."""
+    workspace, lock = workspace_of(path), None
+    try:
+        with shielded():
+            try:
+                lock = claim(workspace)
+            except Busy:
+                raise InputError(
+                    f"another run is writing {path} at the moment: wait for it, or give another `output`"
+                ) from None
+            (workspace / NAME).write_text(path.name, encoding="utf-8", errors="surrogateescape")
+            (workspace / NEW).mkdir()
+        yield workspace
     finally:
-        staging.unlink(missing_ok=True)
+        if lock is not None:
+            with shielded():
+                release(workspace, lock)
+
+
+def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> None:
+    """Rename what is complete to its place."""
+    staging, replaced = workspace / NEW, workspace / OLD
+    _check_free(path, overwrite, marker)
+    if not os.path.lexists(path):
+        try:
+            rename_new(staging, path)
+        except FileExistsError:
+            _check_free(path, False, marker)  # says so
+            raise
+    elif not exchange(staging, path):
+        path.rename(replaced)
+        try:
+            rename_new(staging, path)
+        except BaseException:
+            if not os.path.lexists(path):
+                replaced.rename(path)
+            raise
+
+
+def _check_free(path: Path, overwrite: bool, marker: str | None) -> None:
+    if not os.path.lexists(path):
+        return
+    if not overwrite:
+        raise InputError(f"{path} exists already: give another `output`, or replace it by `overwrite`")
+    ours = marker is None or (path / marker).is_file() or (path.is_dir() and not any(path.iterdir()))
+    if not ours:
+        raise InputError(f"{path} holds no {marker}, so `overwrite` spares it: give another `output`")
+
+
+def _check_names(path: Path) -> None:
+    if "\0" in str(path):
+        raise InputError("`output` holds a NUL, which no name may")
+    for part in path.absolute().parts:
+        size = len(os.fsencode(part))
+        if size > LONGEST_NAME:
+            raise InputError(f"`output` {part[:40]}... is a name of {size} bytes, expected at most {LONGEST_NAME}")

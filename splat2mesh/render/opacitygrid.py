@@ -74,10 +74,10 @@ class OpacityGrid:
         blocks = -(-shapes // PIXEL_BLOCK)
         starts, pixel_starts = (np.concatenate([[0], np.cumsum(c)[:-1]]) for c in (counts, blocks.prod(axis=1)))
         depth = np.zeros(counts.sum(), np.float32)
-        pattern = _normal_points(SAMPLES)
+        pattern = normal_points(SAMPLES)
         for level in range(levels):
             part = depth[starts[level] : starts[level] + counts[level]]
-            _deal(
+            deal(
                 splats.means,
                 splats.scales,
                 splats.quats_wxyz,
@@ -123,7 +123,7 @@ class OpacityGrid:
         return distance, pixel, level
 
 
-def _normal_points(count):
+def normal_points(count):
     """`count` points of a standard normal distribution: (count, 3) float32."""
     rng = np.random.default_rng(0)
     return rng.standard_normal((count, 3)).astype(np.float32)
@@ -156,7 +156,8 @@ def _spread_out(pixels):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _deal(means, scales, quats, opacities, pattern, origin, cell, shape, depth):
+def deal(means, scales, quats, opacities, pattern, origin, cell, shape, depth):
+    """Add to `depth`, (C,) cells of a `shape` (3,), what Gaussians take of a ray; `pattern`: `normal_points`."""
     for i in range(len(means)):
         s = scales[i]
         largest = max(s[0], s[1], s[2])

@@ -3,14 +3,18 @@
 Kept beside scene.json in one compressed file, `measured.npz`.
 """
 
-import zipfile
 from typing import NamedTuple
 
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.inputs import load_arrays
+from .optical_depth import OpticalDepth
 
 FILE = "measured.npz"
+
+LARGEST = 1 << 29
+"""Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
 SKY_HEIGHT, SKY_WIDTH = 64, 128
 """Texels of 2.8 degrees: the light of a scene needs no finer ones, but for suns, and those are clipped."""
@@ -48,11 +52,12 @@ class CapturedSky(NamedTuple):
 class Measured(NamedTuple):
     """sky: CapturedSky or None. splat_volume: (S,) float32 in [0, 1], how far each row of the source is a volume
     (foliage, grass, hair), 0 where it was not measured. vertex_volume: (V,) float32, the same for the vertices of the
-    scene, chunk after chunk."""
+    scene, chunk after chunk. depth: the OpticalDepth of a scene with foliage, else None."""
 
     sky: CapturedSky | None
     splat_volume: np.ndarray
     vertex_volume: np.ndarray
+    depth: OpticalDepth | None = None
 
     @property
     def foliage(self):
@@ -70,6 +75,8 @@ class Measured(NamedTuple):
         if self.sky is not None:
             arrays["sky_radiance"] = self.sky.radiance.astype(np.float16)
             arrays |= {"sky_bound": _bytes(self.sky.bound), "sky_clipped": _bytes(self.sky.clipped)}
+        if self.depth is not None:
+            arrays |= self.depth.arrays()
         with open(path, "wb") as file:
             np.savez_compressed(file, **arrays)
 
@@ -86,19 +93,21 @@ class Measured(NamedTuple):
     def load(cls, path, vertices):
         """Raises InputError for a file that is damaged, or of another number of vertices."""
         try:
-            with np.load(path) as kept:
-                arrays = dict(kept)
+            arrays = load_arrays(path, LARGEST)
             sky = None
             if "sky_radiance" in arrays:
                 parts = arrays["sky_bound"], arrays["sky_clipped"]
                 sky = CapturedSky(arrays["sky_radiance"].astype(np.float32), *map(_shares, parts))
                 if not sky.radiance.shape == sky.bound.shape == sky.clipped.shape:
                     raise ValueError("the parts of its sky differ in size")
-            found = cls(sky, _shares(arrays["splat_volume"]), _shares(arrays["vertex_volume"]))
+            depth = OpticalDepth.restored(arrays)
+            found = cls(sky, _shares(arrays["splat_volume"]), _shares(arrays["vertex_volume"]), depth)
             if len(found.vertex_volume) != vertices:
                 raise ValueError(f"it is of {len(found.vertex_volume)} vertices, the scene has {vertices}")
             return found
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        except (KeyError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
             raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
 
 

@@ -21,9 +21,32 @@ class Mesh:
 
 
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
-    """Unit normals (V, 3) of points (V, 3) and faces (F, 3): the mean of the face normals, as open3d takes it."""
+    """Unit normals (V, 3) of points (V, 3) and faces (F, 3): the mean of the face normals, as open3d takes it.
+
+    Where these cancel, as on the edge of a sheet of two sides, a vertex has that of its largest face; +y without any.
+    """
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(faces))
     mesh.compute_vertex_normals()
-    return np.asarray(mesh.vertex_normals).astype(np.float32)
+    normals = np.array(mesh.vertex_normals, np.float32)
+    with np.errstate(invalid="ignore"):
+        without = np.flatnonzero(~(np.linalg.norm(normals, axis=1) > 0.5))
+    if len(without):
+        normals[without] = _of_largest_face(np.asarray(points, np.float64), np.asarray(faces), without)
+    return normals
+
+
+def _of_largest_face(points: NDArray, faces: NDArray, chosen: NDArray) -> NDArray:
+    """(M, 3) unit normals of the largest faces that M vertices are corners of."""
+    faces = faces.reshape(-1, 3)
+    rows = np.flatnonzero(np.isin(faces, chosen).any(axis=1))
+    a, b, c = (points[faces[rows, corner]] for corner in range(3))
+    across = np.cross(b - a, c - a)
+    order = np.argsort(np.linalg.norm(across, axis=1), kind="stable")
+    best = np.zeros((len(points), 3))
+    for row in order:  # the largest comes last and stays
+        best[faces[rows[row]]] = across[row]
+    best = best[chosen]
+    length = np.linalg.norm(best, axis=1, keepdims=True)
+    return np.where(length > 0.0, best / np.where(length > 0.0, length, 1.0), [0.0, 1.0, 0.0])

@@ -1,101 +1,170 @@
-"""Triangle meshes in files: any common format in, PLY out."""
+"""Triangle meshes in files: any common format in, PLY out.
+
+Everything that a file says is checked here, in Python, before a library in another language sees it.
+"""
 
 import os
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from itertools import pairwise
+import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..base.errors import InputError
-from .color import srgb_from_linear
-from .mesh import Mesh
-from .plymesh import check_whole
+from ..base.errors import DataWarning, InputError
+from ..base.inputs import file_size, quiet_numbers, reading
+from .gltfmesh import read_gltf
+from .mesh import Mesh, vertex_normals
+from .objmesh import read_obj, read_off
+from .plymesh import read_ply
+from .stlmesh import read_stl
+from .surfaces import Surface, centred, check_corners
 
-READABLE_SUFFIXES = (".ply", ".obj", ".glb", ".gltf", ".stl", ".off")
+READERS: dict[str, Callable[[Path], Surface]] = {
+    ".ply": read_ply,
+    ".obj": read_obj,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".stl": read_stl,
+    ".off": read_off,
+}
+READABLE_SUFFIXES = tuple(READERS)
+
+LARGEST_COORDINATE = 1e15
+"""Beyond it squares, cubes and the areas of faces leave float32; the same length is absurd in a splat."""
+
+MOST_COPIES = 16
+"""Faces that may lie exactly on one another: leaves have two, and no mesh that was made with care more than a few."""
+
+LOOKED_AT, INVERTED = 4096, 0.9
+"""Faces that are looked at, and the share whose normals point the other way, from which that is said."""
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
-    The vertex order is the one in which open3d reads the file. Raises InputError for a file that is missing, of
-    another kind, broken, or without triangles.
+    Vertices stand in the order of the file, for OBJ, STL and glTF in that of their first use by faces, those that hold
+    the same joined (see the readers). Raises InputError for a file that is missing, of another kind, broken, or without
+    triangles; warns with a DataWarning about what is left out, and about a mesh that was moved to the origin because
+    float32 would lose it where it is.
     """
-    import open3d as o3d
-
     path = Path(path)
-    if not path.is_file():
+    if not os.path.lexists(path) or path.is_dir():
         raise InputError(f"{path}: no such mesh file")
-    if path.suffix.lower() not in READABLE_SUFFIXES:
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
         raise InputError(f"{path}: not a mesh file I can read; expected one of {' '.join(READABLE_SUFFIXES)}")
-    silent = o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error)
-    if path.suffix.lower() == ".ply":
-        check_whole(path)  # open3d hands over the part that it could read, and says so on stderr alone
-    with silent, _triangulated_obj(path) as readable:
-        try:
-            mesh = o3d.io.read_triangle_mesh(Path(readable))
-        except RuntimeError as error:
-            raise InputError(f"{path}: cannot be read as a mesh ({error})") from error
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    file_size(path, "mesh file")
+    with reading(path), quiet_numbers():
+        return checked_mesh(reader(path), path)
+
+
+def checked_mesh(surface: Surface, path: str | os.PathLike[str]) -> Mesh:
+    """A Surface as a Mesh, all of it checked. Raises InputError for what cannot be lit."""
+    points, faces, normals, colors, moved = surface
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(f"{path}: a face names a vertex beyond the {len(vertices)} there are; export it again")
-    bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+    check_corners(faces, len(points), path)
+    bad = np.count_nonzero(~np.isfinite(points).all(axis=1))
     if bad:
-        raise InputError(f"{path}: {bad} of {len(vertices)} vertices are not finite; repair the mesh first")
-    if not mesh.has_vertex_normals():
-        mesh.compute_vertex_normals()
-    colors = np.asarray(mesh.vertex_colors) if mesh.has_vertex_colors() else np.ones((len(vertices), 3))
-    if path.suffix.lower() in (".glb", ".gltf"):
-        colors = srgb_from_linear(colors)
-    return Mesh(
-        vertices.astype(np.float32),
-        np.asarray(mesh.vertex_normals).astype(np.float32),
-        faces.astype(np.int32),
-        np.round(np.clip(colors, 0.0, 1.0) * 255.0).astype(np.uint8),
+        raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
+    if moved is None:
+        points, moved = centred(points)
+    if moved is not None:
+        shift = ", ".join(f"{-part:.10g}" for part in moved)
+        message = f"{path}: so far from the origin float32 loses its shape, so it was moved by ({shift})"
+        warnings.warn(message, DataWarning, stacklevel=4)
+    far = np.count_nonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
+    if far:
+        most = f"{LARGEST_COORDINATE:g}"
+        raise InputError(f"{path}: {far} of {len(points)} vertices lie beyond +-{most}; repair the mesh first")
+    vertices = points.astype(np.float32)
+    kept = _without_copies(vertices, faces, path).astype(np.int32)
+    return Mesh(vertices, _normals(normals, vertices, kept, path), kept, _color_bytes(colors, len(vertices)))
+
+
+def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str | os.PathLike[str]) -> NDArray:
+    """Those of the file, and those of the faces where it has none."""
+    if given is None:
+        return vertex_normals(vertices, faces)
+    normals = np.asarray(given, np.float32)
+    some = faces[:: 1 + len(faces) // LOOKED_AT]
+    corners = vertices[some].astype(np.float64)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    against = float(np.mean(np.einsum("ij,ij->i", across, np.nan_to_num(normals[some].sum(axis=1))) < 0.0))
+    if against > INVERTED:
+        message = (
+            f"{path}: {against:.0%} of the normals point against their faces, to where it is dark: turn them round"
+        )
+        warnings.warn(message, DataWarning, stacklevel=5)
+    missing: Any = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))
+    if missing.any():
+        normals = np.where(missing[:, None], vertex_normals(vertices, faces), normals)
+    return normals
+
+
+def _without_copies(vertices: NDArray, faces: NDArray, path: str | os.PathLike[str]) -> NDArray:
+    """Faces without those that lie on MOST_COPIES others to the bit: rays would try them all, one by one."""
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+    with np.errstate(over="ignore"):
+        place = ((vertices + np.float32(0.0)).view(np.uint32) * factors).sum(axis=1, dtype=np.uint64)
+        place ^= place >> np.uint64(31)
+        place *= factors[1]
+        triangle = place[faces].sum(axis=1, dtype=np.uint64)
+    _, group, counts = np.unique(triangle, return_inverse=True, return_counts=True)
+    if counts.max() <= MOST_COPIES:
+        return faces
+    order = np.argsort(group.reshape(-1), kind="stable")
+    rank = np.zeros(len(faces), np.int64)
+    rank[order] = np.arange(len(faces)) - np.repeat(np.cumsum(counts) - counts, counts)
+    kept = rank < MOST_COPIES
+    message = (
+        f"{path}: left out {np.count_nonzero(~kept)} of {len(faces)} faces, which lie exactly on {MOST_COPIES} others"
     )
+    warnings.warn(message, DataWarning, stacklevel=4)
+    return faces[kept]
+
+
+def _color_bytes(colors: NDArray | None, count: int) -> NDArray[np.uint8]:
+    if colors is None:
+        return np.full((count, 3), 255, np.uint8)
+    return np.round(np.clip(np.nan_to_num(colors), 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def write_mesh_ply(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour."""
-    vertex = np.zeros(len(mesh.vertices), [("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
+    with open(path, "wb") as file:
+        file.write(mesh_ply_bytes(mesh))
+
+
+_VERTEX = [("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)]
+_FACE = [("count", "u1"), ("indices", "<i4", 3)]
+
+
+def mesh_from_ply_bytes(data: bytes) -> Mesh:
+    """The Mesh of the bytes that `mesh_ply_bytes` made, bit by bit. Raises InputError for others."""
+    header, mark, body = data.partition(b"end_header\n")
+    words = header.split()
+    try:
+        count, faces = (int(words[words.index(name) + 1]) for name in (b"vertex", b"face"))
+        vertex = np.frombuffer(body, np.dtype(_VERTEX), count)
+        face = np.frombuffer(body, np.dtype(_FACE), faces, vertex.nbytes)
+    except (ValueError, IndexError) as error:
+        raise InputError(f"a mesh of a tile is damaged ({error}): make the city again") from None
+    if not mark or len(body) != vertex.nbytes + face.nbytes:
+        raise InputError("a mesh of a tile is damaged (its size is not what its header says): make the city again")
+    return Mesh(*(np.array(a) for a in (vertex["position"], vertex["normal"], face["indices"], vertex["color"])))
+
+
+def mesh_ply_bytes(mesh: Mesh) -> bytes:
+    """The PLY that `write_mesh_ply` writes."""
+    vertex = np.zeros(len(mesh.vertices), _VERTEX)
     vertex["position"], vertex["normal"], vertex["color"] = mesh.vertices, mesh.normals, mesh.colors_srgb
-    face = np.zeros(len(mesh.faces), [("count", "u1"), ("indices", "<i4", 3)])
+    face = np.zeros(len(mesh.faces), _FACE)
     face["count"], face["indices"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertex)}"]
     header += [f"property float {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
     header += [f"property uchar {name}" for name in ("red", "green", "blue")]
     header += [f"element face {len(face)}", "property list uchar int vertex_indices", "end_header", ""]
-    with open(path, "wb") as file:
-        file.write("\n".join(header).encode("ascii"))
-        vertex.tofile(file)
-        face.tofile(file)
-
-
-@contextmanager
-def _triangulated_obj(path: Path) -> Iterator[Path]:
-    """The file itself, or for an OBJ with larger polygons (which open3d skips) a temporary fan-triangulated copy."""
-    lines = []
-    if path.suffix.lower() == ".obj":
-        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    if not any(_is_polygon(line.split()) for line in lines):
-        yield path
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder, "triangulated.obj")
-        with open(copy, "w", encoding="utf-8") as file:
-            for line in lines:
-                corners = line.split()
-                if _is_polygon(corners):
-                    for second, third in pairwise(corners[2:]):
-                        file.write(f"f {corners[1]} {second} {third}\n")
-                elif corners[:1] not in (["mtllib"], ["usemtl"]):
-                    file.write(line + "\n")
-        yield copy
-
-
-def _is_polygon(corners: list[str]) -> bool:
-    return corners[:1] == ["f"] and len(corners) > 4
+    return "\n".join(header).encode("ascii") + vertex.tobytes() + face.tobytes()

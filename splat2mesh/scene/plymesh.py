@@ -1,28 +1,69 @@
-"""Whether a mesh's PLY is all there: every row that its header promises, lists included, before a reader sees it."""
+"""Triangle meshes in PLY files: every row that the header promises is there, and every list, before anything is made.
+
+Polygons become triangle fans. A vertex keeps its row.
+"""
 
 import os
 import warnings
 from pathlib import Path
+from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..splats.formats.ply import Element, Ply
+from .surfaces import Surface, fans
+
+LISTS = ("vertex_indices", "vertex_index")
 
 
-def check_whole(path: str | os.PathLike[str]) -> None:
-    """Raise InputError for a PLY whose header makes no sense, that is cut short, or whose numbers are none."""
+def read_ply(path: str | os.PathLike[str]) -> Surface:
+    """The Surface of a PLY, row by row. Raises InputError for one that is damaged, cut short, or no mesh."""
     ply = Ply.open(path)
-    body = np.memmap(path, np.uint8, "r", ply.body) if os.path.getsize(path) > ply.body else np.zeros(0, np.uint8)
+    names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
+    if not {"x", "y", "z"} <= names.keys() or "list" in names.values():
+        raise InputError(f"{path}: expected a mesh whose vertices have x, y and z, and no lists")
+    if "face" not in ply.elements or not any(name in ply.elements["face"].lists for name in LISTS):
+        raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
+    corners, counts = _check(ply)
+    rows: Any = ply.rows("vertex")
+
+    def columns(*wanted: str) -> NDArray | None:
+        return np.stack([rows[name] for name in wanted], axis=1) if names.keys() >= set(wanted) else None
+
+    points, colors = columns("x", "y", "z"), columns("red", "green", "blue")
+    normals = columns("nx", "ny", "nz")
+    if colors is not None:  # bytes by custom, 0 to 1 where they are not whole numbers
+        colors = colors.astype(np.float64) / (1.0 if colors.dtype.kind == "f" else 255.0)
+    return Surface(np.asarray(points, np.float64), fans(corners, counts, path), normals, colors)
+
+
+def _check(ply: Ply) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corners of all faces in a row, and the corners of each. Raises InputError where an element is cut short."""
+    faces = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    size = os.path.getsize(ply.path) - ply.body
+    body = np.memmap(ply.path, np.uint8, "r", ply.body) if size > 0 else np.zeros(0, np.uint8)
+    numbers = _numbers(body) if ply.format == "ascii" else None
     start = 0
-    if ply.format == "ascii":
-        numbers = _numbers(body)
-        for name, element in ply.elements.items():
-            start = _words_end(ply.path, name, element, numbers, start)
-    else:
-        for name, element in ply.elements.items():
-            start = _rows_end(ply, name, element, body, start)
+    for name, element in ply.elements.items():
+        if not element.has_lists:
+            width = len(element.properties) if numbers is not None else element.row_bytes
+            there = len(body) if numbers is None else len(numbers)
+            end = start + element.count * width
+            if end > there:
+                _cut_short(ply.path, name, element, max(0, there - start) // width)
+            start = end
+            continue
+        wanted = next((key for key in LISTS if key in element.lists), None) if name == "face" else None
+        if numbers is None:
+            corners, counts, start = _binary_lists(ply, name, element, body, start, wanted)
+        else:
+            corners, counts, start = _ascii_lists(ply.path, name, element, numbers, start, wanted)
+        if wanted is not None:
+            faces = corners, counts
+    return faces
 
 
 def _numbers(body: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -35,53 +76,107 @@ def _numbers(body: NDArray[np.uint8]) -> NDArray[np.float64]:
             return np.zeros(0)
 
 
-def _words_end(path: Path, name: str, element: Element, numbers: NDArray[np.float64], start: int) -> int:
-    """Where the words of an element end, which start at `start`."""
-    width = len(element.properties)
-    if not element.has_lists:
-        end = start + element.count * width
-        return end if end <= len(numbers) else _cut_short(path, name, element, max(0, len(numbers) - start) // width)
-    for row in range(element.count):
-        for kind in element.properties.values():
-            if kind == "list" and start < len(numbers):
-                start += int(max(numbers[start], 0.0))
+def _ascii_lists(path, name, element, numbers, start, wanted):
+    kinds = np.array([kind == "list" for kind in element.properties.values()])
+    which = list(element.properties).index(wanted) if wanted else -1
+    # Every list takes a number at least, so that no header can announce more rows than could be there.
+    if element.count * len(kinds) > len(numbers) - start:
+        _cut_short(path, name, element, max(0, len(numbers) - start) // len(kinds))
+    places, counts = np.zeros(element.count, np.int64), np.zeros(element.count, np.int64)
+    row, end = _walk_numbers(numbers, start, kinds, which, places, counts)
+    if row < element.count:
+        _cut_short(path, name, element, row)
+    if wanted is None:
+        return None, None, end
+    values = numbers[_spread(places, counts)]
+    with np.errstate(invalid="ignore"):
+        corners = values.astype(np.int64)
+    if (corners != values).any():
+        raise InputError(f"{path}: a face names a vertex by {values[corners != values][0]:g}: export the mesh again")
+    return corners, counts, end
+
+
+def _binary_lists(ply, name, element, body, start, wanted):
+    layout = []
+    for key, kind in element.properties.items():
+        length, item = element.lists.get(key, (None, kind))
+        signed = length is not None and length[0] == "i"
+        if length is not None and length[0] == "f":
+            raise InputError(f"{ply.path}: a list of '{name}' counts its items in {length}: expected whole numbers")
+        layout.append((np.dtype(length).itemsize if length else 0, signed, np.dtype(item).itemsize))
+    layout = np.array(layout, np.int64)
+    which = list(element.properties).index(wanted) if wanted else -1
+    least = int(np.where(layout[:, 0] > 0, layout[:, 0], layout[:, 2]).sum())
+    if element.count * least > len(body) - start:
+        _cut_short(ply.path, name, element, max(0, len(body) - start) // least)
+    places, counts = np.zeros(element.count, np.int64), np.zeros(element.count, np.int64)
+    row, end = _walk_bytes(body, start, layout, which, ply.byte_order == ">", places, counts)
+    if row < element.count:
+        _cut_short(ply.path, name, element, row)
+    if wanted is None:
+        return None, None, end
+    item = np.dtype(ply.byte_order + element.lists[wanted][1])
+    each = _spread(places, counts, item.itemsize)
+    packed = body[(each[:, None] + np.arange(item.itemsize)).ravel()] if len(each) else np.zeros(0, np.uint8)
+    values = packed.view(item)
+    with np.errstate(invalid="ignore"):
+        corners = values.astype(np.int64)
+    if item.kind == "f" and (corners != values).any():
+        raise InputError(f"{ply.path}: a face names a vertex by a number that is not whole: export the mesh again")
+    return corners, counts, end
+
+
+def _spread(places, counts, step=1):
+    """Where each item of lists stands that begin at `places`: (sum of counts,) int64."""
+    ends = np.cumsum(counts)
+    within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
+    return np.repeat(places, counts) + step * within
+
+
+@numba.njit(cache=True)
+def _walk_numbers(numbers, start, kinds, which, places, counts):
+    """Rows that are all there, and where the last one ends."""
+    for row in range(len(places)):
+        for k in range(len(kinds)):
+            if start >= len(numbers):
+                return row, start
+            if kinds[k]:
+                items = numbers[start]
+                if not (0.0 <= items <= len(numbers)) or items != np.floor(items):
+                    return row, start
+                if k == which:
+                    places[row], counts[row] = start + 1, int(items)
+                start += int(items)
             start += 1
         if start > len(numbers):
-            return _cut_short(path, name, element, row)
-    return start
+            return row, start
+    return len(places), start
 
 
-def _rows_end(ply: Ply, name: str, element: Element, body: NDArray[np.uint8], start: int) -> int:
-    """Where the bytes of an element's rows end, which start at `start`."""
-    if not element.has_lists:
-        end = start + element.count * element.row_bytes
-        if end > len(body):
-            return _cut_short(ply.path, name, element, max(0, len(body) - start) // element.row_bytes)
-        return end
-    kinds = [element.lists.get(key, (None, kind)) for key, kind in element.properties.items()]
-    lists = [(length and np.dtype(ply.byte_order + length), np.dtype(item).itemsize) for length, item in kinds]
-    if len(lists) == 1:  # as faces are, and nearly all have as many corners as the first
-        length, size = lists[0]
-        if start + length.itemsize <= len(body):
-            corners = max(int(body[start : start + length.itemsize].view(length)[0]), 0)
-            row = length.itemsize + corners * size
-            end = start + element.count * row
-            if end <= len(body):
-                counts = body[start:end].reshape(element.count, row)[:, : length.itemsize]
-                if (counts == counts[0]).all():
-                    return end
-    for row in range(element.count):
-        for length, size in lists:
-            items = 1
-            if length is not None and start + length.itemsize <= len(body):
-                items = max(int(body[start : start + length.itemsize].view(length)[0]), 0)
-            start += items * size + (0 if length is None else length.itemsize)
-        if start > len(body):
-            return _cut_short(ply.path, name, element, row)
-    return start
+@numba.njit(cache=True)
+def _walk_bytes(body, start, layout, which, big, places, counts):
+    """The same in bytes. layout: (properties, 3), bytes of a list's length (0: no list), its sign, bytes of an item."""
+    for row in range(len(places)):
+        for k in range(len(layout)):
+            size, items = layout[k, 0], np.int64(1)
+            if size:
+                if start + size > len(body):
+                    return row, start
+                items = np.int64(0)
+                for b in range(size):
+                    at = b if big else size - 1 - b
+                    items = items << 8 | np.int64(body[start + at])
+                if layout[k, 1] and items >> (8 * size - 1):
+                    return row, start  # a list of fewer than no items
+                if k == which:
+                    places[row], counts[row] = start + size, items
+            start += size + items * layout[k, 2]
+            if start > len(body):
+                return row, start
+    return len(places), start
 
 
-def _cut_short(path: Path, name: str, element: Element, found: int) -> int:
+def _cut_short(path: Path, name: str, element: Element, found: int) -> None:
     raise InputError(
         f"{path}: broken or cut short: its header promises {element.count} rows of '{name}', {found} can be read; "
         "export the mesh again"

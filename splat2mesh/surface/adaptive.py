@@ -97,7 +97,7 @@ def fuse_adaptively(sights, origin, stage=lambda count: None):
     batches = -(-len(values) // BATCH)
     dealt = np.random.default_rng(0).permutation(batches)
     for part in np.array_split(dealt, SLABS):
-        _integrate(corners.positions, corners.levels, part, finest, NARROW, WIDE, *packed, values, weights)
+        _integrate(corners.positions, corners.levels, part, finest, NARROW, WIDE, np.inf, *packed, values, weights)
         stage(1)
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     return vertices * finest + origin, faces, finest * 2.0**levels
@@ -143,6 +143,7 @@ def _integrate(
     finest,
     narrow,
     wide,
+    carve,
     poses,
     lenses,
     sizes,
@@ -153,7 +154,8 @@ def _integrate(
     values,
     weights,
 ):
-    """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`."""
+    """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`; carve: of
+    `_blend`."""
     for n in numba.prange(len(batches)):
         first = batches[n] * BATCH
         last = min(first + BATCH, len(positions))
@@ -180,7 +182,7 @@ def _integrate(
                 )
             if _unseen(center, ball, 3 * narrow * step, camera, tiles, tile_starts[v]):
                 continue
-            _blend(points, steps, narrow, wide, poses[v], camera, starts[v], pixels, total, weight)
+            _blend(points, steps, narrow, wide, carve, poses[v], camera, starts[v], pixels, total, weight)
         for i in range(last - first):
             if weight[i] > 0:
                 total[i] *= steps[i] / weight[i]
@@ -214,8 +216,11 @@ def _unseen(center, ball, margin, camera, tiles, start):
 
 
 @_function
-def _blend(points, steps, narrow, wide, pose, camera, start, pixels, values, weights):
-    """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,)."""
+def _blend(points, steps, narrow, wide, carve, pose, camera, start, pixels, values, weights):
+    """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,).
+
+    carve: along z, world units, how far in front of a surface space counts as seen to be free.
+    """
     fx, fy, px, py, height, width = camera
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -234,7 +239,7 @@ def _blend(points, steps, narrow, wide, pose, camera, start, pixels, values, wei
             continue
         limit = min(max(pixels[at, 5], narrow * steps[i]), wide * max(pixels[at, 6], steps[i]))
         ahead = surface - cz
-        if ahead < -3 * limit:
+        if ahead < -3 * limit or ahead > carve:
             continue
         distance = limit
         if ahead <= 3 * limit:

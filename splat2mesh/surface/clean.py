@@ -16,8 +16,9 @@ def drop_small_components(mesh):
     return int(small.sum())
 
 
-def fill_holes(points, faces, longest):
+def fill_holes(points, faces, longest, fixed=None):
     """Close the holes whose border is at most `longest` long: points and faces with those added, and their number.
+    Those at `fixed` vertices, (V,) bool, stay open.
 
     Each is closed by a fan around the middle of its border: pinholes and slits where views disagreed vanish, while
     what was never seen stays open. Where a border touches itself, its loops are holes of their own.
@@ -26,6 +27,8 @@ def fill_holes(points, faces, longest):
     for loop in _border_loops(faces, len(points)):
         corners = points[loop]
         if len(loop) < 3 or np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() > longest:
+            continue
+        if fixed is not None and fixed[loop].any():
             continue
         middle = len(points) + len(new_points)
         new_points.append(corners.mean(axis=0))

@@ -14,6 +14,9 @@ MAX_STRENGTH = 200.0
 LEAST_THICKNESS, MOST_THICKNESS = 0.3, 2.5
 """Thickness in training pixels that is added to every vertex's, and the most that counts: even fuzz keeps its place."""
 
+HELD = 1e4
+"""Trust in a vertex that must not move."""
+
 TOLERANCE, MAX_ITERATIONS = 1e-4, 300
 """Relative residual at which the solution counts as found, and iterations at most."""
 
@@ -23,6 +26,7 @@ def fair(
     faces,  # (F, 3)
     thickness,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
     pixel,  # size of a training pixel, in the points' unit
+    fixed=None,  # (V,) bool, which stay where they are; none without
 ):
     """Smooth a mesh: (V, 3) float64, the points that minimise trust x displacement^2 + strength x Laplacian^2.
 
@@ -34,6 +38,8 @@ def fair(
     strength = min(STRENGTH * (pixel / max(edge, 1e-300)) ** 4, MAX_STRENGTH)
     bending = (strength * (smoothness.T @ smoothness)).tocsr()
     trust = 1.0 / (LEAST_THICKNESS + np.minimum(thickness, MOST_THICKNESS)) ** 2
+    if fixed is not None:
+        trust[fixed] = HELD
     system = (diags_array(trust) + bending).tocsr()
     preconditioner = diags_array(1.0 / system.diagonal())
     faired = points.astype(np.float64)
@@ -41,6 +47,8 @@ def fair(
         pull = -(bending @ points[:, axis])
         step, _ = cg(system, pull, rtol=TOLERANCE, maxiter=MAX_ITERATIONS, M=preconditioner)
         faired[:, axis] += step
+    if fixed is not None:
+        faired[fixed] = points[fixed]
     return faired
 
 

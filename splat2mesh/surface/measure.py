@@ -1,11 +1,16 @@
-"""What is measured on a source and the scene made of it: the captured sky, and what is a volume."""
+"""What is measured on a source and the scene made of it: the captured sky, what is a volume, and how thick it is."""
 
 import numpy as np
 
+from ..render.thickness import optical_depth
 from ..scene.measured import Measured
 from ..splats.splats import usable
 from .captured_sky import captured_sky
 from .volume import splat_volume, vertex_volume
+
+LEAST_LEAFY, LEAST_SHARE = 0.25, 0.005
+"""Volume of a vertex, and part of the vertices that have more, from which it is measured how thick leaves and grass
+are."""
 
 
 def measured_of(
@@ -29,4 +34,7 @@ def measured_of(
     eye = None if not len(eyes) else np.mean(np.asarray(eyes, np.float64), axis=0) @ back[:3, :3].T + back[:3, 3]
     sky = captured_sky(drawn, background, scene_from_splat, eye)
     points = vertices @ back[:3, :3].T + back[:3, 3]
-    return Measured(sky, volume, vertex_volume(points, subject, measured))
+    found = Measured(sky, volume, vertex_volume(points, subject, measured))
+    if not (found.foliage > LEAST_LEAFY).mean() > LEAST_SHARE:
+        return found
+    return found._replace(depth=optical_depth(subject, measured, scene_from_splat))

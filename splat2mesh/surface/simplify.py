@@ -25,14 +25,19 @@ LEAST_TURN = 0.2
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-def simplify(points, faces, sizes, wanted):
+def simplify(points, faces, sizes, wanted, fixed=None):
     """Remove vertices until `wanted` are left, or nothing more can go.
 
-    points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex.
-    Returns points (V', 3), faces (F', 3) int32 and sizes (V',).
+    points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex. fixed: (V,) bool, which
+    stay where they are, with the edges between them; none without.
+    Returns points (V', 3), faces (F', 3) int32, sizes (V',) and, where `fixed` is given, which fixed vertex each is
+    (V',), -1 for none.
     """
+    kept = np.full(len(points), -1, np.int64)
+    if fixed is not None:
+        kept[fixed] = np.flatnonzero(fixed)
     points, faces, sizes = points.copy(), faces.copy(), np.asarray(sizes, float).copy()
-    middle = points.mean(axis=0)
+    middle = points.mean(axis=0) if fixed is None else np.zeros(3)  # what is fixed keeps every bit
     points -= middle
     edges, uses = _edges(faces, len(points))
     quadrics, weights = np.zeros((len(points), 10)), np.zeros(len(points))
@@ -41,8 +46,10 @@ def simplify(points, faces, sizes, wanted):
     while left > wanted:
         border = np.zeros(len(points), bool)
         border[edges[uses == 1].ravel()] = True
+        border |= kept >= 0
+        open_edges = (uses == 1) & (kept[edges] < 0).all(axis=1)
         costs, places = np.empty(len(edges)), np.empty((len(edges), 3))
-        _costs(points, edges, quadrics, weights, sizes, border, uses == 1, costs, places)
+        _costs(points, edges, quadrics, weights, sizes, border, open_edges, costs, places)
         finite = np.isfinite(costs)
         if not finite.any():
             break
@@ -52,7 +59,7 @@ def simplify(points, faces, sizes, wanted):
         order = order[np.argsort(costs[order], kind="stable")]
         starts, around = _faces_around(faces, len(points))
         removed = _collapse(
-            points, faces, starts, around, quadrics, weights, sizes, border, edges, order, places, left - wanted
+            points, faces, starts, around, quadrics, weights, sizes, kept, edges, order, places, left - wanted
         )
         faces = faces[faces[:, 0] >= 0]
         left -= removed
@@ -60,7 +67,10 @@ def simplify(points, faces, sizes, wanted):
             break
         edges, uses = _edges(faces, len(points))
     used, faces = np.unique(faces, return_inverse=True)
-    return points[used] + middle, faces.reshape(-1, 3).astype(np.int32), sizes[used]
+    faces = faces.reshape(-1, 3).astype(np.int32)
+    if fixed is None:
+        return points[used] + middle, faces, sizes[used]
+    return points[used] + middle, faces, sizes[used], kept[used]
 
 
 def _edges(faces, count):
@@ -168,7 +178,7 @@ def _best(q, weight, middle):
 
 @_function
 def _collapse(
-    points, faces, starts, around, quadrics, weights, sizes, border, edges, order, places, most
+    points, faces, starts, around, quadrics, weights, sizes, kept, edges, order, places, most
 ):  # fmt: skip
     """Collapse edges in this order as long as they do not touch one another; returns their number."""
     touched = np.zeros(len(points), np.bool_)
@@ -212,6 +222,7 @@ def _collapse(
                     if faces[f, k] == b:
                         faces[f, k] = a
         points[a] = places[e]
+        kept[a] = max(kept[a], kept[b])
         quadrics[a] += quadrics[b]
         weights[a] += weights[b]
         sizes[a] = min(sizes[a], sizes[b])

@@ -1,6 +1,5 @@
 """The cameras that a capture was taken with: found, read whatever their kind, and checked against the splat."""
 
-import json
 import os
 import warnings
 from dataclasses import replace
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
+from ..base.inputs import read_json, reading
 from .cameras_json import views_of_cameras_json
 from .colmap import is_colmap, read_colmap
 from .nerfstudio import candidates_of_transforms
@@ -49,7 +49,8 @@ def trained_views(given, splat_path, splats):
     path = cameras_beside(splat_path) if given is None else None if str(given) == NONE else Path(given)
     if path is None:
         return []
-    candidates = read_cameras(path, splat_path)
+    with reading(path), np.errstate(all="ignore"):
+        candidates = read_cameras(path, splat_path)
     solid = _solid(splats)
     frames = [(views, [view for view in views if view is not None and _sees(view, solid)]) for views in candidates]
     most = max(len(seeing) for _, seeing in frames)
@@ -87,10 +88,10 @@ def read_cameras(path, splat_path="."):
             raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
         path = inside[0]
     try:
-        content = json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}; expected {KINDS}") from error
-    except (ValueError, RecursionError) as error:
+        content = read_json(path)
+    except InputError as error:
+        raise InputError(f"{error}; expected {KINDS}") from error
+    except ValueError as error:
         raise InputError(f"{path} is no JSON ({error}); expected {KINDS}") from error
     if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
         found = [views_of_cameras_json(path, content)]

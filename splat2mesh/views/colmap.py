@@ -1,12 +1,26 @@
-"""Cameras of a COLMAP model, the frame that INRIA's training keeps. Source: colmap.github.io, "Output Format"."""
+"""Cameras of a COLMAP model, the frame that INRIA's training keeps. Source: colmap.github.io, "Output Format".
 
+Read here rather than by COLMAP's own library, which ends the process over a damaged file.
+"""
+
+import struct
 from pathlib import Path
 
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.extras import needed
+from ..base.inputs import file_size, reading
 from ..render.view import View
+
+_MODELS = {
+    **{0: ("SIMPLE_PINHOLE", 1, 3), 1: ("PINHOLE", 2, 4), 2: ("SIMPLE_RADIAL", 1, 4), 3: ("RADIAL", 1, 5)},
+    **{4: ("OPENCV", 2, 8), 5: ("OPENCV_FISHEYE", 2, 8), 6: ("FULL_OPENCV", 2, 12), 7: ("FOV", 2, 5)},
+    **{8: ("SIMPLE_RADIAL_FISHEYE", 1, 4), 9: ("RADIAL_FISHEYE", 1, 5), 10: ("THIN_PRISM_FISHEYE", 2, 12)},
+    **{11: ("RAD_TAN_THIN_PRISM_FISHEYE", 2, 16)},
+}
+"""Number -> name, focal lengths, parameters: first the focal lengths, then the principal point, then the lens."""
+_BY_NAME = {name: (focals, count) for name, focals, count in _MODELS.values()}
+_POINT_BYTES = 24  # of a keypoint: x, y, and the point that it shows
 
 
 def is_colmap(folder):
@@ -17,30 +31,99 @@ def is_colmap(folder):
 def read_colmap(folder):
     """Views of a COLMAP model (text or binary), in the order of their image ids.
 
-    folder: holds cameras, images and points3D files. Lens distortion is ignored: the focal lengths and the principal
-    point of each camera are kept. Raises InputError for a folder that pycolmap cannot read or that holds no image.
+    folder: holds files of cameras and images. Lens distortion is ignored: the focal lengths and the principal point of
+    each camera are kept. Raises InputError for a folder whose files are damaged or that holds no posed image.
     """
     folder = Path(folder)
     if not is_colmap(folder):
         raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
-    pycolmap = needed("pycolmap", "reading the cameras of a COLMAP model")
-    try:
-        model = pycolmap.Reconstruction(str(folder))
-        views = [_view(model, model.images[key]) for key in sorted(model.images)]
-    except (ValueError, RuntimeError, KeyError, IndexError) as error:
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{folder}: pycolmap cannot read this model ({reason})") from error
-    views = [view for view in views if np.isfinite(view.camera_from_world).all()]
+    binary = (folder / "cameras.bin").is_file()
+    suffix, cameras_of, images_of = (".bin", _cameras, _images) if binary else (".txt", _text_cameras, _text_images)
+    found = []
+    for name, parse in (("cameras", cameras_of), ("images", images_of)):
+        file = folder / f"{name}{suffix}"
+        file_size(file, "part of the COLMAP model")
+        with reading(file):
+            try:
+                found.append(parse(file.read_bytes()))
+            except (struct.error, ValueError, IndexError, KeyError, UnicodeError) as error:
+                raise InputError(f"{folder}: cannot read {file.name} of this COLMAP model ({error})") from error
+    cameras, images = found
+    views = []
+    for number in sorted(images):
+        camera, quat_wxyz, place = images[number]
+        if camera not in cameras:
+            raise InputError(f"{folder}: cannot read this COLMAP model (image {number} names camera {camera})")
+        if np.isfinite([*quat_wxyz, *place]).all() and any(quat_wxyz):
+            views.append(View(*_picture(folder, camera, *cameras[camera]), _pose(quat_wxyz, place)))
     if not views:
         raise InputError(f"{folder}: the COLMAP model holds no posed image")
     return views
 
 
-def _view(model, image):
-    camera = model.cameras[image.camera_id]
+def _picture(folder, number, focals, width, height, numbers):
+    """(width, height, fx, fy, cx, cy). Raises InputError for a camera that takes no picture."""
+    fx, fy, (cx, cy) = numbers[0], numbers[focals - 1], numbers[focals : focals + 2]
+    if not (0 < width < 2**31 and 0 < height < 2**31 and np.isfinite(numbers[: focals + 2]).all() and min(fx, fy) > 0):
+        size = f"{width} x {height} pixels, focal lengths {fx:g} and {fy:g}"
+        raise InputError(f"{folder}: camera {number} of the COLMAP model has no usable picture: {size}")
+    return width, height, fx, fy, cx, cy
+
+
+def _pose(quat_wxyz, place):
+    w, x, y, z = np.array(quat_wxyz) / np.linalg.norm(quat_wxyz)
     matrix = np.eye(4)
-    pose = image.cam_from_world() if callable(image.cam_from_world) else image.cam_from_world
-    matrix[:3] = pose.matrix()
-    focal = camera.focal_length_x, camera.focal_length_y
-    principal = camera.principal_point_x, camera.principal_point_y
-    return View(camera.width, camera.height, *focal, *principal, matrix)
+    matrix[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
+    matrix[1, :3] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
+    matrix[2, :3] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    matrix[:3, 3] = place
+    return matrix
+
+
+def _cameras(data):
+    """id -> (focal lengths, width, height, numbers)."""
+    (count,), at, found = struct.unpack_from("<Q", data), 8, {}
+    for _ in range(count):  # ends with an error where the data does
+        number, model, width, height = struct.unpack_from("<IiQQ", data, at)
+        _, focals, numbers = _MODELS[model]
+        found[number] = focals, width, height, struct.unpack_from(f"<{numbers}d", data, at + 24)
+        at += 24 + 8 * numbers
+    return found
+
+
+def _images(data):
+    """id -> (id of the camera, quaternion w x y z, translation), camera from world."""
+    (count,), at, found = struct.unpack_from("<Q", data), 8, {}
+    for _ in range(count):
+        number, *pose, camera = struct.unpack_from("<I7dI", data, at)
+        at = data.index(b"\0", at + 64) + 1
+        (points,) = struct.unpack_from("<Q", data, at)
+        at += 8 + points * _POINT_BYTES
+        if at > len(data):
+            raise ValueError(f"image {number} goes beyond the end")
+        found[number] = camera, pose[:4], pose[4:]
+    return found
+
+
+def _text_cameras(data):
+    found = {}
+    for line in data.decode().splitlines():
+        words = line.split()
+        if words and words[0][0] != "#":
+            focals, count = _BY_NAME[words[1]]
+            numbers = tuple(map(float, words[4:]))
+            if len(numbers) != count:
+                raise ValueError(f"a camera {words[1]} has {count} numbers, found {len(numbers)}")
+            found[int(words[0])] = focals, int(words[2]), int(words[3]), numbers
+    return found
+
+
+def _text_images(data):
+    found, lines = {}, iter(data.decode().splitlines())
+    for line in lines:
+        words = line.split()
+        if words and words[0][0] != "#":
+            numbers = list(map(float, words[1:8]))
+            found[int(words[0])] = int(words[8]), numbers[:4], numbers[4:]
+            next(lines, None)  # its keypoints
+    return found

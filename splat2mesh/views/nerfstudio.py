@@ -9,13 +9,13 @@ how in dataparser_transforms.json; other trainers take the poses as they are; wh
 Source: docs.nerf.studio, "Data conventions"; nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
 """
 
-import json
 import warnings
 from pathlib import Path
 
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
+from ..base.inputs import read_json
 from .poses import view_of
 
 TRAINING_FRAME = "dataparser_transforms.json"
@@ -75,7 +75,7 @@ def _frames(path, content, splat_path):
         file = folder / TRAINING_FRAME
         if file.is_file():
             try:
-                told = json.loads(file.read_text(encoding="utf-8"))
+                told = read_json(file)
                 found.append((float(told["scale"]), _rigid(told["transform"])))
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(f"{file} holds no transform and scale ({type(error).__name__}: {error})") from error

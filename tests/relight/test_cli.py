@@ -53,7 +53,7 @@ def test_a_plan_reads_what_was_kept_and_leaves_it_alone(folder, tmp_path, capsys
         (["--budget", "0"], "--budget must be a number above 0, found 0.0"),
         (["--budget", "1", "--tolerance", "0.1"], "--tolerance and --budget: expected one of them"),
         (["--rays", "0"], "--rays per vertex must be a whole number"),
-        (["--effects", "sun"], "--effects sun: sun and bounces need shadows too"),
+        (["--effects", "sun"], "--effects sun: sun, bounces and volume need shadows too"),
         (["--capture-env", "noon", "--albedo", "white"], "--capture-env: it is there to estimate the albedo"),
         (["--albedo", "nowhere.npy"], "--albedo nowhere.npy: expected estimated, captured, white or a .npy file"),
         (["-o", "SCENE/chunks"], "exists already: give another --output, or replace it by --overwrite"),

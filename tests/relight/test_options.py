@@ -25,7 +25,7 @@ HEAVY = ("numpy", "scipy", "numba", "open3d")
         ({"rays": 0}, "`rays` per vertex must be a whole number from 1 to 65536, found 0"),
         ({"seed": -1}, "`seed` must be a whole number from 0"),
         ({"seed": 2**64}, "`seed` must be"),
-        ({"effects": "sun"}, "`effects` sun: sun and bounces need shadows too"),
+        ({"effects": "sun"}, "`effects` sun: sun, bounces and volume need shadows too"),
         ({"effects": "shadows", "method": "analytic"}, "`effects` shadows: the method analytic has none"),
         ({"tolerance": 0.0}, "`tolerance` must be a number above 0, found 0.0"),
         ({"tolerance": math.nan}, "`tolerance` must be"),

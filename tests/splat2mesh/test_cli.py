@@ -223,7 +223,8 @@ def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted
     path = write_splat(tmp_path / "ball.ply", spoil)
     assert main([str(path), "-o", str(out), "--overwrite", "--detail", "draft", "--up", "+y"]) == 0
     stdout, stderr = capsys.readouterr()
-    summary, following = stdout.splitlines()
+    summary, picture, following = stdout.splitlines()
+    assert picture.endswith("preview.png shows splat and mesh") and (out / "preview.png").is_file()
     assert re.fullmatch(r".*out: [\d,]+ vertices, [\d,]+ faces in 2 chunks, from 3,000 splats, [\d.]+ s", summary)
     assert re.fullmatch(r"  next: relight .*out --env sunset", following)
     assert stderr == "warning: dropped splats: 30 with a NaN or infinite value (of 3000)\n"

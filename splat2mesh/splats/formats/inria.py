@@ -22,14 +22,16 @@ _REQUIRED += ["rot_0", "rot_1", "rot_2", "rot_3"]
 _BLOCK = 8192
 
 
-def read(ply):
-    """Splats of an opened Ply. Raises InputError when it is a mesh, a point cloud, empty or cut short."""
+def read(ply, part=None):
+    """Splats of an opened Ply, all or a slice of its rows. Raises InputError when it is a mesh, a point cloud, empty or
+    cut short."""
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     missing = [name for name in _REQUIRED if name not in names]
     if missing:
         raise InputError(_explain(ply, names, missing))
     k = coefficients(ply.path, names)
     rows = ply.rows("vertex")
+    rows = rows if part is None else np.array(rows[part])
     n = len(rows)
     if n == 0:
         raise InputError(f"{ply.path} holds no splats: its vertex element has 0 rows")
@@ -52,16 +54,26 @@ def write_inria_ply(path, splats, normals=None):
     normals: (N, 3) for `nx ny nz`, which mean nothing to most programs; zeros without.
     Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
     """
+    with staged_file(path) as staging, open(staging, "wb") as file:
+        for block in _blocks(splats, normals):
+            file.write(block)
+
+
+def inria_ply_bytes(splats):
+    """The file that `write_inria_ply` writes."""
+    return b"".join(_blocks(splats))
+
+
+def _blocks(splats, normals=None):
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += [f"f_rest_{i}" for i in range(3 * (splats.sh.shape[1] - 1))]
     names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
     header += [f"property float {name}" for name in names] + ["end_header\n"]
-    with staged_file(path) as staging, open(staging, "wb") as file:
-        file.write("\n".join(header).encode())
-        for start in range(0, len(splats), _BLOCK):
-            rows = slice(start, start + _BLOCK)
-            file.write(_packed(splats.take(rows), None if normals is None else normals[rows]).tobytes())
+    yield "\n".join(header).encode()
+    for start in range(0, len(splats), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        yield _packed(splats.take(rows), None if normals is None else normals[rows]).tobytes()
 
 
 def coefficients(path, names):

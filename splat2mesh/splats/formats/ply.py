@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import DataWarning, InputError
+from ...base.inputs import file_size
 
 MAX_HEADER_BYTES = 1 << 20
 _BYTE_ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -58,6 +59,7 @@ class Ply:
     def open(cls, path):
         """Read the header of `path`. Raises InputError for a header that is malformed or cut short."""
         path, format, elements, element = Path(path), None, {}, None
+        file_size(path, "PLY file")
         with open(path, "rb") as file:
             if file.readline(16).strip() != b"ply":
                 raise InputError(f"{path} is no PLY file: its first line must be 'ply'")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import DataWarning, InputError
+from ...base.inputs import check_special, quiet_numbers, reading
 from ..joining import joined
 from . import compressed_ply, dotsplat, inria, sog, spz, streamed
 from .parts import parts_of
@@ -31,9 +32,10 @@ def read_splats(path, lod="auto"):
     DataWarning when "auto" passes over a finer level.
     """
     path = Path(path)
-    try:
+    check_special(path)
+    with reading(path):
         # Values beyond float32 become infinite or NaN here, and `clean` drops and counts them.
-        with np.errstate(over="ignore", invalid="ignore"):
+        with quiet_numbers():
             found, splats = parts_of(path, lod), []
             if lod == "auto" and found.level:
                 _say_coarser(path, found)
@@ -45,8 +47,6 @@ def read_splats(path, lod="auto"):
                 far = _read(found.environment, _kind(found.environment))
                 splats.append(replace(far, environment=np.ones(len(far), bool)))
             return joined(splats)
-    except OSError as error:
-        raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
 
 
 def _say_coarser(path, found):
@@ -65,11 +65,10 @@ def kind_of(path):
     Raises InputError for what is none of them.
     """
     path = Path(path)
-    try:
+    check_special(path)
+    with reading(path):
         found = parts_of(path)
         return "tiles" if found.described_by or found.tiles != (path,) else _kind(path)
-    except OSError as error:
-        raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
 
 
 def _read(path, kind):
@@ -89,6 +88,7 @@ def _kind(path):
         raise InputError(f"{path} does not exist: expected {KINDS}")
     if path.is_dir():
         return "sog"
+    check_special(path)
     with open(path, "rb") as file:
         head = file.read(64)
     if not head:

@@ -5,7 +5,8 @@ Version 2 looks values up in codebooks of 256; version 1 (no `version` field) sp
 Source: developer.playcanvas.com, "The SOG format".
 """
 
-import json
+import lzma
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -13,10 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.inputs import LARGEST_JSON, check_count, file_size, inside, loads
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
 
 META = "meta.json"
+LARGEST_IMAGE = 1 << 30
+"""Bytes of an image in a folder: at most 16383 x 16383 pixels."""
+SMALL_PIXELS = 1 << 20
+"""Pixels that any image may have, however few splats there are."""
+PALETTE_PIXELS = 1 << 24
+"""Of the palette of harmonics: 65536 entries of 15 are a million."""
 _PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
 _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of the largest component, wxyz
 
@@ -27,15 +35,19 @@ def read_folder(folder, meta_name=META):
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
     def load(name):
-        if not (folder / name).is_file():
-            raise InputError(f"{folder / name} is missing: {META} names it, copy the whole SOG folder")
-        return (folder / name).read_bytes()
+        file = inside(folder, name, folder / meta_name)
+        if not file.exists():
+            raise InputError(f"{file} is missing: {META} names it, copy the whole SOG folder")
+        if file_size(file) > LARGEST_IMAGE:
+            raise InputError(f"{file} takes {file_size(file) >> 20} MB, expected at most {LARGEST_IMAGE >> 20}")
+        return file.read_bytes()
 
     return _read(folder / meta_name, load, meta_name)
 
 
 def read_bundle(path):
     """Splats of a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
+    size = file_size(path, "splat file")
     try:
         with zipfile.ZipFile(path) as bundle:
             metas = [name for name in bundle.namelist() if Path(name).name == META]
@@ -44,25 +56,29 @@ def read_bundle(path):
             prefix = min(metas, key=len).removesuffix(META)
 
             def load(name):
-                if prefix + name not in bundle.namelist():
+                if not isinstance(name, str) or prefix + name not in bundle.namelist():
                     raise InputError(f"{path} lacks {name}, which its {META} names: export it again")
+                announced = bundle.getinfo(prefix + name).file_size
+                # WebP does not shrink, so an entry that does is made to fill the memory.
+                if announced > max(LARGEST_JSON if name == META else 4 * size, 1 << 20):
+                    raise InputError(f"{path}: {name} announces {announced:,} bytes in a file of {size:,}: damaged")
                 return bundle.read(prefix + name)
 
             return _read(path, load, META)
-    except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, NotImplementedError, RuntimeError) as error:
         raise InputError(f"{path} is a damaged zip ({error}): copy or export it again") from error
 
 
 def _read(path, load, meta_name):
     try:
-        meta = json.loads(load(meta_name))
+        meta = loads(load(meta_name))
         version = meta.get("version", 1)
         if version not in (1, 2):
             raise InputError(f"{path}: SOG version {version} is not known here: expected 1 or 2")
         return _decode(_Images(path, load, meta), meta, version)
     except InputError:
         raise
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+    except (ArithmeticError, ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: {META} does not describe a SOG ({type(error).__name__}: {error})") from error
 
 
@@ -74,13 +90,20 @@ class _Images:
         self.count = int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
         if self.count <= 0:
             raise InputError(f"{path} holds no splats: its count is {self.count}")
+        names = {str(name) for part in ("means", "sh0", "scales", "quats") for name in meta[part]["files"]}
+        self._loaded = {name: load(name) for name in sorted(names)}
+        check_count(path, self.count, sum(map(len, self._loaded.values())))
 
     def image(self, part, index=0):
         """(H, W, 4) uint8."""
         import imagecodecs
 
         name = self.meta[part]["files"][index]
-        data = self.load(name)
+        data = self._loaded.get(name) or self.load(name)
+        width, height = _size(self.path, name, data)
+        most = PALETTE_PIXELS if part == "shN" and index == 0 else max(2 * self.count, SMALL_PIXELS)
+        if width * height > most:
+            raise InputError(f"{self.path}: {name} has {width} x {height} pixels, for {self.count} splats: damaged")
         try:
             return imagecodecs.webp_decode(data, hasalpha=True)
         except imagecodecs.WebpError as error:
@@ -95,6 +118,20 @@ class _Images:
                 f"{self.path}: {name} has {len(pixels)} pixels, expected one for each of {self.count} splats"
             )
         return pixels[: self.count]
+
+
+def _size(path, name, data):
+    """Width and height of a WebP image, by its header: before its pixels are made. Source: RFC 9649."""
+    kind = data[12:16]
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP" and len(data) >= 30:
+        if kind == b"VP8X":
+            return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
+        if kind == b"VP8L":
+            (bits,) = struct.unpack_from("<I", data, 21)
+            return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+        if kind == b"VP8 ":
+            return tuple(side & 0x3FFF for side in struct.unpack_from("<HH", data, 26))
+    raise InputError(f"{path}: {name} is no readable WebP image (it starts with {data[:16]!r})")
 
 
 def _decode(images, meta, version):
@@ -125,6 +162,8 @@ def _values(part, texels):
     if "codebook" not in part:
         return _between(part, texels / np.float32(255))
     codebook = np.array(part["codebook"], np.float32)
+    if codebook.shape != (256,):
+        raise ValueError(f"a codebook has 256 entries, found {codebook.shape}")
     if part["codebook"][0] is None:  # early writers lost the first entry; PlayCanvas extends the line of the others
         codebook[0] = codebook[1] + (codebook[1] - codebook[-1]) / 255
     return codebook[texels]

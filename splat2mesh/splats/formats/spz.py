@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.inputs import check_count, file_size
 from ...base.outputs import staged_file
 from ..splats import Splats
 from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_clipped
@@ -35,6 +36,7 @@ _GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name 
 
 def read(path):
     """Splats of an `.spz` file. Raises InputError when it is no SPZ, too new, damaged or cut short."""
+    file_size(path, "splat file")
     data = Path(path).read_bytes()
     try:
         header, sections = (_open_v4 if data.startswith(MAGIC) else _open_gzip)(path, data)
@@ -120,13 +122,17 @@ class _Header:
 
 
 def _open_gzip(path, data):
-    inflate = zlib.decompressobj(wbits=31)
+    inflate = zlib.decompressobj(wbits=_GZIP)
     header = _Header(path, inflate.decompress(data, _HEADER.size), (2, 3))
+    check_count(path, header.count, len(data))
     expected = header.count * sum(header.widths)
     # Bounded by what the header announces, so that a damaged stream cannot fill the memory.
     body = inflate.decompress(inflate.unconsumed_tail, expected)
     _check_size(path, "data", len(body), expected)
-    inflate.decompress(inflate.unconsumed_tail, 1)  # reaches the checksum: raises when it disagrees
+    surplus = inflate.decompress(inflate.unconsumed_tail, 1)  # reaches the checksum: raises when it disagrees
+    if surplus or not inflate.eof or inflate.unused_data:
+        what = "lacks the end of its stream" if not (surplus or inflate.eof) else "holds more than its header announces"
+        raise InputError(f"{path} is damaged: it {what}: copy or export it again")
     ends = np.cumsum([0, *header.widths]) * header.count
     return header, [body[a:b] for a, b in itertools.pairwise(ends)]
 
@@ -135,6 +141,7 @@ def _open_v4(path, data):
     import imagecodecs
 
     header = _Header(path, data, (4,))
+    check_count(path, header.count, len(data))
     widths = [width for width in header.widths if width]
     if header.last != len(widths):
         raise InputError(f"{path}: expected {len(widths)} SPZ streams, found {header.last}")
@@ -151,6 +158,10 @@ def _open_v4(path, data):
             raise InputError(f"{path}: an SPZ stream is damaged ({error}): copy or export it again") from error
         _check_size(path, f"stream {i}", len(sections[-1]), size)
         start += packed_size
+    if start != len(data):
+        raise InputError(
+            f"{path} is damaged: {len(data) - start} bytes follow its last stream: copy or export it again"
+        )
     return header, sections + [b""] * (6 - len(sections))
 
 

@@ -8,14 +8,17 @@ far surroundings, is drawn with every level. Files before version 1 have no `ver
 Source: playcanvas/splat-transform, src/lib/writers/write-lod.ts and src/lib/readers/read-lod.ts.
 """
 
-import json
 from collections import defaultdict
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from ...base.errors import InputError
+from ...base.inputs import inside, read_json
 
 META = "lod-meta.json"
+
+MOST_LEVELS = 64
+"""Each halves the splats or more."""
 
 SPLAT_BUDGET = 6_000_000
 """Splats up to which `auto` takes a level: the largest captures that this project converts on a small machine."""
@@ -69,9 +72,8 @@ def check_count(path, found, expected, meta_path):
 def is_streamed(path):
     """Whether a path is the lod-meta.json of a streamed SOG, by what it holds."""
     try:
-        with open(path, encoding="utf-8") as file:
-            content = json.load(file)
-    except (OSError, ValueError, RecursionError):
+        content = read_json(path)
+    except ValueError:  # an InputError is one
         return Path(path).name == META
     return isinstance(content, dict) and ("lodLevels" in content or Path(path).name == META)
 
@@ -80,22 +82,20 @@ def open_streamed(path):
     """The Streamed of a lod-meta.json. Raises InputError where it is damaged or contradicts itself."""
     path = Path(path)
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
+        meta = read_json(path)
         version = meta.get("version", 1)
         if version != 1:
             raise InputError(f"{path}: version {version} of {META} is not known here: expected 1")
-        levels, names = int(meta["lodLevels"]), [_inside(path, name) for name in meta["filenames"]]
-        if levels <= 0:
-            raise InputError(f"{path}: lodLevels must be positive, found {levels}")
+        levels, names = int(meta["lodLevels"]), [inside(path.parent, name, path) for name in meta["filenames"]]
+        if not 0 < levels <= MOST_LEVELS:
+            raise InputError(f"{path}: lodLevels must be positive and at most {MOST_LEVELS}, found {levels}")
         tiles = _tiles(path, meta["tree"], levels, names)
-        environment = _inside(path, meta["environment"]) if meta.get("environment") else None
+        environment = inside(path.parent, meta["environment"], path) if meta.get("environment") else None
         counts = tuple(sum(tile.values()) for tile in tiles)
         promised = tuple(meta.get("counts", counts))
     except InputError:
         raise
-    except RecursionError as error:
-        raise InputError(f"{path}: its tree is nested too deeply") from error
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError) as error:
+    except (ValueError, OverflowError, KeyError, IndexError, TypeError, AttributeError) as error:
         raise InputError(f"{path} does not describe a streamed SOG ({type(error).__name__}: {error})") from error
     if promised != counts:
         raise InputError(f"{path}: its counts are {list(promised)}, its tree holds {list(counts)} splats by level")
@@ -135,20 +135,12 @@ def _whole(value):
     return value
 
 
-def _inside(path, name):
-    """The path of a tile; InputError for a name that leads out of the folder of the lod-meta.json."""
-    parts = PurePosixPath(str(name))
-    if parts.is_absolute() or ".." in parts.parts or "://" in str(name):
-        raise InputError(f"{path} names {name}, which lies outside its folder: download the capture as a whole")
-    return path.parent / parts
-
-
 def _announced(path):
     """How many splats an unbundled SOG tile says it holds; None for any other tile, and where it does not say."""
     if path.suffix.lower() != ".json":
         return None
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
+        meta = read_json(path)
         return int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
-    except (OSError, ValueError, KeyError, IndexError, TypeError):
+    except (OverflowError, ValueError, KeyError, IndexError, TypeError, AttributeError):
         return None  # what is wrong with it, its reader says better

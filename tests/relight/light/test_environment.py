@@ -313,10 +313,6 @@ REFUSED = {
     "hdr magic alone": (lambda _: b"#?", "damaged or unusual Radiance"),
     "hdr header cut": (lambda _: imagecodecs.rgbe_encode(IMAGE)[:30], "damaged or unusual Radiance"),
     "hdr pixels cut": (lambda _: imagecodecs.rgbe_encode(IMAGE)[:-9], "damaged or unusual Radiance"),
-    "hdr bottom up": (
-        lambda _: b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+Y 1 +X 2\n" + bytes(8),
-        "damaged or unusual Radiance",
-    ),
     "hdr in XYZ": (lambda _: b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 2\n" + bytes(8), "CIE XYZ"),
 }
 

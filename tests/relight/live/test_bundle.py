@@ -45,7 +45,7 @@ def test_the_reader_finds_the_change_of_light_that_a_relit_splat_has(reader, fol
         expected = (((0.5 + SH_C0 * relit.sh[:, 0] + 0.055) / (color + 0.055)) ** CURVE_POWER)[live.order]
         found = reader["change"](bundle, bundle[0]["lights"][light], np.radians(angle))
         off = np.abs(found - expected) / expected.mean()
-        assert np.sqrt(np.mean(off**2)) < 0.03  # what the bytes may add; bounces of 10 bands and colours are below
+        assert np.sqrt(np.mean(off**2)) < 0.04  # what the bytes may add; bounces of 10 bands and colours are below
         assert np.quantile(off, 0.99) < 0.1
 
 
@@ -105,7 +105,7 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path, folder):
 
 def test_errors_fall_with_bytes_and_the_first_choice_within_the_tolerance_is_taken(folder):
     tried = json.loads((folder / "live.json").read_text())["transfer"]["errors"]
-    assert all(each["error"] > 0.03 for each in tried[:-1]) and tried[-1]["error"] <= 0.03
+    assert all(each["error"] > 0.04 for each in tried[:-1]) and tried[-1]["error"] <= 0.04
 
 
 @pytest.mark.parametrize("change", ["another splat", "fewer rows", "a newer version"])

@@ -13,6 +13,7 @@ from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
 from relight.viewer import record_turntable, view
 from relight.viewer.notebook import serve, shown, ticking
+from relight.viewer.recording import fitted
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
 
@@ -107,3 +108,37 @@ def test_without_pyvista_or_a_display_one_line_says_what_to_do(scene, monkeypatc
         monkeypatch.delenv("DISPLAY", raising=False)
         with pytest.raises(InputError, match="no display"):
             view(scene)
+
+
+def test_a_film_goes_on_after_a_reset_and_a_resize_and_is_dropped_only_when_asked_twice(window, tmp_path):
+    path = tmp_path / "turn.gif"
+    window.session.change(angle_deg=10.0)
+    window.record(path, frames=4)
+    recording = window._recording
+    while recording._done < 2:
+        window.tick()
+    assert "of 4, about" in window.note and "s left" in window.note
+    window.session.change(angle_deg=77.0)  # as a reset would
+    window.plotter.window_size = [SIZE[0] + 40, SIZE[1] - 20]
+    while recording._done < 3:
+        window.tick()
+    assert window.session.state.angle_deg % 360 == pytest.approx((10.0 + 270.0) % 360)
+    window.press_key("q")
+    assert window.is_open and window.recording and "drops it" in window.note
+    while window.recording:
+        window.tick()
+    assert iio.imread(path, index=None).shape == (4, *SIZE[::-1], 3) and str(path.absolute()) in window.note
+    window.plotter.window_size = list(SIZE)
+    window.record(tmp_path / "dropped.gif", frames=40)
+    window.press_key("q")
+    window.press_key("q")
+    assert not window.is_open
+    window.close()
+    assert not (tmp_path / "dropped.gif").exists()
+
+
+def test_pictures_of_another_size_are_cut_and_filled_about_their_middle():
+    image = np.arange(5 * 3 * 3, dtype=np.uint8).reshape(5, 3, 3)
+    found = fitted(image, (3, 5))
+    assert found.shape == (3, 5, 3) and np.array_equal(found[:, 1:4], image[1:4]) and not found[:, [0, 4]].any()
+    assert fitted(image, (5, 3)) is image

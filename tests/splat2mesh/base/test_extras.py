@@ -11,9 +11,9 @@ from splat2mesh.base.extras import EXTRAS, installed, needed
 
 
 def test_a_missing_package_is_one_line_with_its_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pycolmap", None)
-    with pytest.raises(InputError, match=r'^reading cameras needs pycolmap.*pip install "splat2mesh\[colmap\]"$'):
-        needed("pycolmap", "reading cameras")
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(InputError, match=r'^the network needs onnxruntime.*pip install "splat2mesh\[networks\]"$'):
+        needed("onnxruntime", "the network")
 
 
 def test_whether_a_package_is_there(monkeypatch):
@@ -28,15 +28,6 @@ def test_every_extra_brings_its_package():
     extras = project["optional-dependencies"]
     for package, extra in EXTRAS.items():
         assert any(line.startswith(package.replace("_", "-")) for line in extras[extra])
-
-
-def test_cameras_say_which_extra_they_need(tmp_path, monkeypatch):
-    from splat2mesh.views.cameras import read_colmap
-
-    (tmp_path / "cameras.txt").write_text("")
-    monkeypatch.setitem(sys.modules, "pycolmap", None)
-    with pytest.raises(InputError, match=r"splat2mesh\[colmap\]"):
-        read_colmap(tmp_path)
 
 
 def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):

@@ -102,7 +102,7 @@ def test_a_point_seen_in_two_images_does_not_disturb_the_poses(tmp_path):
     np.testing.assert_array_equal([view.center for view in found], [[-3, 0, 0], [-4, 0, 0]])
 
 
-@pytest.mark.parametrize("missing", [None, "folder", "images.txt", "points3D.txt"])
+@pytest.mark.parametrize("missing", [None, "folder", "images.txt"])
 def test_a_folder_that_is_no_model_is_refused(tmp_path, missing):
     if missing is None:
         folder = tmp_path / "empty"

@@ -1,50 +1,104 @@
-"""The arrays of a glTF 2.0 file: buffers, accessors (strided, sparse, normalised), and the nodes' first transforms."""
+"""The arrays of a glTF 2.0 file: buffers, accessors (strided, sparse, normalised), and the nodes' first transforms.
 
-import json
+Also of files that KHR_mesh_quantization makes small, as gltfpack writes them. What Draco and meshopt pack is refused by
+name. Source: Khronos, "glTF 2.0 Specification".
+"""
+
+import base64
+import binascii
 import struct
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning, InputError
-
-from .skinning import matrix_from_trs
+from ..base.errors import DataWarning, InputError
+from ..base.inputs import file_size, inside, loads, reading
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
+MODES = TRIANGLES, STRIP, FAN = 4, 5, 6
+
 UNREADABLE = "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"
 """Extensions that pack the arrays themselves."""
+
+HARMLESS = "KHR_mesh_quantization", "KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_"
+"""Extensions, or how their names begin, that a file may require: the first is read, the others concern no shape."""
+
+MOST_NODES = 100_000
+"""Which take half a minute to place."""
+
+FREE_CORNERS = 30_000_000
+"""Corners of faces that any file may have, with all that nodes repeat: they take about 2 GB."""
+
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
+
+
+class Record(dict):
+    """A JSON object whose keys are attributes too; one that is missing is None."""
+
+    __slots__ = ()
+
+    def __getattr__(self, name: str) -> Any:
+        return self.get(name)
 
 
 class GltfData:
     """A .glb or .gltf with its buffers in memory.
 
-    document: as pygltflib parses it. node_weights: the morph weights of every node, which it drops; None without.
+    document: its JSON, as Records. size: bytes of the file. node_weights: the morph weights of every node, or None.
     """
 
     def __init__(self, path: str | Path) -> None:
         """Raises InputError for a file that is missing, broken, or packed by an extension."""
-        import pygltflib
-
         self.path = Path(path)
-        if not self.path.is_file():
-            raise InputError(f"{self.path}: no such file")
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                self.document = pygltflib.GLTF2().load(str(self.path))
-            self.node_weights = [node.get("weights") for node in _parsed(self.path).get("nodes", [])]
-        except Exception as error:  # pygltflib lets through whatever json, struct and dataclasses raise
-            raise InputError(f"{self.path}: not a readable glTF 2.0 file ({error!r}); export it again") from error
-        if self.document is None or not self.document.meshes:
-            raise InputError(f"{self.path}: holds no meshes; expected a .glb or .gltf with triangles")
-        packed = [name for name in self.document.extensionsRequired or [] if name in UNREADABLE]
+        self.size = file_size(self.path, "glTF file")
+        with reading(self.path):
+            document, self._blob = self._parsed(self.path.read_bytes())
+            if not isinstance(document, Record) or not isinstance(document.meshes, list) or not document.meshes:
+                raise InputError(f"{self.path}: holds no meshes; expected a .glb or .gltf with triangles")
+            self.document = document
+            required = [str(name) for name in document.extensionsRequired or []]
+            nodes = document.nodes or []
+            if len(nodes) > MOST_NODES:
+                raise InputError(f"{self.path}: has {len(nodes):,} nodes, expected at most {MOST_NODES:,}")
+            self.node_weights = [node.weights for node in nodes]
+        packed = [name for name in required if name in UNREADABLE]
         if packed:
             raise InputError(f"{self.path}: needs {', '.join(packed)}, which is not read; export it uncompressed")
+        unknown = [name for name in required if not name.startswith(HARMLESS)]
+        if unknown:
+            raise InputError(f"{self.path}: needs {', '.join(unknown)}, which is not read; export it without")
         self._buffers: dict = {}
+
+    def _parsed(self, data: bytes) -> tuple[Any, bytes]:
+        """The JSON of a .glb or .gltf, and the binary chunk."""
+        if data[:4] != b"glTF":
+            return loads(data, object_hook=Record), b""
+        version, total = struct.unpack_from("<II", data, 4)
+        if version != 2:
+            raise InputError(f"{self.path}: glTF {version} is not known here: expected 2")
+        if total > len(data):
+            raise InputError(
+                f"{self.path}: not a readable glTF 2.0 file: it announces {total} bytes, found {len(data)}"
+            )
+        chunks: list[tuple[int, bytes]] = []
+        start = 12
+        while start + 8 <= total and len(chunks) < 2:
+            length, kind = struct.unpack_from("<II", data, start)
+            if start + 8 + length > total:
+                raise InputError(
+                    f"{self.path}: not a readable glTF 2.0 file: a chunk of {length} bytes goes beyond its end"
+                )
+            chunks.append((kind, data[start + 8 : start + 8 + length]))
+            start += 8 + length
+        if not chunks or chunks[0][0] != _JSON:
+            raise InputError(f"{self.path}: not a readable glTF 2.0 file: its first chunk is no JSON")
+        blob = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == _BIN else b""
+        return loads(chunks[0][1], object_hook=Record), blob
 
     def array(self, index: int, what: str) -> NDArray:
         """Accessor `index`, (N,) or (N, width), as stored or, where it is normalised, float32 in [-1, 1].
@@ -52,9 +106,13 @@ class GltfData:
         Raises InputError, which names `what`, where it does not fit its buffer.
         """
         try:
-            accessor = self.document.accessors[index]
+            accessor = entry(self.document.accessors, index)
             dtype, width = np.dtype(COMPONENTS[accessor.componentType]), WIDTHS[accessor.type]
+            if not isinstance(accessor.count, int) or not 0 <= accessor.count <= max(self.size, 1 << 20) * 4:
+                raise ValueError(f"it announces {accessor.count} items")
             if accessor.bufferView is None:
+                if accessor.sparse is None:
+                    raise ValueError("it holds no data")
                 values = np.zeros((accessor.count, width), dtype)
             else:
                 values = self._view(accessor.bufferView, accessor.byteOffset or 0, dtype, accessor.count, width)
@@ -77,16 +135,18 @@ class GltfData:
         return values
 
     def _sparse(self, sparse, values):
-        index, new = sparse.indices, sparse.values
+        index, new = sparse["indices"], sparse["values"]
         dtype = np.dtype(COMPONENTS[index.componentType])
         rows = self._view(index.bufferView, index.byteOffset or 0, dtype, sparse.count, 1)[:, 0]
         values[rows] = self._view(new.bufferView, new.byteOffset or 0, values.dtype, sparse.count, values.shape[1])
         return values
 
     def _view(self, index, offset, dtype, count, width):
-        view = self.document.bufferViews[index]
+        view = entry(self.document.bufferViews, index)
         start = (view.byteOffset or 0) + offset
         stride = view.byteStride or dtype.itemsize * width
+        if min(offset, view.byteOffset or 0, count, stride, view.byteLength) < 0:
+            raise ValueError("a size is negative")
         data = self._buffer(view.buffer)
         end = start + (count - 1) * stride + dtype.itemsize * width if count else start
         if end > min(len(data), (view.byteOffset or 0) + view.byteLength):
@@ -95,15 +155,17 @@ class GltfData:
 
     def _buffer(self, index):
         if index not in self._buffers:
-            buffer = self.document.buffers[index]
+            buffer = entry(self.document.buffers, index)
             if buffer.uri is None:
-                data = self.document.binary_blob() or b""
+                if index != 0 or not self._blob:
+                    raise ValueError(f"buffer {index} holds no data")
+                data = self._blob
             elif buffer.uri.startswith("data:"):
-                data = self.document.get_data_from_buffer_uri(buffer.uri)
+                data = _inline(buffer.uri)
             else:
                 from urllib.parse import unquote
 
-                file = self.path.parent / unquote(buffer.uri)
+                file = inside(self.path.parent, unquote(buffer.uri), self.path)
                 if not file.is_file():
                     raise InputError(f"{self.path}: its buffer {buffer.uri} is not beside it")
                 data = file.read_bytes()
@@ -113,7 +175,7 @@ class GltfData:
     def initial_transforms(self) -> list[dict]:
         """Where every node stands before anything moves: translation, rotation and scale, or a matrix; float64."""
         transforms = []
-        for node in self.document.nodes:
+        for node in self.document.nodes or []:
             if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:
                 transforms.append({"matrix": np.reshape(np.array(node.matrix, np.float64), (4, 4)).T})
                 continue
@@ -159,13 +221,48 @@ def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -
     return result
 
 
-def _parsed(path):
-    """The JSON of a .glb or .gltf."""
-    data = path.read_bytes()
-    if data[:4] == b"glTF":
-        (length,) = struct.unpack_from("<I", data, 12)
-        data = data[20 : 20 + length]
-    return json.loads(data)
+def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
+    """The (4, 4) float64 matrix that scales, then rotates, then moves."""
+    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
+    # fmt: off
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+    # fmt: on
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation * np.asarray(scale, np.float64), translation
+    return matrix
+
+
+def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
+    """(F, 3) int32 of a list, a strip or a fan."""
+    if mode == TRIANGLES:
+        faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
+    elif len(indices) < 3:
+        faces = np.zeros((0, 3), np.int32)
+    elif mode == FAN:
+        faces = np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
+    else:
+        faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+        faces[1::2] = faces[1::2, [1, 0, 2]]
+    return np.ascontiguousarray(faces, np.int32)
+
+
+def entry(entries: Any, index: Any) -> Any:
+    """One of a list, by a number that a file gives: a negative one would count from the end."""
+    if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
+        raise IndexError(f"it names entry {index} of {len(entries)}")
+    return entries[index]
+
+
+def _inline(uri: str) -> bytes:
+    """The bytes of a data URI."""
+    try:
+        return base64.b64decode(uri.partition(",")[2], validate=True)
+    except binascii.Error as error:
+        raise ValueError(f"a data URI is no base64 ({error})") from None
 
 
 def warn_skipped(path: str | Path, count: int, what: str) -> None:

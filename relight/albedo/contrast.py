@@ -1,0 +1,241 @@
+"""What a place's colours say of the part of a captured sky that was clipped or not seen: how bright, and on which side.
+
+Pairs of neighbours do not tell it: what the mesh gets wrong makes any light but a flat one cost more. But whatever
+adds noise to the irradiance of a place leaves its correlation with the colours to the right light. So lights are tried,
+and each counts by how much of the variance of log colour it explains within materials whose surfaces lie alike: with
+a slope that is free, as regression on noisy values asks for.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from splat2mesh.scene.color import luminance
+
+from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.bounces import visible_fraction
+from .division import weighted_median
+
+CELL = 0.04
+"""Side of a patch over the median distance from which patches are seen."""
+
+MOST_VOLUME, LEAST_VISIBLE, SMOOTH = 0.35, 0.15, 0.9
+"""Of what is looked at: how far it may be leaves or grass, the part of its sky that it sees at least, and the least
+length of a normal between those of a face's corners."""
+
+ALIKE, MATERIAL = 0.15, 0.12
+"""Log chroma that a patch, and a material, spans."""
+
+LEVEL, BENEATH = 0.7, -0.3
+"""Height of a normal from which a surface counts as level, and below which it hangs: a material counts once for
+each, since floors and walls of one hue are not of one paint."""
+
+LEAST_PATCHES, MOST_PATCHES = 200, 3000
+"""Fewer tell nothing, and of more some are taken."""
+
+OUTLIER = 0.5
+"""Of log colour within a material: what is further off counts less than half."""
+
+INDEPENDENT = 300.0
+"""Patches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
+
+ALBEDO, ALBEDO_SPREAD = 0.2, 0.25
+"""Median albedo, in luminance, of what lies under an open sky, and spread of its logarithm. Asphalt has .12, grass and
+leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than one too dark."""
+
+ALBEDOS = (0.14, 0.2, 0.28, 0.38, 0.5)
+"""Medians that lights are tried to reach by their strength; none at all is tried as well."""
+
+SPREAD = 0.5
+"""Of the lean in the prior, along each axis: at 0.5 one side of the sky is e times as bright as the other."""
+
+STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
+"""Leans that are tried: these in each of so many directions, and none."""
+
+SUNS, SUN_WIDTH_DEG = 400, 7.0
+"""Over the sphere, of which half are tried, and spread of each: the transfer's bands hold no narrower one."""
+
+SURE = 6.0
+"""By how much evidence, in nats, a sun must gain: some fifty places in the sky can be told apart, and one is best."""
+
+
+class Patches(NamedTuple):
+    """N patches of surfaces. log_captured: (N,) of luminance. transfer: (N, K). bounced: (N,) luminance. material:
+    (N,) numbers. weight: (N,)."""
+
+    log_captured: np.ndarray
+    transfer: np.ndarray
+    bounced: np.ndarray
+    material: np.ndarray
+    weight: np.ndarray
+
+    def thinned(self, count):
+        """At most so many of them, evenly."""
+        if len(self.weight) <= count:
+            return self
+        rows = np.arange(count) * len(self.weight) // count
+        some = Patches(*(each[rows] for each in self))
+        return some._replace(material=np.unique(some.material, return_inverse=True)[1].reshape(-1))
+
+
+def patches_of(
+    looks,  # Looks
+    occluder,  # Occluder
+    captured,  # (V, 3) linear
+    usable,  # (V,) bool, neither black nor clipped
+    transfer,  # (V, K)
+    bounce,  # (V, 3)
+    volume=None,  # (V,) in [0, 1]
+):
+    """The Patches of what is looked at, or None where they are too few."""
+    normal = looks.at(occluder.normals)
+    good = usable[looks.corners].all(axis=1) & (np.linalg.norm(normal, axis=1) > SMOOTH)
+    good &= looks.at(visible_fraction(transfer)[:, None])[:, 0] > LEAST_VISIBLE
+    if volume is not None:
+        good &= looks.at(volume[:, None])[:, 0] < MOST_VOLUME
+    if np.count_nonzero(good) < LEAST_PATCHES:
+        return None
+    some = looks.of(good)
+    logs, normal, points = np.log(some.at(captured)), normal[good], some.at(occluder.origins)
+    chroma = (logs - logs.mean(axis=1, keepdims=True))[:, :2]
+    cell = CELL * float(np.median(some.distance))
+    index = _numbered([points / cell, 1.2 * normal + 0.5, chroma / ALIKE])
+    count = np.bincount(index)
+    shape = len(count), len(captured)
+    means = csr_array(
+        ((some.shares / count[index][:, None]).ravel(), (np.repeat(index, 3), some.corners.ravel())), shape
+    )
+    height = means @ occluder.normals[:, 1]
+    side = np.where(height > LEVEL, 0.0, np.where(height < BENEATH, 2.0, 1.0))
+    hue = np.stack([np.bincount(index, column) / count for column in chroma.T], axis=1)
+    return Patches(
+        np.log(np.maximum(luminance(means @ captured), 1e-9)),
+        (means @ transfer).astype(np.float64),
+        luminance(means @ bounce),
+        _numbered([hue / MATERIAL, side[:, None]]),
+        np.sqrt(count),
+    )
+
+
+class Brightness(NamedTuple):
+    """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
+
+    sun: (3,) unit direction or None. irradiance: of the sun, at right angles. told:
+    evidence in nats over no light beyond what was seen.
+    """
+
+    excess: float
+    lean: np.ndarray
+    sun: np.ndarray | None
+    irradiance: float
+    told: float
+
+
+def brightness_of(
+    patches,  # Patches
+    directions,  # (D, 3) that share the sphere evenly
+    bound,  # (D,) luminance that is known, of each direction
+    clipped,  # (D,) part of each direction that was clipped
+    open_to_suns,  # (D,) bool, where a sun may stand
+):
+    """The Brightness that explains the patches best: leans and strengths weighted by how well they do, then a sun."""
+    patches = patches.thinned(MOST_PATCHES)
+    bands = int(np.sqrt(patches.transfer.shape[1]))
+    project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
+    known = np.maximum(patches.transfer @ (project.T @ bound), 0.0) + patches.bounced
+    tried = np.concatenate([np.zeros((1, 3)), *(s * fibonacci_sphere(TRIED) for s in STEEPNESS)])
+    shape = np.exp(directions @ tried.T) * clipped[:, None]
+    nothing = _evidence(patches, known)
+    lean, excess, best, lit = np.zeros(3), 0.0, nothing, known
+    if shape.max() > 0.0:
+        lights = np.maximum(patches.transfer @ (project.T @ shape), 0.0)
+        scales, evidence = _strengths(patches, known, lights)
+        steep = np.linalg.norm(tried, axis=1)
+        odds = evidence - 0.5 * (steep[:, None] / SPREAD) ** 2
+        # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
+        share = np.exp(odds - odds.max()) * np.where(steep > 0.0, steep**2 * _widths(steep), 0.0)[:, None]
+        if odds.max() > nothing:
+            share /= share.sum()
+            lean = share.sum(axis=1) @ tried
+            excess = float(np.exp((share * np.log(np.maximum(scales, 1e-9))).sum()))
+            lit = known + excess * np.maximum(patches.transfer @ (project.T @ (np.exp(directions @ lean) * clipped)), 0)
+            best = max(nothing, _evidence(patches, lit))
+    sun, irradiance, gained = _sun(patches, known, lit, directions, open_to_suns, bands)
+    if gained - best > SURE:
+        alone = irradiance[1]
+        return Brightness(0.0 if alone else excess, lean, sun, irradiance[0], gained - nothing)
+    return Brightness(excess, lean, None, 0.0, best - nothing)
+
+
+def _sun(patches, known, lit, directions, open_to_suns, bands):
+    """The best sun beside all other light or beside what was seen alone: direction, (irradiance, whether
+    alone), and the evidence for it."""
+    suns = fibonacci_sphere(SUNS)
+    suns = suns[(suns[:, 1] > 0.0) & open_to_suns[(suns @ directions.T).argmax(axis=1)]]
+    degree, _ = harmonics.degrees_and_orders(bands)
+    lobe = np.exp(-0.5 * degree * (degree + 1) * np.radians(SUN_WIDTH_DEG) ** 2)
+    if not len(suns):
+        return None, (0.0, True), -np.inf
+    lights = np.maximum(patches.transfer @ (harmonics.evaluate(suns, bands) * lobe).T, 0.0)
+    best = None, (0.0, True), -np.inf
+    for alone, base in ((True, known), (False, lit)):
+        scales, evidence = _strengths(patches, base, lights)
+        row, column = np.unravel_index(evidence.argmax(), evidence.shape)
+        if evidence[row, column] > best[2]:
+            best = suns[row], (float(scales[row, column]), alone), float(evidence[row, column])
+    return best
+
+
+def _strengths(patches, base, lights):
+    """For lights (N, L) beside a base (N,): by how much each is taken for the median albedos tried, (L, A), and the
+    evidence then."""
+    bright = np.exp(patches.log_captured)
+    scales, evidence = np.zeros((lights.shape[1], len(ALBEDOS))), np.full((lights.shape[1], len(ALBEDOS)), -np.inf)
+    for row, light in enumerate(lights.T):
+        light = np.maximum(light, 1e-9)
+        for column, albedo in enumerate(ALBEDOS):
+            scale = weighted_median((bright / albedo - base) / light, patches.weight)
+            if scale > 0.0:
+                scales[row, column] = scale
+                evidence[row, column] = _evidence(patches, base + scale * light)
+    return scales, evidence
+
+
+def _evidence(patches, received):
+    """Of an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
+    logs = np.log(np.maximum(received, 1e-9))
+    usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(ALBEDO)
+    return -0.5 * INDEPENDENT * np.log1p(-_explained(patches, logs)) - 0.5 * (usual / ALBEDO_SPREAD) ** 2
+
+
+def _widths(steep):
+    """How much of the axis of steepness each of the tried stands for."""
+    edges = np.concatenate([[0.0], 0.5 * np.add(STEEPNESS[1:], STEEPNESS[:-1]), [STEEPNESS[-1]]])
+    return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]
+
+
+def _explained(patches, log_received):
+    """Part of the variance of log colour within materials that a log irradiance explains, 0 where they are opposed."""
+    weight, material = patches.weight, patches.material
+    off = _within(patches.log_captured, weight, material)
+    weight = weight / (1.0 + (off / OUTLIER) ** 2)
+    colors, light = (_within(values, weight, material) for values in (patches.log_captured, log_received))
+    across, own = weight @ (colors * light), (weight @ colors**2) * (weight @ light**2)
+    return float(np.clip(across, 0.0, None) ** 2 / own) if own > 0.0 else 0.0
+
+
+def _within(values, weight, groups):
+    """Values (N,) less the weighted mean of their group."""
+    return values - (np.bincount(groups, weight * values) / np.bincount(groups, weight))[groups]
+
+
+def _numbered(columns):
+    """Numbers (N,) from 0 for rows that fall into the same cell of side 1: a list of (N, C)."""
+    cells = np.floor(np.concatenate(columns, axis=1)).astype(np.int64)
+    cells -= cells.min(axis=0)
+    key = np.zeros(len(cells), np.int64)
+    for column in cells.T:
+        key = np.unique(key * (int(column.max()) + 1) + column, return_inverse=True)[1].reshape(-1)
+    return key

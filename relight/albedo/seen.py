@@ -1,0 +1,65 @@
+"""What a place shows to those who stand where it was captured: looks from there, and how large every vertex is in them.
+
+A mesh of a place has parts that no camera saw: the underside of a lawn, the backs of hedges. Their colours are invented
+and their area is half of the whole, so that neither an estimate of light nor its check may count them by area.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.scene.scene import Scene
+
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.occluder import Frame, Occluder
+
+LOOKS = 4096
+"""Directions from each place where the capture stood: 3 degrees apart; 24 places make 98,000 rays."""
+
+
+class Looks(NamedTuple):
+    """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
+    each corner has of the point, which sum to 1. distance: (L,) float32, in the occluder's unit frame."""
+
+    corners: np.ndarray
+    shares: np.ndarray
+    distance: np.ndarray
+
+    def of(self, rows: np.ndarray) -> "Looks":
+        """Some of the looks."""
+        return Looks(*(each[rows] for each in self))
+
+    def at(self, values: np.ndarray) -> np.ndarray:
+        """Values (V, C) of vertices as values (L, C) of what is seen."""
+        return np.einsum("lk,lkc->lc", self.shares, values[self.corners])
+
+    def sizes(self, count: int) -> np.ndarray:
+        """(V,) float64: how many looks each of `count` vertices was met by, in parts."""
+        return np.bincount(self.corners.ravel(), self.shares.ravel(), count)
+
+
+def standing(scene: Scene) -> np.ndarray:
+    """(E, 3) float64, scene frame: where the capture of a place stood; none of an object."""
+    eyes = scene.capture.get("eyes", ()) if scene.is_place else ()
+    return np.asarray(eyes, np.float64).reshape(-1, 3)
+
+
+def looks_from(scene: Scene, occluder: Occluder) -> Looks | None:
+    """What is seen all around from where the capture of a place stood, backs of faces left out; None of an object,
+    and where nothing is seen."""
+    eyes = standing(scene)
+    if not len(eyes):
+        return None
+    directions = fibonacci_sphere(LOOKS)
+    starts = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), LOOKS, axis=0)
+    rays = np.hstack([starts, np.tile(directions, (len(eyes), 1))]).astype(np.float32)
+    hits = occluder.first_hits(rays)
+    met = np.flatnonzero(hits.faces >= 0)
+    corners = occluder.faces[hits.faces[met]].astype(np.int64)
+    front = np.einsum("ij,ij->i", occluder.normals[corners].sum(axis=1), rays[met, 3:]) < 0.0
+    if not front.any():
+        return None
+    second, third = np.clip(hits.uv[met[front]], 0.0, 1.0).T
+    shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
+    shares = (shares / shares.sum(axis=1, keepdims=True)).astype(np.float32)
+    return Looks(corners[front], shares, hits.distance[met[front]])

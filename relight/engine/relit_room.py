@@ -1,0 +1,112 @@
+"""A closed room in new light: its captured colours times what the light on its surfaces changes by.
+
+The change is that of the model, new over captured, both by the same rays: where nothing changes, no bit does, and what
+the model gets wrong in one light it mostly gets wrong in the other.
+"""
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..albedo.division import DARKEST
+from ..light.environment import Environment
+from .appearance import Appearance
+from .relighter import Relighter, Shading
+
+SOFTNESS = 0.05
+"""Of the median light of the model: where less was modelled, the mean change weighs more than the place's own."""
+
+ROUNDS = 16
+"""Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the
+light of a window is seen as blotches on it. Of 3 cm each they blur shadows by a hand's breadth."""
+
+MOST = 30.0
+"""Largest change: five stops."""
+
+
+class RelitRoom:
+    """A closed room under environments, with the lamps and the ceiling that the options of its Relighter wish.
+
+    look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
+    environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
+    steady: whether no environment changes anything: the room stays as captured, or has neither window nor opening.
+    lamps_found: how many.
+    """
+
+    def __init__(self, look: Appearance, relighter: Relighter, level: float) -> None:
+        self._look, self._relighter, self._level = look, relighter, np.float32(level)
+        self._factor = np.float32(relighter.options.lamp_factor)
+        self._opened = relighter.options.opened is not None
+        self._before: tuple[object, NDArray[np.float32]] | None = None
+        self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
+        self._shut = look.room is not None and look.room.told["windows"] is None
+        self.steady = look.kept or (self._shut and not self._opened)
+
+    @cached_property
+    def lit(self) -> Relighter:
+        if not self._opened:
+            return self._relighter
+        from ..rooms.opening import without_ceiling
+
+        scene = without_ceiling(self._relighter.scene, self._relighter.occluder)
+        return Relighter(scene, self._relighter.options, stages=self._relighter.stages)
+
+    @property
+    def exposure(self) -> float | None:
+        """Display value per unit of the radiance of `shading`, as the capture was exposed; None where that is not
+        known, of a room that is lit by its captured colours."""
+        return 1.0 if self._look.kept else None if self._look.room is None else float(self._level)
+
+    def shading(self, environment: Environment) -> Shading:
+        """Exit radiance, in the unit of the environment, of a room as captured in that of its colours: a Shading."""
+        look, room = self._look, self._look.room
+        nothing = Shading(np.zeros_like(look.captured), 0, [], self._relighter.options.unplanned)
+        if look.kept:
+            return nothing._replace(radiance=look.captured)
+        if room is None:
+            return self.lit.shading(environment, look.albedo)
+        shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
+        after = self._level * shaded.radiance + self._factor * room.by_lamps
+        before = self._model(shaded.settings)
+        if not self._shut or self._opened:
+            before, after = (self._even_light(radiance) for radiance in (before, after))
+        soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
+        usual = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
+        change = (after + soft * usual.astype(np.float32)) / (before + soft)
+        radiance = look.captured * np.minimum(change, np.float32(MOST))
+        glowing = room.glow.any(axis=1)
+        if glowing.any():
+            radiance[glowing] = after[glowing] + self._factor * room.glow[glowing]
+        return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
+
+    def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+        """(albedo (V, 3), radiance (V, 3) of what the lamps light) by which a session shows it: what it shades with,
+        and what it adds to every light; None for nothing to add."""
+        look, room = self._look, self._look.room
+        if look.kept:
+            return np.zeros_like(look.captured), look.captured
+        if room is None:
+            return look.albedo, None
+        return room.albedo, self._factor / self._level * (room.by_lamps + room.glow)
+
+    def _even_light(self, radiance):
+        """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""
+        albedo = np.maximum(self._look.room.albedo, np.float32(DARKEST))
+        return albedo * self._evenness.of(radiance / albedo, ROUNDS)
+
+    @cached_property
+    def _evenness(self):
+        from ..rooms.evenness import Evenness
+
+        return Evenness(self._relighter.occluder)
+
+    def _model(self, settings):
+        """(V, 3) what the model says that was captured, by these settings."""
+        room = self._look.room
+        if self._shut:
+            return room.by_lamps
+        if self._before is None or self._before[0] != settings:
+            outside = self._relighter.shading(room.environment, room.albedo, settings).radiance
+            self._before = settings, outside + room.by_lamps
+        return self._before[1]

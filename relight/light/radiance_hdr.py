@@ -1,0 +1,138 @@
+"""Radiance pictures (.hdr, RGBE), of any writer: plain, old and new run lengths, rows and columns in any order.
+
+Source: Ward, "Real Pixels", Graphics Gems II (1991); Radiance, src/common/color.c, header.c and resolu.c.
+"""
+
+import re
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+
+from .sizes import check_pixels
+
+_RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
+_LONGEST_HEADER = 1 << 16
+_NEW_RUNS = 8, 32767  # widths that may be packed in the new way
+
+
+def decode(data: bytes, name: object) -> NDArray[np.float32]:
+    """(H, W, 3) linear radiance of a file, the top row first. Divided by the EXPOSURE that its header tells.
+
+    name: of the file, for messages. Raises InputError for a damaged file, and for one of CIE XYZ.
+    """
+    exposure, order, start = _header(data, name)
+    (first_sign, first, rows), (second_sign, second, columns) = order
+    if {first, second} != {b"X", b"Y"} or not (rows and columns):
+        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its picture has no size")
+    check_pixels(name, rows, columns, len(data))
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    done = _unpack(np.frombuffer(data, np.uint8), start, pixels, _NEW_RUNS[0] <= columns <= _NEW_RUNS[1])
+    if done < rows:
+        raise InputError(
+            f"{name} is a damaged or unusual Radiance HDR file: {done} of {rows} rows can be read: export it again"
+        )
+    if first_sign == b"+":  # the usual order is -Y +X: from the top, from the left
+        pixels = pixels[::-1] if first == b"Y" else pixels
+    elif first == b"X":
+        pixels = pixels[::-1]
+    if second_sign == b"-":
+        pixels = pixels[:, ::-1] if second == b"X" else pixels
+    elif second == b"Y":
+        pixels = pixels[:, ::-1]
+    if first == b"X":
+        pixels = pixels.swapaxes(0, 1)
+    scale = np.ldexp(np.float32(1.0), pixels[..., 3:].astype(np.int32) - 136)
+    scale[pixels[..., 3:] == 0] = 0.0
+    with np.errstate(over="ignore"):
+        return (pixels[..., :3] * scale / exposure).astype(np.float32)
+
+
+def _header(data, name):
+    """(exposures of (3,), [(sign, axis, count)] of rows and columns, where the pixels start)."""
+    exposure, start = np.ones(3), 0
+    while True:
+        end = data.find(b"\n", start, _LONGEST_HEADER)
+        if end < 0:
+            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its header has no end")
+        line, start = data[start:end].strip(), end + 1
+        if not line:
+            break
+        key, _, value = line.partition(b"=")
+        try:
+            if key == b"EXPOSURE":
+                exposure *= float(value)
+            elif key == b"COLORCORR":
+                exposure *= [float(part) for part in value.split()]
+        except ValueError as error:
+            raise InputError(f"{name} is a damaged or unusual Radiance HDR file: {key.decode()} is {error}") from None
+        if key == b"FORMAT" and value.strip() != b"32-bit_rle_rgbe":
+            raise InputError(f"{name} stores CIE XYZ or another kind: convert it to 32-bit_rle_rgbe or OpenEXR")
+    if not (np.isfinite(exposure).all() and (exposure > 0.0).all()):
+        raise InputError(f"{name} is a damaged or unusual Radiance HDR file: its exposure is {exposure.tolist()}")
+    end = data.find(b"\n", start, start + 100)
+    found = _RESOLUTION.fullmatch(data[start:end]) if end >= 0 else None
+    if found is None:
+        raise InputError(
+            f"{name} is a damaged or unusual Radiance HDR file: its picture has no size, such as -Y 512 +X 1024"
+        )
+    parts = found.groups()
+    return exposure, [(*parts[:2], int(parts[2])), (*parts[3:5], int(parts[5]))], end + 1
+
+
+@numba.njit(cache=True)
+def _unpack(data, at, pixels, may_be_new):
+    """Fill the rows of pixels (H, W, 4), in the order of the file; how many are all there."""
+    size = len(data)
+    for row in range(pixels.shape[0]):
+        width = pixels.shape[1]
+        line = pixels[row]
+        new = may_be_new and at + 4 <= size and data[at] == 2 and data[at + 1] == 2 and data[at + 2] < 128
+        if new:
+            if (np.int64(data[at + 2]) << 8 | np.int64(data[at + 3])) != width:
+                return row
+            at += 4
+            for channel in range(4):
+                x = 0
+                while x < width:
+                    if at >= size:
+                        return row
+                    count = np.int64(data[at])
+                    at += 1
+                    if count > 128:
+                        count -= 128
+                        if at >= size or x + count > width:
+                            return row
+                        for k in range(count):
+                            line[x + k, channel] = data[at]
+                        at += 1
+                    else:
+                        if count == 0 or at + count > size or x + count > width:
+                            return row
+                        for k in range(count):
+                            line[x + k, channel] = data[at + k]
+                        at += count
+                    x += count
+            continue
+        x, shift = 0, 0
+        while x < width:
+            if at + 4 > size:
+                return row
+            if data[at] == 1 and data[at + 1] == 1 and data[at + 2] == 1:
+                count = np.int64(data[at + 3]) << shift if shift < 32 else np.int64(width) + 1
+                if x == 0 or x + count > width:
+                    return row
+                for k in range(count):
+                    for channel in range(4):
+                        line[x + k, channel] = line[x - 1, channel]
+                x += count
+                shift += 8
+            else:
+                for channel in range(4):
+                    line[x, channel] = data[at + channel]
+                x += 1
+                shift = 0
+            at += 4
+    return pixels.shape[0]

@@ -1,0 +1,81 @@
+"""Sizes that pictures of light announce, held against their files before memory is taken."""
+
+import struct
+from typing import Any
+
+from splat2mesh.base.errors import InputError
+
+FREE_PIXELS = 1 << 25
+"""Pixels that any file may announce: 8192 x 4096, which take about 2 GB with all that is made of them. More only where
+the file has a byte for each: large pictures of real light are noise to every packer."""
+
+MOST_CHANNELS = 8
+"""Times as many values in all channels and parts of a file: light needs three, renderers write a few beside them."""
+
+_DEEP = b"deepscanline", b"deeptile"
+_LONGEST_HEADER = 1 << 20
+
+
+def check_pixels(name: object, width: int, height: int, size: int) -> None:
+    """Raise InputError for a picture that a file of `size` bytes cannot hold, or that would fill the memory."""
+    most = max(FREE_PIXELS, size)
+    if width * height > most:
+        raise InputError(
+            f"{name} announces {width} x {height} pixels in {size:,} bytes, expected at most {most:,}: make it smaller"
+        )
+
+
+def check_exr(name: object, data: bytes) -> None:
+    """Raise InputError for an OpenEXR file whose header makes no sense or announces more than may be read.
+
+    Source: "OpenEXR File Layout". What the header says beside sizes, the library that reads the pixels checks.
+    """
+    try:
+        parts = _exr_headers(data)
+    except (struct.error, ValueError, IndexError, KeyError) as error:
+        raise InputError(f"{name} is a damaged OpenEXR file (its header: {error}): copy or export it again") from None
+    values = 0
+    for part in parts:
+        if part.get("type") in _DEEP:
+            raise InputError(f"{name} holds deep pixels, which are no picture of light: export it flat")
+        for window in ("dataWindow", "displayWindow"):
+            left, top, right, bottom = struct.unpack("<4i", part[window][:16])
+            width, height = right - left + 1, bottom - top + 1
+            if width < 1 or height < 1 or max(map(abs, (left, top, right, bottom))) > 1 << 24:
+                raise InputError(f"{name} is a damaged OpenEXR file: its {window} is {width} x {height}")
+            check_pixels(name, width, height, len(data))
+            if window == "dataWindow":
+                values += width * height * _channels(part["channels"])
+    most = MOST_CHANNELS * max(FREE_PIXELS, len(data))
+    if values > most:
+        raise InputError(f"{name} announces {values:,} values in all its channels, expected at most {most:,}")
+
+
+def _channels(packed: bytes) -> int:
+    """How many channels a channel list names: each a name, a zero and 16 bytes."""
+    count, at = 0, 0
+    while at < len(packed) and packed[at]:
+        at = packed.index(b"\0", at) + 17
+        count += 1
+    return count
+
+
+def _exr_headers(data: bytes) -> list[dict[str, Any]]:
+    """The attributes of each part, as bytes."""
+    (version,) = struct.unpack_from("<I", data, 4)
+    several, at, parts = bool(version & 0x1000), 8, []
+    while True:
+        part: dict[str, Any] = {}
+        while data[at]:
+            end = data.index(b"\0", at, at + 256)
+            name = data[at:end].decode("latin-1")
+            end = data.index(b"\0", end + 1, end + 257)
+            (size,) = struct.unpack_from("<i", data, end + 1)
+            at = end + 5 + size
+            if size < 0 or at > min(len(data), _LONGEST_HEADER):
+                raise ValueError(f"{name} goes beyond its end")
+            part[name] = data[at - size : at].rstrip(b"\0") if name == "type" else data[at - size : at]
+        at += 1
+        parts.append(part)
+        if not several or not data[at]:
+            return parts

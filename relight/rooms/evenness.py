@@ -1,0 +1,39 @@
+"""Light averaged along the surface, against the unevenness that noisy normals and few rays give it."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+
+from ..transfer.neighbors import Neighbors
+from ..transfer.occluder import Occluder
+
+OWN = 1.0
+"""Weight of a vertex's own value against those of its ring, each at most 1."""
+
+LEAST_LENGTH = 1e-3
+"""Of a mean normal that says which way its surface faces."""
+
+
+class Evenness:
+    """Averages values of the vertices of an Occluder over rings of neighbours that look the same way."""
+
+    def __init__(self, occluder: Occluder) -> None:
+        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        count = len(neighbors.vertices)
+        rows = csr_array((neighbors.weights.astype(np.float64), neighbors.columns, neighbors.starts), (count, count))
+        rows = rows + OWN * diags_array(np.ones(count)).tocsr()
+        self._blend = diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
+        self._vertices, self._node = neighbors.vertices, neighbors.node
+
+    def of(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:
+        """Values (V,) or (V, C) averaged so many times, float32; vertices of a node have the same."""
+        nodes = np.asarray(values, np.float64)[self._vertices]
+        for _ in range(rounds):
+            nodes = self._blend @ nodes
+        return nodes[self._node].astype(np.float32)
+
+    def directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
+        """Unit normals (V, 3) averaged so many times; those that cancel out stay as they were."""
+        mean = self.of(normals, rounds)
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        return np.where(length > LEAST_LENGTH, mean / np.maximum(length, LEAST_LENGTH), normals).astype(np.float32)

@@ -1,0 +1,68 @@
+"""A Room as arrays that a cache keeps, beside those of an estimate of the capture's light, and back."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from splat2mesh.scene.color import luminance
+
+from ..albedo import Prior
+from ..light.environment import Environment
+from .room import Room
+
+ARRAYS = "by_lamps", "glow"
+
+
+def as_arrays(room: Room, reason: str) -> dict[str, Any]:
+    """Dict of arrays; those that estimates of open scenes have too, under their names. reason: what is to be told."""
+    coefficients = room.environment.sh(2)
+    mean = coefficients[0] / math.sqrt(4.0 * math.pi)
+    bright = max(float(luminance(mean)), 1e-12)
+    y, z, x = luminance(coefficients[1:4]) * math.sqrt(4.0 * math.pi / 3.0) / (4.0 * math.pi)
+    length = float(np.linalg.norm([x, y, z]))
+    direction = np.array([x, y, z]) / length if length > 1e-6 * bright else np.array([0.0, 1.0, 0.0])
+    emitters = [*room.told["lamps"], *([room.told["windows"]] if room.told["windows"] else [])]
+    kept: dict[str, Any] = {
+        "albedo": room.albedo,
+        "irradiance": room.irradiance,
+        "separable": True,
+        "reason": reason,
+        "evidence": max(each["evidence"] for each in emitters),
+        "direction": direction,
+        "concentration": min(length / bright, 1.0),
+        "color": mean / bright if bright > 1e-12 else np.ones(3),
+        "brightness": room.brightness,
+        "self_relight_db": room.told["self_relight_db"],
+        "distrusted_share": 0.0,
+        "trust": np.ones(len(room.albedo), np.float32),
+        "under_sky": False,
+        "closed": True,
+        "room_environment": room.environment.radiance,
+        "room_told": json.dumps(room.told),
+    }
+    kept |= {f"room_{name}": getattr(room, name) for name in ARRAYS}
+    kept |= {f"prior_{name}": value for name, value in room.prior._asdict().items()}
+    return {name: np.asarray(value) for name, value in kept.items()}
+
+
+def room_from(kept: Mapping[str, Any]) -> Room | None:
+    """The Room of `as_arrays`; None where there is none among the arrays."""
+    if "room_told" not in kept:
+        return None
+    told = json.loads(str(kept["room_told"]))
+    prior = Prior(*(kept[f"prior_{name}"] for name in Prior._fields))
+    environment = Environment(kept["room_environment"], "windows")
+    arrays = {name: kept[f"room_{name}"] for name in ARRAYS}
+    brightness = float(kept["brightness"])
+    return Room(
+        kept["albedo"],
+        kept["irradiance"],
+        **arrays,
+        environment=environment,
+        brightness=brightness,
+        prior=prior,
+        told=told,
+    )

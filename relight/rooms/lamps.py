@@ -1,0 +1,133 @@
+"""Lamps of a room: connected parts of its surface that were captured white, and the light that each sends.
+
+A photograph shows a lamp as white, however bright it is. Where it is and how large it is can be seen; how bright it is
+cannot, and is solved for from what it lights (`strengths`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..transfer.neighbors import ranked_nodes
+from ..transfer.occluder import Occluder
+
+WHITE, PALE = 0.85, 0.75
+"""Linear colour, brightest channel, that a lamp has somewhere, and that all of it has: clipped, it was 1, but vertices
+take the mean of what lies around them, and of a small lamp that is the dark beside it."""
+
+GLOWS = 1.2
+"""Times what a white vertex would send on of what the surfaces around it were seen to send: what is brighter than that
+glows, or is lit by something that was clipped."""
+
+LEAST_AREA = 2.5e-4
+"""Of the squared diagonal: 1.4 dm^2 in a room of 7.5 m across. Two pendants of an office have .014, the lamp of a
+lounge .006; what glints in such rooms stays below 2e-4."""
+
+MOST_LAMPS = 12
+"""The largest are kept: a room has few, and each costs rays from every vertex."""
+
+SMOOTH = 0.7
+"""Cosine between the normals of neighbours that are of one lamp: a wall that a lamp hangs on is as white beside it."""
+
+UPWARD = 0.5
+"""Height of a mean normal above which white is a floor or a table top that a sun shines on, and no lamp."""
+
+FLAT = 0.85
+"""Length of the mean normal from which white is a flat patch: on a ceiling it is a lamp, on a wall more likely lit by a
+sun, a window or a screen."""
+
+MOST_OPEN = 0.5
+"""Mean visible fraction of the sky above which white stands outside, before a window."""
+
+SPOTS = 24
+"""Points on each lamp that light comes from: hard edges of so many shadows lie closer than vertices."""
+
+LIFT = 2e-3
+"""Of the diagonal: how far these points stand before the lamp's own, uneven surface."""
+
+REACH = 0.995
+"""Part of the way to such a point that must be free."""
+
+
+class Lamp(NamedTuple):
+    """rows: vertices, sorted. area: of the squared diagonal. place: (3,) float64, mean position, unit frame.
+
+    normal: (3,) the mean direction that it faces, of any length. color: (3,) captured, linear.
+    """
+
+    rows: NDArray[np.int64]
+    area: float
+    place: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    color: NDArray[np.float64]
+
+
+def find(
+    occluder: Occluder,
+    captured: NDArray[np.float32],  # (V, 3) linear, clipped at 1
+    areas: NDArray[np.float64],  # (V,) of the squared diagonal
+    visible: NDArray[np.floating],  # (V,) visible fraction of the sky
+    bounce: NDArray[np.float32],  # (V, 3) what white would send on of the captured colours around it
+) -> list[Lamp]:
+    """The lamps, largest first. The same ones in any order of vertices and any division into chunks."""
+    order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
+    node = np.zeros(len(captured), np.int64)
+    node[order] = np.cumsum(new_node) - 1
+    white, core = np.zeros((2, int(node.max()) + 1), bool)
+    peak = captured.max(axis=1)
+    white[node[(peak > PALE) & (peak > GLOWS * bounce.max(axis=1))]] = True
+    core[node[peak > WHITE]] = True
+    edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    edges = edges[white[node[edges]].all(axis=1)]
+    smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
+    edges = node[edges[smooth]]
+    joined = coo_array((np.ones(len(edges)), edges.T), (len(white), len(white)))
+    _, label = connected_components(joined, directed=False)
+    of_vertex = np.where(white[node], label[node], -1)
+    kept = of_vertex >= 0
+    size = np.bincount(of_vertex[kept], areas[kept], len(white))
+    found = []
+    within = np.bincount(label[white & core], minlength=len(white)) > 0
+    for chosen in np.flatnonzero((size > LEAST_AREA) & within[: len(size)]):
+        rows = np.flatnonzero(of_vertex == chosen)
+        weight = areas[rows] / areas[rows].sum()
+        normal = weight @ occluder.normals[rows].astype(np.float64)
+        upright = np.linalg.norm(normal) > FLAT and normal[1] > -UPWARD
+        if upright or normal[1] > UPWARD or weight @ visible[rows] > MOST_OPEN:
+            continue
+        place, color = weight @ occluder.origins[rows].astype(np.float64), weight @ captured[rows].astype(np.float64)
+        found.append(Lamp(rows, float(size[chosen]), place, normal, color))
+    found.sort(key=lambda lamp: (-lamp.area, *lamp.place))
+    return found[:MOST_LAMPS]
+
+
+def light_of(
+    lamp: Lamp,
+    occluder: Occluder,
+    areas: NDArray[np.float64],  # (V,) of the squared diagonal
+    normals: NDArray[np.float32],  # (V, 3) unit, of the vertices that are lit
+    spots: int = SPOTS,
+) -> NDArray[np.float32]:
+    """(V,) float32: what white vertices send on of a lamp of radiance 1 all over.
+
+    The sum over points of the lamp of cosine times cosine over pi times the squared distance, where the way is free.
+    """
+    order, _, _ = ranked_nodes(occluder.origins[lamp.rows], occluder.normals[lamp.rows])
+    rows = lamp.rows[order]
+    reached = np.cumsum(areas[rows])
+    at = np.searchsorted(reached, (np.arange(spots) + 0.5) / spots * reached[-1])
+    share, light = lamp.area / spots, np.zeros(len(occluder.origins))
+    for row in rows[np.minimum(at, len(rows) - 1)]:
+        outward = occluder.normals[row].astype(np.float64)
+        spot = occluder.origins[row] + LIFT * outward
+        toward = spot - occluder.origins
+        square = np.einsum("ij,ij->i", toward, toward)
+        cosine = np.maximum(np.einsum("ij,ij->i", normals, toward), 0.0) * np.maximum(-(toward @ outward), 0.0)
+        lit = np.flatnonzero(cosine > 0.0)
+        rays = np.hstack([occluder.origins[lit], toward[lit]]).astype(np.float32)
+        lit = lit[~occluder.occluded(rays, REACH)]
+        light[lit] += cosine[lit] / np.maximum(square[lit], share) ** 2 * (share / np.pi)
+    return light.astype(np.float32)

@@ -1,0 +1,50 @@
+"""A room without its ceiling, so that an environment enters from above."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.scene import Scene
+
+from ..albedo.interior import within
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.occluder import Frame, Occluder
+
+LOOKS = 256
+"""Directions from each eye; those within UPRIGHT of straight up find the ceiling."""
+
+UPRIGHT = 0.8
+
+MARGIN = 0.2
+"""Of the way from the eyes to the ceiling: what hangs lower than that under it is no part of it. Ceilings of trained
+rooms are uneven by a tenth of their height."""
+
+
+def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
+    """The Scene with all its vertices and without the faces of its ceiling, for light alone. occluder: its own.
+
+    The ceiling lies where half of the looks up from where the capture stood end. Raises InputError where the capture
+    stood in no place closed in, or nothing is above.
+    """
+    eyes, frame = within(scene), Frame.around(scene.vertices, scene.faces)
+    if not len(eyes):
+        raise InputError("`opened` ceiling: expected a room that was captured from within, found none")
+    directions = fibonacci_sphere(LOOKS)
+    up = directions[directions[:, 1] > UPRIGHT]
+    origins = np.repeat(frame.unit(eyes), len(up), axis=0)
+    rays = np.hstack([origins, np.tile(up, (len(eyes), 1))]).astype(np.float32)
+    hits = occluder.first_hits(rays)
+    hit = hits.faces >= 0
+    if not hit.any():
+        raise InputError("`opened` ceiling: nothing is above where the capture stood")
+    heights = origins[hit, 1] + hits.distance[hit] * rays[hit, 4]
+    level, eye = float(np.median(heights)), float(np.median(origins[:, 1]))
+    lowest = (level - MARGIN * (level - eye)) * frame.diagonal + frame.center[1]
+    chunks = []
+    for chunk in scene.chunks:
+        above = (chunk.vertices[chunk.faces, 1] > lowest).all(axis=1)
+        chunks.append(replace(chunk, faces=np.ascontiguousarray(chunk.faces[~above])))
+    if not sum(len(chunk.faces) for chunk in chunks):
+        raise InputError("`opened` ceiling: nothing is left of the scene without it")
+    return replace(scene, chunks=chunks, path=None)

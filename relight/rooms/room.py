@@ -1,0 +1,209 @@
+"""The light of a closed room as it was captured: its lamps, its windows, the albedo of its surfaces."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.color import luminance, srgb_from_linear
+from splat2mesh.scene.scene import Scene
+
+from ..albedo import samples
+from ..albedo.division import Prior, albedo_of, prior_of
+from ..albedo.interior import within
+from ..light import projections
+from ..light.environment import Environment
+from ..light.sun_split import split
+from ..transfer.bounces import Interreflection, visible_fraction, with_bounces
+from ..transfer.occluder import Frame, Occluder
+from ..transfer.sunlight import sunlight
+from . import lamps, strengths
+from .evenness import Evenness
+from .seen import seen_from
+
+LEAST_EVIDENCE = 0.5
+"""Of an emitter, below which it is not told apart from the colours of what it lights."""
+
+ALBEDOS = 0.06, 0.85
+"""Median albedo, in luminance, of rooms that there are: outside of it, light was not seen or not understood."""
+
+LEAST_EXCESS = 2.0
+"""Times what it receives that a lamp sends out at least: a ceiling over a lamp is as white, and sends out less than it
+receives; how bright all lamps are together is known within a factor of two."""
+
+CLIPPED = 0.9
+"""Linear colour, brightest channel, from which a lamp's vertices show its own radiance and not what they were seen as:
+dark beside it, and lit surfaces that are of one piece with it, keep their colours."""
+
+LEAST_SEEN = 0.3
+"""Part of a lamp that must have been seen from where the capture stood."""
+
+ROUNDS = 6
+"""Times that the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
+
+HEIGHT, WIDTH = 64, 128
+"""Of the capture light's image; what is known of it came from a picture of that size."""
+
+
+class Room(NamedTuple):
+    """What a closed room is lit by, scene of V vertices, unit of the captured colours.
+
+    albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
+    float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
+    themselves, 0 elsewhere. environment: the capture's, black without windows. brightness: luminance of the uniform
+    sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. told: dict for the report.
+    """
+
+    albedo: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
+    by_lamps: NDArray[np.float32]
+    glow: NDArray[np.float32]
+    environment: Environment
+    brightness: float
+    prior: Prior
+    told: dict[str, Any]
+
+
+def room_of(
+    scene: Scene,
+    occluder: Occluder,
+    captured: NDArray[np.float32],  # (V, 3) linear
+    transfer: NDArray[np.float32],  # (V, K) of the white scene
+    interreflection: Interreflection,
+    seed: int = 0,
+) -> tuple[Room | None, str]:
+    """The Room, or None and why its light cannot be told."""
+    sky = None if scene.measured is None else scene.measured.sky
+    areas, visible = samples.vertex_areas(occluder), visible_fraction(transfer)
+    frame = Frame.around(scene.vertices, scene.faces)
+    seen = seen_from(occluder, np.arange(len(captured)), frame.unit(within(scene)))
+    found = [
+        lamp
+        for lamp in lamps.find(occluder, captured, areas, visible, interreflection.bounce(captured))
+        if areas[lamp.rows] @ seen[lamp.rows] > LEAST_SEEN * lamp.area
+    ]
+    even = Evenness(occluder)
+    normals = even.directions(occluder.normals, ROUNDS)
+    lights = [even.of(lamps.light_of(lamp, occluder, areas, normals), ROUNDS) for lamp in found]
+    while True:  # until nothing more of it proves to be lit itself, or proves nothing
+        usable = seen.copy()
+        for lamp in found:
+            usable[lamp.rows] = False
+        rows = [lamp.rows for lamp in found]
+        stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
+        places = strengths.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
+        colors = [lamp.color for lamp in found] + [np.ones(3)] * places.windows
+        solved = strengths.solve(places, np.array(colors).reshape(-1, 3))
+        if solved is None:
+            return None, "neither a lamp nor a window was found in it"
+        kept = _kept(found, lights, solved, interreflection, captured, areas)
+        if len(kept) == len(found):
+            break
+        found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+    reason = _unlikely(solved)
+    if reason:
+        return None, reason
+    environment = _capture_light(sky, solved.radiance[-1] if places.windows else None)
+    outside, brightness = np.zeros_like(captured), 1.0
+    if places.windows:
+        outside, weight = _direct(occluder, transfer, environment), np.where(seen, areas, 0.0)
+        brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
+    lit = _lit(captured, interreflection, outside, areas, seen, list(zip(found, lights, solved.radiance, strict=False)))
+    told = _told(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
+    return Room(**lit, environment=environment, brightness=brightness, told=told), ""
+
+
+def _kept(found, lights, solved, interreflection, captured, areas):
+    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room tells."""
+    bounce, kept = interreflection.bounce(captured), []
+    for k, lamp in enumerate(found):
+        weight = areas[lamp.rows] / areas[lamp.rows].sum()
+        received = weight @ luminance(bounce[lamp.rows])
+        for other, light in enumerate(lights):
+            if other != k:
+                received += luminance(solved.radiance[other]) * float(weight @ light[lamp.rows])
+        if luminance(solved.radiance[k]) > LEAST_EXCESS * received and solved.evidence[k] > LEAST_EVIDENCE:
+            kept.append(k)
+    return kept
+
+
+def _unlikely(solved):
+    """Why the Strengths are not to be believed, or an empty text."""
+    if solved.evidence.max() < LEAST_EVIDENCE:
+        return "its surfaces do not tell how bright its lamps and windows are"
+    if not ALBEDOS[0] < solved.albedo < ALBEDOS[1]:
+        return f"its surfaces would have an albedo of {solved.albedo:.2f}"
+    return ""
+
+
+def _lit(captured, interreflection, outside, areas, seen, emitters):
+    """The arrays of a Room, and how near the model comes to the captured colours.
+
+    outside: (V, 3) direct light through the windows. emitters: (Lamp, light (V,), radiance (3,)) each.
+    """
+    glow, lamp_light, sent = np.zeros_like(captured), np.zeros_like(captured), captured.copy()
+    for lamp, light, radiance in emitters:
+        lamp_light += light[:, None] * radiance.astype(np.float32)
+        white = lamp.rows[captured[lamp.rows].max(axis=1) > CLIPPED]
+        glow[white] = np.maximum(radiance, captured[white])
+        sent[lamp.rows] = 0.0
+    glowing = glow.any(axis=1)
+    irradiance = outside + lamp_light + interreflection.bounce(sent)
+    shares = np.where(seen & ~glowing, areas, 0.0)
+    prior = prior_of(captured, irradiance, shares)
+    albedo = albedo_of(captured, irradiance, prior)
+    albedo[glowing] = prior.albedo
+    by_lamps, _ = with_bounces(lamp_light, albedo, interreflection)
+    if not outside.any():  # all light is that of lamps
+        by_lamps = np.where(glowing[:, None], by_lamps, captured)
+    modelled = by_lamps + with_bounces(outside, albedo, interreflection)[0]
+    off = srgb_from_linear(np.clip(modelled, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
+    judged = np.where(captured.max(axis=1) < strengths.SATURATED, shares, 0.0)
+    error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
+    decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
+    arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
+    return {**arrays, "self_relight_db": decibels}
+
+
+def _told(frame, found, places, solved):
+    """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained."""
+    lamp_facts = [
+        {
+            "place": np.round(lamp.place * frame.diagonal + frame.center, 3).tolist(),
+            "area": round(lamp.area * frame.diagonal**2, 4),
+            "radiance": np.round(solved.radiance[k], 2).tolist(),
+            "evidence": round(float(solved.evidence[k]), 3),
+            "share_of_light": round(float(solved.share[k]), 3),
+        }
+        for k, lamp in enumerate(found)
+    ]
+    windows = None
+    if places.windows:
+        windows = {
+            "evidence": round(float(solved.evidence[-1]), 3),
+            "share_of_light": round(float(solved.share[-1]) + solved.share_known, 3),
+            "excess": np.round(solved.radiance[-1], 3).tolist(),
+        }
+    gains = {"agreement_gain": round(solved.gain, 3), "median_albedo": round(solved.albedo, 3)}
+    return {"lamps": lamp_facts, "windows": windows, **gains}
+
+
+def _direct(occluder, transfer, environment):
+    """Direct light on the white scene, (V, 3) float32, not negative."""
+    bands = math.isqrt(transfer.shape[1])
+    rest, suns = split(environment, bands)
+    direct = transfer @ rest.sh(bands).astype(np.float32)
+    if len(suns):
+        direct += sunlight(occluder, slice(None), suns)
+    return np.maximum(direct, np.float32(0.0), out=direct)
+
+
+def _capture_light(sky, excess):
+    """The Environment that came through the windows."""
+    if excess is None:
+        return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
+    directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    known, unknown = strengths.sky_parts(sky, directions, image=True)
+    radiance = (known + unknown * excess).reshape(HEIGHT, WIDTH, 3).astype(np.float32)
+    return Environment(radiance, "windows")

@@ -1,0 +1,26 @@
+"""What was seen from where the capture stood in a room: only that is told about, and only there light is judged."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transfer.occluder import Occluder
+
+SHORT = 0.999
+"""Part of the way to an eye that must be free."""
+
+
+def seen_from(
+    occluder: Occluder,
+    rows: NDArray[np.int64],  # (N,) vertices
+    eyes: NDArray[np.float32],  # (E, 3) unit frame
+) -> NDArray[np.bool_]:
+    """(N,) bool: which vertices show their front to an eye, with nothing between."""
+    seen = np.zeros(len(rows), bool)
+    for eye in np.asarray(eyes, np.float32):
+        left = np.flatnonzero(~seen)
+        toward = eye - occluder.origins[rows[left]]
+        left_facing = np.einsum("ij,ij->i", toward, occluder.normals[rows[left]]) > 0.0
+        left, toward = left[left_facing], toward[left_facing]
+        rays = np.hstack([occluder.origins[rows[left]], toward]).astype(np.float32)
+        seen[left] = ~occluder.occluded(rays, SHORT)
+    return seen

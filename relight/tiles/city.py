@@ -1,0 +1,149 @@
+"""A city under a new light, tile by tile: CITY/relit/ENV_ANGLE holds each tile's files, tileset.json, report.json."""
+
+import os
+from typing import Any
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError, UnfinishedError
+from splat2mesh.base.progress import Stages
+from splat2mesh.base.version import VERSION
+from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
+from splat2mesh.tiles.plan import FILE, Plan
+from splat2mesh.tiles.store import Store
+from splat2mesh.tiles.tasks import Task
+from splat2mesh.tiles.tileset import tileset
+
+from ..light.environment import Environment
+from ..options import PLACE_TOLERANCE, LightingOptions
+from ..splats.sky import SKIES
+from .local import NEAR
+from .work import LIGHT, common_light, relit_far, relit_tile
+
+FORMATS = ("glb", "ply", "npy", "splat")
+"""What a tile can be written as."""
+
+ALBEDOS = ("estimated", "captured", "white")
+
+
+def is_city(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder or URL holds a city that was meshed in tiles."""
+    return Store(path).exists(CITY)
+
+
+def relight_city(
+    scene: str | os.PathLike[str],
+    env: "Environment | str",
+    engine: Any,
+    options: LightingOptions,
+    *,
+    angle_deg: float = 0.0,
+    albedo: str = "estimated",
+    exposure_ev: float | None = None,
+    formats: tuple[str, ...] = ("glb", "splat"),
+    sky: str = "new",
+    folder: str | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    stages: Stages | None = None,
+) -> dict[str, Any]:
+    """Light a city; returns the report, JSON-clean.
+
+    scene: what `convert_city` wrote. engine: of `splat2mesh.tiles.tasks.engine`. folder: within the city, by the light
+    and its angle without. formats: of FORMATS. sky: of `splats.SKIES`, of the far background.
+    Raises InputError for what cannot be used, UnfinishedError where tiles failed and the others are done.
+    """
+    stages, store = stages or Stages(), Store(scene)
+    for name, value, choices in (("albedo", albedo, ALBEDOS), ("sky", sky, SKIES)):
+        if value not in choices:
+            raise InputError(f"`{name}` {value}: of a city expected one of {', '.join(choices)}")
+    if set(formats) - set(FORMATS):
+        raise InputError(f"`format` {' '.join(formats)}: of a city expected some of {' '.join(FORMATS)}")
+    light = (env if isinstance(env, Environment) else Environment.load(env)).rotated(angle_deg)
+    if not store.exists(CITY):
+        raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
+    city = store.read_json(CITY)
+    if city.get("schema_version", 0) > SCHEMA_VERSION:
+        raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
+    folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
+    options = options.planned(PLACE_TOLERANCE)
+    asked = {
+        "environment": light.name,
+        "angle_deg": angle_deg,
+        "albedo": albedo,
+        "exposure_ev": exposure_ev,
+        "formats": sorted(formats),
+        "sky": sky,
+        "options": repr(options),
+    }
+    _begin(store, folder, asked, overwrite, resume)
+    plan = Plan(**store.read_json(FILE)["plan"])
+    took = {}
+
+    def run(label, tasks):
+        with stages.stage(label, total=len(tasks)) as advance:
+            for done in engine.run(tasks):
+                took[done.name] = done
+                advance()
+        return [took[task.name] for task in tasks if took[task.name].error]
+
+    told = store.read_json(f"{folder}/light.json") if store.exists(f"{folder}/light.json") else None
+    if told is None or not store.exists(f"{folder}/{LIGHT}"):
+        task = Task("light", common_light, (store, folder, light, options, albedo, exposure_ev))
+        for done in run("light", [task]):
+            raise UnfinishedError(f"the light of the capture failed: {done.error}")
+        told = took["light"].result
+        store.write_json(f"{folder}/light.json", told)
+    dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
+    tasks = []
+    for tile, entry in enumerate(city["tiles"]):
+        if store.committed(f"{folder}/{entry['name']}/relit.json") is None:
+            sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
+            wishes = (light, options, albedo, tuple(formats))
+            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
+    if "splat" in formats:
+        eye = np.append((np.array(plan.low) + plan.high) / 2, 1.0) @ np.linalg.inv(plan.rotation).T
+        for number, counts in enumerate(dealt):
+            if "-1" in counts and store.committed(f"{folder}/far/{number:05d}.json") is None:
+                far = (store, folder, light, number, eye[:3].tolist(), sky)
+                tasks.append(Task(f"far {number}", relit_far, far))
+    lost = run("tiles", tasks)
+    if lost:
+        named = "; ".join(f"{done.name}: {done.error}" for done in lost[:5])
+        raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({named}); run again with `resume`")
+    records = [store.read_json(f"{folder}/{entry['name']}/relit.json") for entry in city["tiles"]]
+    if "glb" in formats:
+        full = [
+            record | {"name": e["name"]} for record, e in zip(records, city["tiles"], strict=True) if record["vertices"]
+        ]
+        store.write_json(f"{folder}/tileset.json", tileset(full, "mesh.glb", None, plan.finest))
+    report = {
+        "version": VERSION,
+        **asked,
+        "light": told,
+        "tiles": len(records),
+        "vertices": sum(record["vertices"] for record in records),
+        "bytes": sum(about["bytes"] for record in records for about in record["files"].values()),
+    }
+    store.write_json(f"{folder}/report.json", report)
+    return {
+        **report,
+        "output": store.path(folder),
+        "seconds": dict(stages.seconds),
+        "task_seconds": {name: round(done.seconds, 3) for name, done in took.items()},
+        "task_peak_mb": {name: done.peak_mb for name, done in took.items()},
+        "peak_mb": max((done.peak_mb for done in took.values()), default=0.0),
+    }
+
+
+def _begin(store: Store, folder: str, asked: dict[str, Any], overwrite: bool, resume: bool) -> None:
+    """Make sure that what lies in a folder may be gone on with, or is gone. Raises InputError."""
+    name = f"{folder}/asked.json"
+    if store.exists(name):
+        if resume and store.read_json(name) != asked:
+            raise InputError(f"{store.path(folder)}: was begun with other settings, so `resume` cannot go on")
+        if not resume and not overwrite:
+            raise InputError(f"{store.path(folder)} exists already: replace it by `overwrite` or go on by `resume`")
+        if not resume:
+            store.remove(folder)
+    store.write_json(name, asked)

@@ -1,0 +1,266 @@
+"""Leaves and grass: light that reaches them through one another, and that they send on to all sides alike.
+
+A leaf's own normal, as a splat tells it, is noise. So what is a volume has a phase that does not depend on direction:
+its exit radiance is albedo times the mean over the sphere of the light that gets there, and of that in a direction d
+the part exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep
+their clamped cosine and their rays; what is in between takes a share of both.
+Under a constant sky of radiance 1 what nothing hides gives exactly 1, as a surface does.
+
+A grid has no detail, and its light none: it is marched from probes among the vertices, between which they interpolate.
+"""
+
+import math
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
+from .settings import VOLUME_DIRECTIONS
+from .store import array_key
+from .sunlight import shining
+from .threads import in_slices
+
+LEAST = 0.02
+"""Volume from which a vertex takes any part: less is a rounding of a surface."""
+
+FEW, MANY = 0.2, 0.5
+"""Mean volume about a vertex: up to the first a speck on a surface, from the second on leaves or grass throughout."""
+
+WHOLLY = 0.98
+"""Volume from which a vertex is nothing else, and needs no rays."""
+
+NOISE = {128: 0.06, 256: 0.034, 512: 0.021, 1024: 0.0125, 2048: 0.007}
+"""Relative error of the light of volumes by directions, over 4,096: the worst of three lights in a trained garden."""
+
+CLEARANCE = 1.0
+"""Cells between a probe and where its march begins: leaves that are seen are those before the others."""
+
+NEAR = 12
+"""Cells that a march stays in one grid: then it goes on in the next one, whose cells are twice as wide. What is far off
+is seen as a cone sees it, and a direction stands for many."""
+
+PROBE = 2.0
+"""Cells between probes."""
+
+OPAQUE = 8.0
+"""Optical depth at which a march ends: 0.03% of the light is left."""
+
+_BATCH = 1 << 20  # marches in memory at once
+
+
+class Foliage:
+    """What of a scene is a volume, and how light reaches it.
+
+    rows: (R,) int64, the vertices that take part. share: (R, 1) float32 in [0, 1], how far each is a volume.
+    key: short text that differs for any two of a geometry.
+    """
+
+    def __init__(
+        self,
+        vertices,  # (V, 3) scene frame
+        volume,  # (V,) in [0, 1]
+        depth,  # OpticalDepth, scene frame
+    ):
+        self.rows = np.flatnonzero(volume > LEAST)
+        self.share = volume[self.rows, None].astype(np.float32)
+        self.share[self.share >= WHOLLY] = 1.0
+        self._points, self._depth = vertices[self.rows].astype(np.float64), depth
+        self.key = array_key(volume, *depth)
+        self._count = len(volume)
+
+    @classmethod
+    def of_scene(cls, scene):
+        """That of a Scene, or None where it has no leaves or grass, or its folder does not say how thick they are."""
+        measured = scene.measured
+        if measured is None or measured.depth is None or not (measured.foliage > FEW).any():
+            return None
+        return cls(scene.vertices, settled(scene.vertices, measured.foliage, measured.depth), measured.depth)
+
+    @property
+    def solid(self):
+        """(V,) bool: the vertices that are a surface at least in part."""
+        solid = np.ones(self._count, bool)
+        solid[self.rows[self.share[:, 0] == 1.0]] = False
+        return solid
+
+    @property
+    def probe_count(self):
+        """From how many places light is marched."""
+        return len(self._lattice.points)
+
+    def mixed(self, transfer, directions=VOLUME_DIRECTIONS):
+        """A transfer (V, K) of surfaces, in place, with what is a volume taking its share of the volume's."""
+        bands = int(np.sqrt(transfer.shape[1]))
+        own = self._lattice.interpolate(self.probes(bands, directions))
+        transfer[self.rows] += self.share * (own - transfer[self.rows])
+        return transfer
+
+    def with_suns(self, light, suns):
+        """Light (V, 3) float32 that suns give surfaces, in place, with volumes taking their share of the volume's."""
+        directions, weights = shining(suns)
+        if len(directions):
+            own = self._lattice.interpolate(gathered(self._depth, self._lattice.points, directions, 0.25 * weights))
+            light[self.rows] += self.share * (own - light[self.rows])
+        return light
+
+    def seen(self, rows, directions):
+        """Of vertices (S,) along directions (D, 3): how far they are a volume, (S,), and what light gets through to
+        them as one, (S, D) float32; and how many marches that took."""
+        share = np.zeros(self._count, np.float32)
+        share[self.rows] = self.share[:, 0]
+        place = np.zeros(self._count, np.int64)
+        place[self.rows] = np.arange(len(self.rows))
+        found = np.zeros((len(rows), len(directions)), np.float32)
+        thick = np.flatnonzero(share[rows] > 0.0)
+        columns, weights = self._lattice.around(place[rows[thick]])
+        probes, columns = np.unique(columns, return_inverse=True)
+        columns = columns.reshape(weights.shape)
+        step = max(1, _BATCH // max(1, len(probes)))
+        for start in range(0, len(directions), step):
+            part = slice(start, start + step)
+            free = transmittance(self._depth, self._lattice.points[probes], directions[part])
+            found[thick, part] = np.einsum("rk,rkd->rd", weights, free[columns])
+        return share[rows], found, len(probes) * len(directions)
+
+    def probes(self, bands, directions=VOLUME_DIRECTIONS):
+        """Transfer (P, K) float32 of the probes: the mean over the sphere of exp(-tau) times the harmonics."""
+        toward = fibonacci_sphere(directions)
+        return gathered(self._depth, self._lattice.points, toward, harmonics.evaluate(toward, bands) / directions)
+
+    @cached_property
+    def _lattice(self):
+        return _Lattice(self._points, PROBE * float(self._depth.cells[0]))
+
+
+def settled(
+    vertices,  # (V, 3) scene frame
+    volume,  # (V,) in [0, 1], as measured for each
+    depth,  # OpticalDepth
+):
+    """How far each vertex is a volume, (V,) float32 in [0, 1], as all about it have it: one leaf decides nothing, and
+    in grass no blade is left a surface."""
+    lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
+    mean = lattice.interpolate(lattice.means(volume))[:, 0]
+    share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)
+    return (share * share * (3.0 - 2.0 * share)).astype(np.float32)
+
+
+class _Lattice:
+    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate.
+
+    points: (P, 3) float64, the mean of each cell's.
+    """
+
+    def __init__(self, points, side):
+        low = points.min(axis=0) - side
+        at = (points - low) / side
+        size = np.ceil(at.max(axis=0)).astype(np.int64) + 2
+        keys = np.ravel_multi_index(at.astype(np.int64).T, size)
+        self._keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
+        self._cell, self._held = cell, count
+        self.points = np.stack([self.means(column)[:, 0] for column in points.T], axis=1)
+        base = np.floor(at - 0.5).astype(np.int64)
+        beyond = at - 0.5 - base
+        columns, weights = [], []
+        for corner in np.ndindex(2, 2, 2):
+            key = np.ravel_multi_index((base + corner).T, size)
+            found = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+            weight = np.where(corner, beyond, 1.0 - beyond).prod(axis=1)
+            there = self._keys[found] == key
+            columns.append(np.where(there, found, cell))
+            weights.append(np.where(there, weight, 0.0))
+        weights = np.stack(weights, axis=1)
+        self._columns = np.stack(columns, axis=1)
+        self._weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+
+    def means(self, values):
+        """Means of values (R,) of the points by their probes: (P, 1)."""
+        return (np.bincount(self._cell, values) / self._held)[:, None]
+
+    def around(self, rows):
+        """Probes (S, 8) about some of the points, (S,), and their weights."""
+        return self._columns[rows], self._weights[rows]
+
+    def interpolate(self, values):
+        """(P, C) float32 of probes -> (R, C) float32 of the points."""
+        result = np.zeros((len(self._columns), values.shape[1]), np.float32)
+        for corner in range(8):
+            result += self._weights[:, corner, None] * values[self._columns[:, corner]]
+        return result
+
+
+def transmittance(
+    depth,  # OpticalDepth
+    points,  # (M, 3) in its frame
+    directions,  # (D, 3) unit vectors
+):
+    """The part of the light of each direction that gets to each point, exp(-tau): (M, D) float32.
+
+    A march takes the depth of the cell in the middle of each step, a cell long, of wider cells the farther it gets.
+    Nothing is outside of the grids.
+    """
+    found = np.zeros((len(points), len(directions)), np.float32)
+    in_slices(_march, len(points), *_as_float64(points, directions), *depth, found)
+    return found
+
+
+def gathered(
+    depth,  # OpticalDepth
+    points,  # (M, 3) in its frame
+    directions,  # (D, 3) unit vectors
+    weights,  # (D, C)
+):
+    """The sums over the directions of weights times `transmittance`, (M, C) float32, in the order of the directions."""
+    found = np.zeros((len(points), weights.shape[1]), np.float32)
+    in_slices(_gather, len(points), *_as_float64(points, directions, weights), *depth, found)
+    return found
+
+
+def _as_float64(*arrays):
+    return [np.ascontiguousarray(array, np.float64) for array in arrays]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _march(begin, end, points, directions, origins, cells, shapes, starts, depth, found):
+    for m in range(begin, end):
+        for k in range(len(directions)):
+            found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _gather(begin, end, points, directions, weights, origins, cells, shapes, starts, depth, found):
+    sums = np.zeros(weights.shape[1])
+    for m in range(begin, end):
+        sums[:] = 0.0
+        for k in range(len(directions)):
+            free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
+            if free > 0.0:
+                for c in range(len(sums)):
+                    sums[c] += free * weights[k, c]
+        found[m] = sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _through(point, direction, origins, cells, shapes, starts, depth):
+    """exp(-tau) from a point along a direction."""
+    dx, dy, dz = direction
+    gone, passed = CLEARANCE * cells[0], 0.0
+    for grid in range(len(cells)):
+        cell, start, last = cells[grid], starts[grid], grid + 1 == len(cells)
+        nx, ny, nz = shapes[grid]
+        begin = gone / cell + 0.5
+        x = (point[0] - origins[grid, 0]) / cell + begin * dx
+        y = (point[1] - origins[grid, 1]) / cell + begin * dy
+        z = (point[2] - origins[grid, 2]) / cell + begin * dz
+        steps = 0
+        while last or gone + steps * cell <= NEAR * cell:
+            if not (0.0 <= x < nx and 0.0 <= y < ny and 0.0 <= z < nz):
+                break
+            passed += depth[start + (int(x) * ny + int(y)) * nz + int(z)]
+            if passed >= OPAQUE:
+                return 0.0
+            x, y, z, steps = x + dx, y + dy, z + dz, steps + 1
+        gone += steps * cell
+    return math.exp(-passed)

@@ -1,0 +1,138 @@
+"""Hostile files at every reader: how many crash, hang, fill the memory, fail without a word, or load as if whole.
+
+Each input is read in a process of its own kind, with limits on time and memory; a process that dies is replaced and the
+death counted. Inputs are damaged copies of whole files of every kind (flips, cuts, insertions, larger numbers in
+headers), files whose headers lie, and things that are no files. They are seeded: the same seed, the same inputs.
+"""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+QUICK = ["--inputs", "120"]
+
+SECONDS, GIGABYTES, WAIT_SECONDS = 60, 4, 300
+"""Limits of an input: seconds of all cores together, GB of the process; and how long is waited on a busy machine."""
+
+OUTCOMES = ("read", "refused", "silent", "traceback", "signal", "slow", "large")
+"""read: as well it may. refused: an InputError of one line. silent: a file with a checksum loads with other content.
+traceback: any other exception, which a command would end with exit code 1. slow, large: over the limits."""
+
+
+def arguments(parser):
+    """Those of this subject."""
+    parser.add_argument("--inputs", type=int, default=3200, metavar="N", help="damaged files (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="only these kinds")
+    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where inputs that got through are kept")
+
+
+def run(options, report):
+    """Attack every reader in turn."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
+    with tempfile.TemporaryDirectory() as folder:
+        from attacks import attacks_of, whole_files
+
+        whole = whole_files(Path(folder, "whole"))
+        kinds = options.kinds or list(whole)
+        table = report.table(
+            "inputs by reader", kind="<18", inputs="d", **{name: "d" for name in OUTCOMES}, peak_gb=".2f"
+        )
+        total = Counter()
+        each = max(1, options.inputs // len(kinds))
+        for number, kind in enumerate(kinds):
+            counts, peak, reader = Counter(), 0.0, Reader()
+            for index, attack in enumerate(attacks_of(kind, whole[kind], each, options.seed * 1000 + number)):
+                path = Path(folder, "case", str(index))
+                target = attack.write(path)
+                outcome, detail, gigabytes = reader.read(kind, target, attack.summed)
+                counts[outcome] += 1
+                peak = max(peak, gigabytes)
+                if outcome not in ("read", "refused"):
+                    report.note(f"  {kind} {index} {attack.told}: {outcome} {detail}")
+                    if options.keep:
+                        options.keep.mkdir(parents=True, exist_ok=True)
+                        subprocess.run(["cp", "-r", str(path), str(options.keep / f"{kind}-{index}")], check=False)
+                subprocess.run(["rm", "-rf", str(path)], check=False)
+            reader.close()
+            table.add(kind=kind, inputs=sum(counts.values()), **{name: counts[name] for name in OUTCOMES}, peak_gb=peak)
+            total += counts
+        table.add(kind="all", inputs=sum(total.values()), **{name: total[name] for name in OUTCOMES})
+
+
+class Reader:
+    """A process that reads what it is told to, one input after another; a new one where it died."""
+
+    def __init__(self):
+        self._process = None
+
+    def read(self, kind, path, summed):
+        """(outcome, detail, GB at most so far in this process) of one input."""
+        if self._process is None:
+            self._start()
+        self._process.stdin.write(json.dumps([kind, str(path), summed]) + "\n")
+        self._process.stdin.flush()
+        timer = _Timer(self._process.pid, WAIT_SECONDS)
+        line = self._process.stdout.readline()
+        timer.stop()
+        if not line:
+            code = self._process.wait()
+            self._process = None
+            if timer.fired:
+                return "slow", f"killed after {WAIT_SECONDS} s", 0.0
+            return "signal", signal.Signals(-code).name if code < 0 else f"exit {code}", 0.0
+        outcome, detail, gigabytes, seconds = json.loads(line)
+        if seconds > SECONDS:
+            outcome, detail = "slow", f"{seconds:.0f} s"
+        if gigabytes > GIGABYTES:
+            outcome, detail = "large", f"{gigabytes:.1f} GB"
+        if gigabytes > 1.0:  # the peak is that of the process, so the next input gets its own
+            self.close()
+        return outcome, detail, gigabytes
+
+    def _start(self):
+        command = [sys.executable, str(Path(__file__).resolve().parents[2] / "tests" / "support" / "attacked.py")]
+        root = str(Path(__file__).resolve().parents[2])
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env=environment,
+        )
+
+    def close(self):
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+
+
+class _Timer:
+    """Kills a process after so many seconds, unless it is stopped before."""
+
+    def __init__(self, pid, seconds):
+        import threading
+
+        self.fired = False
+
+        def fire():
+            self.fired = True
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+
+        self._timer = threading.Timer(seconds, fire)
+        self._timer.start()
+
+    def stop(self):
+        """Let the process be."""
+        self._timer.cancel()

@@ -1,0 +1,50 @@
+"""Compiled code where nothing can be written: containers, service users. Numba refuses to start without a cache folder.
+
+Scene folders would be writable, and are no place for it: what Numba keeps is code, and a scene may come from anybody.
+"""
+
+import os
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+
+from .errors import DataWarning
+
+PACKAGES = Path(__file__).resolve().parents[2]
+
+
+def allow_read_only_install() -> None:
+    """Where Numba finds no folder for what it compiles, have it keep nothing, with a DataWarning. For a command."""
+    if any(map(_writable, _folders())):
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    Dispatcher.enable_caching = lambda dispatcher: None  # type: ignore[method-assign,assignment]
+    warnings.warn(
+        "no folder for compiled code can be written, so it is compiled again in every run, which takes a minute: "
+        "set NUMBA_CACHE_DIR to a folder that can",
+        DataWarning,
+        stacklevel=2,
+    )
+
+
+def _folders() -> list[Path]:
+    """Where Numba would keep what it compiles, in its order."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    beside = PACKAGES / "splat2mesh" / "render" / "__pycache__"
+    home = Path("~").expanduser()
+    local = os.environ.get("LOCALAPPDATA") or str(home)
+    caches = {"darwin": home / "Library/Caches", "win32": Path(local)}
+    own = caches.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or str(home / ".cache")))
+    return [*([Path(given)] if given else []), beside, own / "numba"]
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a file can be made in a folder, which is made where it is missing, as Numba does."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except (OSError, RuntimeError):
+        return False

@@ -1,0 +1,169 @@
+"""Reading what others wrote: regular files only, sizes held against limits, and one kind of error for all that fails.
+
+Nothing that is read may be trusted: a header that announces more than its file can hold is refused before memory is
+taken, a name inside a file leads nowhere but into the file's own folder, and no parser's own exception gets through.
+"""
+
+import json
+import os
+import stat
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any
+
+from .errors import InputError
+
+LARGEST_JSON = 64 << 20
+"""Bytes of a JSON file: the largest known, the tree of a streamed SOG, has 3 MB."""
+
+LARGEST_SMALL_FILE = 64 << 20
+"""Bytes of what is small by its nature, such as the rows that a scene keeps as its background."""
+
+FREE_SPLATS = 1_000_000
+"""Splats that any file may announce: they take a few hundred megabytes."""
+
+LEAST_SPLAT_BYTES = 6
+"""Bytes that a splat takes, at least, where there are many: places and rotations are noise to every packer, and real
+captures take 10 to 20. So a file of 32 MB announces at most 5.6 million, which a small machine can still convert."""
+
+
+def file_size(path: str | os.PathLike[str], what: str = "file") -> int:
+    """Bytes of a regular file. Raises InputError for what is missing and for folders, pipes, sockets and devices."""
+    try:
+        found = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"cannot read {path}: no such file, expected a {what}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    if not stat.S_ISREG(found.st_mode):
+        raise InputError(f"cannot read {path}: it is a {_kind(found.st_mode)}, expected a {what}")
+    return found.st_size
+
+
+def check_special(path: str | os.PathLike[str]) -> None:
+    """Raise InputError for pipes, sockets and devices, which a reader would wait for; files, folders, nothing pass."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return  # what is wrong with it, its reader says better
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(f"{path} is no regular file, but a {_kind(mode)}: copy its content into a file first")
+
+
+def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
+    """The content of a JSON file of at most LARGEST_JSON bytes; `how` goes to json.loads.
+
+    Raises InputError for another kind of file and for too large a one, ValueError for what is no JSON.
+    """
+    size = file_size(path, "JSON file")
+    if size > LARGEST_JSON:
+        raise InputError(f"{path} takes {size >> 20} MB, expected at most {LARGEST_JSON >> 20} of JSON")
+    return loads(Path(path).read_bytes(), **how)
+
+
+def loads(text: str | bytes, **how: Any) -> Any:
+    """json.loads, with ValueError for whatever it raises: too deep a nesting, too long a number, no text."""
+    try:
+        return json.loads(text, **how)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def load_array(path: str | os.PathLike[str]) -> Any:
+    """The array of a .npy file. Raises InputError for what is no file, ValueError for what holds no plain array.
+
+    Its header is held against the size of the file first, and nothing is unpickled.
+    """
+    import numpy as np
+
+    size = file_size(path, ".npy file")
+    try:
+        mapped = np.load(path, mmap_mode="r", allow_pickle=False)  # maps no more than there is
+        if not isinstance(mapped, np.ndarray):
+            raise ValueError("it holds several arrays, expected one .npy")
+        return np.array(mapped)
+    except Exception as error:  # the header is Python source, over which a dozen types are raised
+        raise ValueError(f"{error} ({size} bytes)") from None
+
+
+def load_arrays(path: str | os.PathLike[str], most: int) -> dict[str, Any]:
+    """The arrays of an .npz file, of at most `most` bytes unpacked. Raises ValueError for what holds none."""
+    import lzma
+    import zipfile
+    import zlib
+
+    import numpy as np
+
+    file_size(path, ".npz file")
+    try:
+        with zipfile.ZipFile(path) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+            if size > most:
+                raise ValueError(f"it announces {size:,} bytes, expected at most {most:,}")
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (*_PACKED, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from None
+
+
+_PACKED = (EOFError, OSError, SyntaxError, OverflowError, TypeError, NotImplementedError, RuntimeError, KeyError)
+
+
+def check_count(path: str | os.PathLike[str], count: int, size: int, what: str = "splats") -> None:
+    """Raise InputError where `count` splats, announced by a header, cannot be in so many bytes of packed data."""
+    most = max(FREE_SPLATS, size // LEAST_SPLAT_BYTES)
+    if count > most:
+        raise InputError(
+            f"{path} announces {count:,} {what} in {size:,} bytes, expected at most {most:,}: it is damaged, "
+            "or made to fill the memory"
+        )
+
+
+def inside(folder: str | os.PathLike[str], name: object, named_by: str | os.PathLike[str]) -> Path:
+    """The path of a file that another file names, in its folder or below. Raises InputError for a name that leads out.
+
+    folder: where the name starts. named_by: the file that holds it, for the message. Links out of the folder are
+    followed: whoever made them, made them here.
+    """
+    text = str(name)
+    posix, windows = PurePosixPath(text), PureWindowsPath(text)
+    leads_out = posix.is_absolute() or windows.drive or windows.root or ".." in (*posix.parts, *windows.parts)
+    if not isinstance(name, str) or not text or "\0" in text or "://" in text or leads_out:
+        raise InputError(f"{named_by} names {text[:80]!r}, which lies outside its folder: copy the whole folder")
+    return Path(folder) / posix
+
+
+@contextmanager
+def reading(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Within it, whatever goes wrong is an InputError about `path`: parsers raise dozens of types over broken input."""
+    try:
+        yield
+    except (InputError, Warning, NameError, ImportError):  # the last two: not the fault of a file
+        raise
+    except OSError as error:
+        name, reason = error.filename or path, error.strerror or error
+        raise InputError(f"cannot read {name}: {reason}") from error
+    except MemoryError as error:
+        raise InputError(f"{path} needs more memory than there is: it is too large, or damaged") from error
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0][:160]
+        raise InputError(
+            f"{path} is damaged or not what it should be ({type(error).__name__}: {reason}): copy or export it again"
+        ) from error
+
+
+@contextmanager
+def quiet_numbers() -> Iterator[None]:
+    """Within it, numbers beyond their type become infinite or NaN without a word: readers count them later."""
+    import numpy as np
+
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        yield
+
+
+def _kind(mode: int) -> str:
+    kinds = {stat.S_ISDIR: "directory", stat.S_ISFIFO: "pipe", stat.S_ISSOCK: "socket"}
+    return next((name for test, name in kinds.items() if test(mode)), "device")

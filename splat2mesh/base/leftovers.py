@@ -1,0 +1,182 @@
+"""The hidden folders in which outputs grow: claimed by one run at a time, cleaned up after runs that were killed.
+
+.NAME.unfinished/name    the name of the output
+.NAME.unfinished/new     what is being written
+.NAME.unfinished/old     what stood at the output, while the new takes its place on systems that cannot swap the two
+
+A run holds an exclusive lock (flock) on the folder; the system lets go of it when the run ends, in whatever way.
+"""
+
+import hashlib
+import os
+import shutil
+import warnings
+from pathlib import Path
+
+from .errors import DataWarning
+
+NAME, NEW, OLD = "name", "new", "old"
+SUFFIX = ".unfinished"
+_LONGEST_STEM = 200  # bytes of a name that are kept as they are: with dot, suffix and hash it fits into 255
+
+
+class Busy(Exception):
+    """Another run holds the folder."""
+
+
+def workspace_of(path: Path) -> Path:
+    """Where an output grows: beside it, so that a rename is one step."""
+    stem = path.name
+    if len(os.fsencode(stem)) > _LONGEST_STEM:
+        stem = hashlib.sha256(os.fsencode(stem)).hexdigest()[:32]
+    return path.with_name(f".{stem}{SUFFIX}")
+
+
+def claim(workspace: Path) -> int:
+    """Make the folder and lock it, empty: the lock, for `release`. Raises Busy where another run holds it.
+
+    What a killed run left in it is put back or removed before, with a DataWarning.
+    """
+    while True:
+        try:
+            workspace.mkdir()
+        except FileExistsError:
+            if not _ours(workspace):
+                raise
+        try:
+            lock = _locked(workspace)
+        except FileNotFoundError:
+            continue  # it was released by another run since
+        if _is_still(workspace, lock):
+            break
+        _close(lock)
+    try:
+        if any(workspace.iterdir()):
+            _clean(workspace)
+    except BaseException:
+        _close(lock)
+        raise
+    return lock
+
+
+def release(workspace: Path, lock: int) -> None:
+    """Remove the folder with all that is in it, and its lock. What could not be put back stays in it."""
+    try:
+        if not os.path.lexists(workspace / OLD) or _settled(workspace):
+            shutil.rmtree(workspace, ignore_errors=True)
+    finally:
+        _close(lock)
+
+
+def sweep(folder: Path) -> None:
+    """Put back or remove what killed runs left in a folder; one DataWarning for each. What others hold is let alone."""
+    try:
+        with os.scandir(folder) as entries:
+            found = [entry.name for entry in entries if entry.name[0] == "." and entry.name.endswith(SUFFIX)]
+    except OSError:
+        return
+    for name in sorted(found):
+        workspace = folder / name
+        try:
+            if not _ours(workspace):
+                continue
+            lock = _locked(workspace)
+        except (Busy, OSError):
+            continue
+        try:
+            if _is_still(workspace, lock):
+                _clean(workspace)
+                workspace.rmdir()
+        except OSError:
+            pass  # the claim says what is wrong with it
+        finally:
+            _close(lock)
+
+
+def _ours(workspace: Path) -> bool:
+    """Whether it is a folder that holds nothing but what this module puts there."""
+    if workspace.is_symlink() or not workspace.is_dir():
+        return False
+    return set(os.listdir(workspace)) <= {NAME, NEW, OLD}
+
+
+def _clean(workspace: Path) -> None:
+    """Empty a folder that is locked and that a killed run left, and tell what became of it."""
+    told = f"removed {workspace}, which a run that was killed had left"
+    if os.path.lexists(workspace / OLD):
+        target, replaced = _target(workspace), not os.path.lexists(workspace / NEW)
+        if not _settled(workspace):
+            kept = _free_name(workspace.with_name(f"{target.name if target else workspace.name[1:]}.before"))
+            (workspace / OLD).rename(kept)
+            told += f"; what it was about to replace is now {kept}"
+        elif not replaced:
+            told += f", and put {target} back"
+    for entry in list(workspace.iterdir()):
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    warnings.warn(told, DataWarning, stacklevel=4)
+
+
+def _free_name(path: Path) -> Path:
+    found, number = path, 1
+    while os.path.lexists(found):
+        number += 1
+        found = path.with_name(f"{path.name}-{number}")
+    return found
+
+
+def _settled(workspace: Path) -> bool:
+    """Whether what had been moved aside is safe: its place was taken by the new, or it is put back there now."""
+    target = _target(workspace)
+    if target is None:
+        return False
+    if not os.path.lexists(workspace / NEW):
+        return True
+    if os.path.lexists(target):
+        return False  # by something else: there are three, and none of them may go
+    (workspace / OLD).rename(target)
+    return True
+
+
+def _target(workspace: Path) -> Path | None:
+    try:
+        name = (workspace / NAME).read_text(encoding="utf-8", errors="surrogateescape")
+    except OSError:
+        return None
+    target = workspace.with_name(name) if name and "/" not in name and "\0" not in name else None
+    return target if target is not None and workspace_of(target) == workspace else None
+
+
+def _locked(workspace: Path) -> int:
+    """An open descriptor of the folder with a lock on it, -1 on systems without such locks. Raises Busy."""
+    try:
+        import fcntl
+    except ImportError:
+        return -1
+    descriptor = os.open(workspace, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(descriptor)
+        raise Busy from None
+    except OSError:
+        pass  # a file system without locks
+    return descriptor
+
+
+def _is_still(workspace: Path, lock: int) -> bool:
+    """Whether the folder that is locked is the one that stands there: another run may have removed it meanwhile."""
+    if lock < 0:
+        return True
+    try:
+        there, held = os.stat(workspace), os.fstat(lock)
+    except FileNotFoundError:
+        return False
+    return (there.st_dev, there.st_ino) == (held.st_dev, held.st_ino)
+
+
+def _close(lock: int) -> None:
+    if lock >= 0:
+        os.close(lock)

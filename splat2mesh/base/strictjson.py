@@ -1,0 +1,20 @@
+"""JSON that every reader takes: the standard has no Infinity and no NaN, which Python writes all the same."""
+
+import json
+import math
+from typing import Any
+
+
+def text_of(content: Any, **how: Any) -> str:
+    """What json.dumps gives, with null for numbers that are not finite; `how` goes to it."""
+    return json.dumps(_finite(content), allow_nan=False, **how)
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, float):
+        return content if math.isfinite(content) else None
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_finite(value) for value in content]
+    return content

@@ -1,0 +1,61 @@
+"""How much of a ray's light leaves, grass and everything else take in a coarse cell of space: nested grids."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+MOST = 8.0
+"""Optical depth of a cell that counts as opaque: 0.03% of the light is left."""
+
+
+class OpticalDepth(NamedTuple):
+    """Nested grids, innermost first, in the scene frame. L levels.
+
+    origins: (L, 3) float64 lowest corners. cells: (L,) float64 side of a cell. shapes: (L, 3) int64. starts: (L,)
+    int64, where each level begins in depth: (C,) float32, of a ray that crosses the cell from side to side.
+    """
+
+    origins: np.ndarray
+    cells: np.ndarray
+    shapes: np.ndarray
+    starts: np.ndarray
+    depth: np.ndarray
+
+    @classmethod
+    def of_levels(cls, origins, cells, levels):
+        """From L lowest corners, sides of cells, and arrays (X, Y, Z), rounded as they are kept."""
+        shapes = np.array([level.shape for level in levels], np.int64)
+        starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int64)
+        kept = _bytes(np.concatenate([level.ravel() for level in levels]))
+        return cls(np.asarray(origins, np.float64), np.asarray(cells, np.float64), shapes, starts, _depths(kept))
+
+    def arrays(self):
+        """Dict of the arrays to keep, small ones."""
+        return {
+            "depth_origins": self.origins,
+            "depth_cells": self.cells,
+            "depth_shapes": self.shapes,
+            "depth_bytes": _bytes(self.depth),
+        }
+
+    @classmethod
+    def restored(cls, arrays):
+        """From what `arrays` gave, None where it is not among them. Raises ValueError for parts that do not fit."""
+        if "depth_bytes" not in arrays:
+            return None
+        origins, cells, shapes = (arrays[f"depth_{name}"] for name in ("origins", "cells", "shapes"))
+        counts = shapes.prod(axis=1)
+        kept = arrays["depth_bytes"]
+        if not (origins.shape == shapes.shape == (len(cells), 3)) or kept.shape != (counts.sum(),):
+            raise ValueError("the parts of its optical depth differ in size")
+        starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+        return cls(origins, cells, shapes, starts, _depths(kept))
+
+
+def _bytes(depth):
+    """By the square root: thin cells, of which a ray meets many, need the finer steps."""
+    return np.rint(np.sqrt(np.clip(depth, 0.0, MOST) / MOST) * 255.0).astype(np.uint8)
+
+
+def _depths(kept):
+    return np.square(kept.astype(np.float32) / np.float32(255.0)) * np.float32(MOST)

@@ -1,0 +1,92 @@
+"""A triangle mesh as a file has it, before it is checked: what every reader of mesh files returns, and what they share.
+
+Corners that files list one by one are joined where all that they hold is equal, in the order of first use; that order
+is the one in which results list the vertices.
+"""
+
+import os
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import DataWarning, InputError
+
+
+class Surface(NamedTuple):
+    """points: (V, 3) float64. faces: (F, 3) int64, each corner known to name a point. normals: (V, 3), or None; rows
+    that are 0 or not finite are missing. colors: (V, 3) sRGB in [0, 1], or None."""
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray | None = None
+    colors: NDArray | None = None
+    moved: NDArray[np.float64] | None = None
+
+
+FAR = 1e-4
+"""Spacing of float32 at a mesh, over its extent, from which it is moved to the origin: a thousandth of an edge."""
+
+
+def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Points (N, 3), and None; of a mesh so far away that float32 would lose it, moved to the origin, and by what."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return points, None
+    low, high = finite.min(axis=0), finite.max(axis=0)
+    largest, extent = np.abs([low, high]).max(), (high - low).max()
+    if not 0.0 < extent < np.finfo(np.float32).eps / FAR * largest:
+        return points, None
+    middle = (low + high) / 2.0
+    return points - middle, middle
+
+
+def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDArray[np.int64]:
+    """Triangles (F, 3) of polygons: corners of all in a row, and the corners of each. A DataWarning counts those that
+    have fewer than three, which are left out."""
+    flat = int(np.count_nonzero(counts < 3))
+    if flat:
+        message = f"{path}: left out {flat} of {len(counts)} faces, which have fewer than three corners"
+        warnings.warn(message, DataWarning, stacklevel=4)
+    triangles = np.maximum(counts - 2, 0)
+    first = np.repeat(np.cumsum(counts) - counts, triangles)
+    within = np.arange(triangles.sum()) - np.repeat(np.cumsum(triangles) - triangles, triangles)
+    return np.stack([corners[first], corners[first + within + 1], corners[first + within + 2]], axis=1).astype(np.int64)
+
+
+def check_corners(faces: NDArray, count: int, path: str | os.PathLike[str]) -> None:
+    """Raise InputError where a face names a vertex that is not there, before anything follows the name."""
+    if len(faces) and (faces.min() < 0 or faces.max() >= count):
+        raise InputError(f"{path}: a face names a vertex beyond the {count} there are; export it again")
+
+
+def joined(
+    corners: NDArray,  # (C,) integers into the rows of each of `values`
+    *values: NDArray | None,  # (N, k) what rows hold: places, normals, texture coordinates, colours; None is left out
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Join corners that hold the same, in the order of first use: the row of each vertex (V,), the vertex of each
+    corner (C,). Values count as equal as float32, -0 as 0."""
+    used, corner = np.unique(corners, return_inverse=True)
+    held = np.concatenate([np.asarray(value)[used] for value in values if value is not None], axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        held = np.ascontiguousarray(held.astype(np.float32) + np.float32(0.0))
+    group = _groups(held.view(np.uint32))[corner.reshape(-1)]
+    _, first = np.unique(group, return_index=True)
+    rank = np.zeros(len(first), np.int64)
+    order = np.argsort(first, kind="stable")
+    rank[order] = np.arange(len(first))
+    return used[corner.reshape(-1)[first[order]]], rank[group]
+
+
+def _groups(rows: NDArray[np.uint32]) -> NDArray[np.int64]:
+    """A number for each row, (N,), equal for equal rows."""
+    factors = np.random.default_rng(0).integers(1, 2**63, rows.shape[1], dtype=np.uint64) * np.uint64(2) + np.uint64(1)
+    with np.errstate(over="ignore"):
+        mixed = (rows * factors).sum(axis=1, dtype=np.uint64)
+        mixed ^= mixed >> np.uint64(29)
+    _, first, group = np.unique(mixed, return_index=True, return_inverse=True)
+    group = group.reshape(-1)
+    if not (rows == rows[first[group]]).all():  # two rows with one hash: rare, or made
+        _, group = np.unique(rows, axis=0, return_inverse=True)
+    return group.reshape(-1)

@@ -1,0 +1,1 @@
+"""Cities in tiles: captures larger than memory, one after another or on many machines, with the same bytes."""

@@ -1,0 +1,251 @@
+"""A city from splats to meshes: survey, deal, look, mesh, tile by tile into a folder or bucket, on again after stops.
+
+plan.json            what was asked for, and how the city is cut
+splats/              the source dealt out to the tiles, kept for `relight`
+work/                depth maps, gone once the tiles that need them are done
+tiles/00003/         mesh.ply, mesh.glb, their coarse twins far.ply and far.glb, and mesh.json with their checksums
+city.json            all tiles; tileset.json: 3D Tiles
+"""
+
+import hashlib
+import json
+import os
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import InputError, UnfinishedError
+from ..base.outputs import check_output
+from ..base.progress import Stages
+from ..base.version import VERSION
+from ..views.upright import UP_CHOICES
+from .look import DILATION, FOGS, LEVELS, look, probe
+from .pieces import pieces_of
+from .plan import FILE, Plan
+from .store import Store
+from .surface import mesh
+from .survey import LEAST_SAMPLE, SAMPLE, check_detail, deal, plan_of, say_dropped, survey
+from .tasks import Done, Task
+from .tileset import tileset
+
+CITY, SCHEMA_VERSION = "city.json", 1
+
+PROBED = 4
+"""Tiles whose surfaces tell how thick the city's are."""
+
+__all__ = ["CITY", "DILATION", "convert_city"]
+
+
+def convert_city(
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    engine: Any,
+    *,
+    lod: Any = "auto",
+    vertices: int | None = None,
+    up: str = "auto",
+    detail: str = "normal",
+    memory: float | None = None,
+    tile_splats: int | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    stages: Stages | None = None,
+) -> dict[str, Any]:
+    """Mesh a city tile by tile; returns the report, JSON-clean.
+
+    source: as `pieces_of`. output: folder, or URL of fsspec. engine: of `tasks.engine`. vertices: of the whole city, as
+    its surface asks for without. memory: GiB of a process. tile_splats: of a tile with its halo, by memory without.
+    resume: go on where an earlier run with the same settings stopped.
+    Raises InputError for what cannot be used, UnfinishedError where tiles failed and the others are done.
+    """
+    check_detail(detail)
+    if up not in UP_CHOICES:
+        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
+    stages, store = stages or Stages(), Store(output)
+    asked: dict[str, Any] = {
+        "up": up,
+        "detail": detail,
+        "memory": memory,
+        "tile_splats": tile_splats,
+        "vertices": vertices,
+    }
+    pieces = pieces_of(os.fspath(source), lod)
+    asked["source"] = [[piece.path, piece.first, piece.last, os.path.getsize(piece.path)] for piece in pieces]
+    steps = _Steps(store, engine, stages)
+    if not _goes_on(store, asked, overwrite, resume):
+        _surveyed(steps, pieces, asked)
+    key = hashlib.sha256(store.read(FILE)).hexdigest()
+    plan = Plan.kept(store, key)
+    sources = _dealt(steps, plan, key)
+    if plan.fog == 0.0:
+        key, plan = _probed(steps, plan, key, sources)
+    records = _meshed(steps, plan, key, sources)
+    return _finished(steps, plan, records, source)
+
+
+class _Steps:
+    """Runs tasks of one step after another and keeps what they took."""
+
+    def __init__(self, store: Store, engine: Any, stages: Stages) -> None:
+        self.store, self.engine, self.stages = store, engine, stages
+        self.took: dict[str, Done] = {}
+
+    def run(self, label: str, tasks: list[Task], arrived=lambda done: None) -> dict[str, Done]:
+        """What became of all tasks, by name."""
+        found = {}
+        with self.stages.stage(label, total=len(tasks)) as advance:
+            for done in self.engine.run(tasks):
+                found[done.name] = done
+                arrived(done)
+                advance()
+        self.took |= found
+        return found
+
+    def need(self, label: str, tasks: list[Task]) -> list[Any]:
+        """Results of tasks that must all succeed. Raises UnfinishedError."""
+        found = self.run(label, tasks)
+        lost = [done for done in found.values() if done.error]
+        if lost:
+            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+            raise UnfinishedError(f"{lost[0].name}{more} failed: {lost[0].error}; run again with `resume`")
+        return [found[task.name].result for task in tasks]
+
+
+def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool) -> bool:
+    """Whether there is a plan to go on with. Raises InputError for a place that may not be written."""
+    there = store.exists(FILE)
+    if resume:
+        if there and store.read_json(FILE)["asked"] != json.loads(json.dumps(asked)):
+            raise InputError(f"{store.root}: was begun with other settings or another source, so `resume` cannot go on")
+        return there
+    if store.is_local:
+        check_output(store.root, overwrite, FILE)
+    elif there and not overwrite:
+        raise InputError(f"{store.root} exists already: give another `output`, or `overwrite` or `resume` it")
+    store.remove(".")
+    return False
+
+
+def _surveyed(steps: _Steps, pieces, asked) -> None:
+    most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
+    tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
+    found = steps.run("survey", tasks)
+    lost = [done for done in found.values() if done.error]
+    if lost:  # a source that cannot be read is bad input, and nothing of value is there yet
+        steps.store.remove(".")
+        raise InputError(lost[0].error)
+    counts = [found[task.name].result for task in tasks]
+    say_dropped(counts)
+    try:
+        plan = plan_of(steps.store, pieces, counts, asked)
+    except InputError:
+        steps.store.remove(".")
+        raise
+    steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
+    steps.store.remove("work/survey")
+
+
+def _dealt(steps: _Steps, plan: Plan, key: str) -> dict[int, list[int]]:
+    """For each tile the pieces that hold splats of it."""
+    names = [f"splats/{number:05d}.json" for number in range(len(plan.pieces))]
+    missing = [number for number, name in enumerate(names) if not steps.store.exists(name)]
+    steps.need("deal", [Task(f"deal {n}", deal, (steps.store, key, n)) for n in missing])
+    sources: dict[int, list[int]] = {tile: [] for tile in range(len(plan.tiles))}
+    for number, name in enumerate(names):
+        for tile in steps.store.read_json(name)["dealt"]:
+            if int(tile) >= 0:
+                sources[int(tile)].append(number)
+    return sources
+
+
+def _near(plan: Plan, sources: dict[int, list[int]], tile: int) -> dict[int, list[int]]:
+    return {other: sources[other] for other in plan.near(tile, plan.reach)}
+
+
+def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
+    """The plan with the thickness of surfaces, measured in a few of the fullest tiles."""
+    fullest = np.argsort(-np.array(plan.counts), kind="stable")
+    chosen = sorted(fullest[np.linspace(0, (len(fullest) - 1) / 2, PROBED).astype(int)].tolist())
+    tasks = [Task(f"probe {t}", probe, (steps.store, key, t, _near(plan, sources, t))) for t in dict.fromkeys(chosen)]
+    ratios = np.array([ratio for found in steps.need("probe", tasks) for ratio in found])
+    plan.fog = max(float(np.median(ratios)) if len(ratios) else 0.0, 1e-6)
+    plan.level = float(np.interp(plan.fog, FOGS, LEVELS))
+    asked = steps.store.read_json(FILE)["asked"]
+    steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
+    key = hashlib.sha256(steps.store.read(FILE)).hexdigest()
+    return key, Plan.kept(steps.store, key)
+
+
+def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]]:
+    """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
+    store, count = steps.store, len(plan.tiles)
+    records = [store.committed(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+    tasks: list[Task] = []
+    looked: set[int] = set()
+    waiting = dict.fromkeys(range(count), 0)
+    for tile in range(count):
+        if records[tile] is not None:
+            continue
+        for other in plan.seers(tile):
+            waiting[other] += 1
+            if other not in looked:
+                looked.add(other)
+                if not store.exists(f"work/sights/{other:05d}.json"):
+                    tasks.append(Task(f"look {other}", look, (store, key, other, _near(plan, sources, other))))
+        after = tuple(f"look {other}" for other in plan.seers(tile))
+        tasks.append(Task(f"mesh {tile}", mesh, (store, key, tile), after))
+
+    def arrived(done: Done) -> None:
+        kind, number = done.name.split()
+        if kind == "mesh" and not done.error:
+            for other in plan.seers(int(number)):
+                waiting[other] -= 1
+                if waiting[other] == 0:
+                    store.remove_file(f"work/sights/{other:05d}.json")
+                    store.remove_file(f"work/sights/{other:05d}.npz")
+
+    found = steps.run("tiles", tasks, arrived)
+    lost = [done for done in found.values() if done.error]
+    if lost:
+        named = [done for done in lost if not done.error.startswith("waits")]
+        told = "; ".join(f"{done.name}: {done.error}" for done in named[:5])
+        tiles = sum(done.name.startswith("mesh") for done in lost)
+        raise UnfinishedError(f"{tiles} of {count} tiles are not done ({told}); run again with `resume`")
+    return [store.read_json(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+
+
+def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
+    store, tiles = steps.store, []
+    for tile, record in enumerate(records):
+        tiles.append({"name": plan.name(tile), "core": plan.core(tile).ravel().tolist(), **record})
+    full = [entry for entry in tiles if entry["faces"]]
+    if not full:
+        raise InputError(f"{source}: no surface was found: is this a splat of a place?")
+    totals = {
+        "splats": plan.splats,
+        "tiles": len(tiles),
+        **{name: sum(entry[name] for entry in tiles) for name in ("vertices", "faces", "seam_vertices")},
+    }
+    meta = {
+        "schema_version": SCHEMA_VERSION,
+        "version": VERSION,
+        "source": {"path": os.path.abspath(source), "pieces": plan.pieces},
+        "scene_from_splat": plan.scene_from_splat,
+        "up_from": plan.up_from,
+        "statistics": {**totals, "fog": round(plan.fog, 4), "pixel": plan.pixel},
+        "tiles": tiles,
+    }
+    store.write_json(CITY, meta)
+    store.write_json("tileset.json", tileset(full, "mesh.glb", "far.glb", plan.finest))
+    store.remove("work")
+    seconds = {name: round(done.seconds, 3) for name, done in steps.took.items()}
+    peaks = [done.peak_mb for done in steps.took.values()]
+    return {
+        **totals,
+        "scene": store.root,
+        "bytes": sum(about["bytes"] for entry in tiles for about in entry["files"].values()),
+        "seconds": dict(steps.stages.seconds),
+        "task_seconds": seconds,
+        "task_peak_mb": {name: done.peak_mb for name, done in steps.took.items()},
+        "peak_mb": max(peaks, default=0.0),
+    }

@@ -1,0 +1,132 @@
+"""The raw surface of a tile and its ring on the lattice of the whole city, equal to the bit in all tiles that hold it.
+
+A cell's vertex depends on the cells around it and on the views that tell of them. All tiles read the same views, in
+the same order, and find the same cells; so on either side of a border the surface comes out the same.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
+from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
+from .plan import LEVELS, RING, Plan
+
+MOST_CELLS = 24_000_000
+"""Cells that may be asked for: a table of 400 MB. More is no tile."""
+
+ROUNDS, STEP = 2, 0.5
+"""Rounds in which vertices on borders move towards the mean of their neighbours, and how far."""
+
+
+class Raw(NamedTuple):
+    """The surface of a tile and its ring. V vertices, F faces.
+
+    points: (V, 3) float64. faces: (F, 3) int32. cells: (V,) side of each vertex's cell. owner: (F,) tile of each face,
+    -1 for none.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    cells: NDArray[np.float64]
+    owner: NDArray[np.int64]
+
+
+def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw:
+    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells."""
+    empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
+    sights = [sight for sight in sights if (sight.weight > 0).any()]
+    if not sights:
+        return empty
+    origin, steps = np.zeros(3), [sight.step for sight in sights]
+    requested = requested_cells(sights, steps, origin, plan.finest, NARROW, WIDE, MOST_CELLS)
+    if requested is None:
+        raise MemoryError(f"more than {MOST_CELLS:,} cells in one tile: give it less `memory`, so that it is cut")
+    requested = requested[_within(requested, plan.tiles[tile])]
+    if not len(requested):
+        return empty
+    leaves = leaves_of(requested)
+    corners = corners_of(leaves)
+    values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
+    dealt = np.random.default_rng(0).permutation(-(-len(values) // BATCH))
+    arrays = corners.positions, corners.levels, dealt, plan.finest, NARROW, WIDE, carve
+    _integrate(*arrays, *_packed(sights, origin), values, weights)
+    vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
+    points = vertices * plan.finest
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    return Raw(points, faces, plan.finest * 2.0**levels, plan.owner_of(((a + b + c) / 3)[:, [0, 2]]))
+
+
+def _within(keys, rectangle):
+    """Which cells lie in a rectangle of blocks grown by the ring."""
+    level = keys >> (3 * BITS)
+    x, z = ((keys >> (2 * BITS)) & MASK) - HALF, (keys & MASK) - HALF
+    block_x, block_z = x >> (LEVELS - level), z >> (LEVELS - level)
+    x0, z0, x1, z1 = rectangle
+    return (block_x >= x0 - RING) & (block_x < x1 + RING) & (block_z >= z0 - RING) & (block_z < z1 + RING)
+
+
+def seam_of(raw: Raw, tile: int) -> NDArray[np.bool_]:
+    """(V,) bool: the vertices between faces of a tile and faces of others."""
+    mine, theirs = (np.zeros(len(raw.points), bool) for _ in range(2))
+    mine[raw.faces[raw.owner == tile]] = True
+    theirs[raw.faces[(raw.owner != tile) & (raw.owner >= 0)]] = True
+    return mine & theirs
+
+
+def smoothed(raw: Raw) -> NDArray[np.float64]:
+    """(V, 3) points, each some way to the mean of its neighbours; those on open borders stay.
+
+    Sums go in the order of vertices, which is that of their cells: so they are equal in all tiles that hold them.
+    """
+    starts, ends = raw.faces.T.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).T.ravel().astype(np.int64)
+    key, uses = np.unique(np.minimum(starts, ends) * len(raw.points) + np.maximum(starts, ends), return_counts=True)
+    first, second = key // max(len(raw.points), 1), key % max(len(raw.points), 1)
+    open_ = np.zeros(len(raw.points), bool)
+    open_[first[uses == 1]] = open_[second[uses == 1]] = True
+    here, there = np.concatenate([first, second]), np.concatenate([second, first])
+    count = np.bincount(here, minlength=len(raw.points))
+    moving = (~open_ & (count > 0))[:, None]
+    points = raw.points
+    for _ in range(ROUNDS):
+        sums = np.stack([np.bincount(here, points[there, axis], len(points)) for axis in range(3)], axis=1)
+        mean = sums / np.maximum(count, 1)[:, None]
+        points = np.where(moving, points + STEP * (mean - points), points)
+    return points
+
+
+def normals_of(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
+    """(V, 3) unit normals by area, summed in the order of the faces. A vertex whose faces have no area takes the mean
+    of its neighbours'; +y where those have none either."""
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    u, v = b - a, c - a
+    cross = np.stack([u[:, i] * v[:, j] - u[:, j] * v[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
+    normals = _unit(_sums(faces.ravel(), np.repeat(cross, 3, axis=0), len(points)))
+    lost = ~normals.any(axis=1)
+    if lost.any():
+        rows = faces[lost[faces].any(axis=1)]
+        around = _sums(rows.ravel(), np.repeat(normals[rows].sum(axis=1), 3, axis=0), len(points))
+        normals[lost] = _unit(around)[lost]
+        normals[~normals.any(axis=1)] = [0.0, 1.0, 0.0]
+    return normals
+
+
+def _sums(rows, values, count):
+    return np.stack([np.bincount(rows, values[:, axis], count) for axis in range(3)], axis=1)
+
+
+def _unit(vectors):
+    length = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
+    return np.where(length > 1e-150, vectors / np.maximum(length, 1e-150), 0.0)
+
+
+def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The edges at which a face of a tile meets one of another: (E, 2) vertices, smaller first, and (E,) the other."""
+    count = max(len(raw.points), 1)
+    starts, ends = raw.faces.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).ravel().astype(np.int64)
+    key, owner = np.minimum(starts, ends) * count + np.maximum(starts, ends), np.repeat(raw.owner, 3)
+    mine = np.unique(key[owner == tile])
+    other = (owner != tile) & (owner >= 0) & np.isin(key, mine)
+    pairs = np.unique(np.stack([key[other], owner[other]], axis=1), axis=0)
+    return np.stack([pairs[:, 0] // count, pairs[:, 0] % count], axis=1), pairs[:, 1]

@@ -1,0 +1,137 @@
+"""What the stations of a tile see: depth maps, each made once, by the tile that the station stands in.
+
+All tiles that need a depth map read the same one: so what two tiles know of their common border is equal to the bit.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..render.opacityfield import FieldDepth, field_depth
+from ..render.view import View
+from ..surface.adaptive import Sight
+from ..surface.extract import dilated, thickness_of
+from ..views.eyes import around
+from .plan import CARVE, INFLUENCE, RING, Plan
+from .stations import stations_of
+from .store import Store
+from .survey import splats_of
+
+DILATION, FOGS, LEVELS = 0.35, (0.06, 0.16), (0.6, 0.45)
+"""As places have them (`surface.place`)."""
+
+PROBES, PROBE_PIXELS = 8, 96
+"""Stations of a tile by which the fog is measured, and their pixels."""
+
+UP = np.array([0.0, 1.0, 0.0])
+
+
+class Face(NamedTuple):
+    """One view of a station and what it sees of the surface. H, W are its size."""
+
+    view: View
+    seen: FieldDepth
+    thickness: NDArray[np.float32]
+
+
+def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> list[float]:
+    """Thickness of the surfaces that a few stations of a tile see, over their distance: a sample of it."""
+    known = Plan.kept(store, key)
+    splats, stations = _prepared(store, known, tile, sources)
+    chosen = stations[:: max(1, len(stations) // PROBES)]
+    ratios = []
+    for view, near in zip(*around(chosen, PROBE_PIXELS, UP), strict=True):
+        seen = field_depth(splats, view, float(near))
+        ratio = (thickness_of(seen, view) / seen.depth).ravel()[::7]
+        ratios += ratio[np.isfinite(ratio)].tolist()
+    return ratios
+
+
+def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> dict[str, Any]:
+    """Make the depth maps of a tile's stations: work/sights/TILE.npz."""
+    known = Plan.kept(store, key)
+    splats, stations = _prepared(store, known, tile, sources)
+    views, near = around(stations, known.pixels, UP)
+    poses: list[Any] = []
+    kept: dict[str, list[Any]] = {name: [] for name in ("depth", "normal", "spread", "thickness", "color")}
+    for view, plane in zip(views, near, strict=True):
+        seen = field_depth(splats, view, float(plane), known.level)
+        rays = np.linalg.norm(view.ray_directions(), axis=-1)
+        with np.errstate(invalid="ignore"):
+            depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
+        if not np.isfinite(depth).any():
+            continue
+        poses.append(view.camera_from_world)
+        kept["depth"].append(depth)
+        kept["normal"].append(seen.normal.astype(np.float16))
+        kept["spread"].append(seen.spread.astype(np.float32))
+        kept["thickness"].append(thickness_of(seen, view).astype(np.float32))
+        kept["color"].append(np.clip(np.round(255 * np.nan_to_num(seen.color)), 0, 255).astype(np.uint8))
+    arrays = {name: np.array(values) for name, values in kept.items()}
+    focal = views[0].fx if views else 1.0
+    store.write_arrays(f"work/sights/{tile:05d}.npz", poses=np.array(poses).reshape(-1, 4, 4), focal=focal, **arrays)
+    facts = {"stations": len(stations), "views": len(poses), "splats": len(splats)}
+    store.write_json(f"work/sights/{tile:05d}.json", facts)
+    return facts
+
+
+def _prepared(store, plan, tile, sources):
+    """The splats of a tile and all that its stations see, as training saw them, and its stations."""
+    core = plan.core(tile)
+    box = core + np.array([[-1.0], [1.0]]) * plan.reach
+    splats = splats_of(store, plan, sources, box)
+    stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
+    if len(splats):
+        splats = splats.take(splats.spatial_order())
+    return dilated(splats, DILATION * plan.pixel), stations
+
+
+def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
+    """The views that tell of what lies in a tile and its ring, in an order that all tiles share.
+
+    A view counts where a surface point of it lies near enough to tell anything: all others leave no trace there.
+    """
+    low, high = _range(plan, tile)
+    found = []
+    for other in plan.seers(tile):
+        kept = store.read_arrays(f"work/sights/{other:05d}.npz")
+        for row, pose in enumerate(kept["poses"]):
+            size = kept["depth"].shape[1]
+            focal = float(kept["focal"])
+            view = View(size, size, focal, focal, size / 2, size / 2, pose)
+            depth = kept["depth"][row]
+            points = (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
+            with np.errstate(invalid="ignore"):
+                if not ((points >= low) & (points < high)).all(axis=-1).any():
+                    continue
+            normal = kept["normal"][row].astype(np.float32)
+            normal /= np.maximum(np.sqrt((normal * normal).sum(axis=-1, keepdims=True)), 1e-6)
+            color = kept["color"][row].astype(np.float32) / np.float32(255)
+            seen = FieldDepth(depth, normal, kept["spread"][row], color, np.isfinite(depth).astype(np.float32))
+            found.append(Face(view, seen, kept["thickness"][row]))
+    return found
+
+
+def sight_of(face: Face, plan: Plan, tile: int) -> Sight:
+    """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
+    INFLUENCE, and pixels that cannot reach the ring are left out."""
+    sight = Sight.of(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
+    low, high = _range(plan, tile)
+    points = (face.view.center + face.view.ray_directions() * face.seen.depth[..., None])[..., [0, 2]]
+    with np.errstate(invalid="ignore"):
+        step = np.minimum(sight.step, np.float32(plan.block))
+        spread = np.minimum(sight.spread, np.float32(plan.block))
+        near = ((points >= low) & (points < high)).all(axis=-1)
+    return Sight(sight.view, sight.plane, np.where(near, sight.weight, np.float32(0)), spread, step)
+
+
+def _range(plan, tile):
+    """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
+    margin = (RING + INFLUENCE) * plan.block
+    return plan.core(tile) + np.array([[-margin], [margin]])
+
+
+def carve_of(plan: Plan) -> float:
+    """How far in front of a surface space counts as seen to be free."""
+    return CARVE * plan.block

@@ -1,0 +1,199 @@
+"""How a city is cut: one frame and one lattice for all of it, and tiles as rectangles of lattice blocks.
+
+The lattice stands at the origin; a block is as wide as the largest cell, so that what lies in a block depends on what
+is seen in and around it, and not on the tile that computes it.
+"""
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import InputError
+from ..surface.octree import HALF
+from .store import Store
+
+FILE = "plan.json"
+"""Of a city's folder: what was asked for, and the plan."""
+
+LEVELS = 3
+"""Times that the finest cell doubles up to the largest one, which is the block."""
+
+FINEST_CELL = 0.7
+"""Side of the finest cell in training pixels, as places have it."""
+
+REACH, SPACING = 1.3, 0.8
+"""How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
+one of a view of REFERENCE_PIXELS."""
+
+REFERENCE_PIXELS = 192
+"""Side of the views of normal detail; each looks over 90 degrees."""
+
+RING = 6
+"""Blocks around a tile's core in which its surface is found too: what a vertex on the border and its normal depend on
+lies within five."""
+
+INFLUENCE = 11
+"""Blocks from the surface point of a pixel within which it tells of space: marks reach 3, truncation and free space 6
+along z, which is 10.4 along the ray in the corner of a view."""
+
+CARVE = 6
+"""Blocks in front of a surface, along z, that count as seen to be free."""
+
+BASE_GB, GB_PER_SPLAT = 1.1, 4.0e-6
+"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds."""
+
+MOST_SPLATS, LEAST_SPLATS = 400_000, 5_000
+"""Of a tile with its halo, whatever the memory: more tiles can share more machines; fewer are mostly halo."""
+
+
+@dataclass
+class Plan:
+    """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
+
+    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel. finest: side of the
+    smallest cell. low, high: (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks.
+    counts: expected splats of each core. fog, level: of the surfaces, by a sample. pixels: side of the views.
+    """
+
+    scene_from_splat: list[list[float]]
+    up_from: str
+    pixel: float
+    finest: float
+    low: list[float]
+    high: list[float]
+    tiles: list[list[int]]
+    counts: list[int]
+    pieces: list[Any]
+    splats: int
+    pixels: int = REFERENCE_PIXELS
+    fog: float = 0.0
+    level: float = 0.5
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def block(self) -> float:
+        """Side of a block, scene units."""
+        return self.finest * 2.0**LEVELS
+
+    @property
+    def reach(self) -> float:
+        """How far a station looks."""
+        return REACH * REFERENCE_PIXELS * self.pixel
+
+    @property
+    def spacing(self) -> float:
+        """Distance between stations."""
+        return SPACING * REFERENCE_PIXELS * self.pixel
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """(4, 4) scene_from_splat."""
+        return np.array(self.scene_from_splat)
+
+    def core(self, tile: int) -> NDArray[np.float64]:
+        """The rectangle of a tile: (2, 2) lowest and highest x and z."""
+        return np.array(self.tiles[tile], np.float64).reshape(2, 2) * self.block
+
+    def near(self, tile: int, distance: float) -> list[int]:
+        """The tiles whose cores reach into the core of a tile grown by a distance, itself among them, in order."""
+        (x0, z0), (x1, z1) = self.core(tile) + np.array([[-distance], [distance]])
+        found = []
+        for other in range(len(self.tiles)):
+            (a0, b0), (a1, b1) = self.core(other)
+            if a0 < x1 and a1 > x0 and b0 < z1 and b1 > z0:
+                found.append(other)
+        return found
+
+    def seers(self, tile: int) -> list[int]:
+        """The tiles whose stations may see what a tile's ring holds."""
+        return self.near(tile, self.reach + (RING + INFLUENCE) * self.block)
+
+    def name(self, tile: int) -> str:
+        """The folder of a tile."""
+        return f"tiles/{tile:05d}"
+
+    def owner_of(self, places: NDArray) -> NDArray[np.int64]:
+        """The tile that each place belongs to: (N, 2) x and z -> (N,), -1 outside all."""
+        block = np.floor(np.asarray(places, np.float64) / self.block).astype(np.int64)
+        corners = np.array(self.tiles)
+        low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
+        map_ = np.full(high - low, -1, np.int32)
+        for number, (x0, z0, x1, z1) in enumerate(self.tiles):
+            map_[x0 - low[0] : x1 - low[0], z0 - low[1] : z1 - low[1]] = number
+        inside = ((block >= low) & (block < high)).all(axis=1)
+        found = np.full(len(block), -1, np.int64)
+        at = block[inside] - low
+        found[inside] = map_[at[:, 0], at[:, 1]]
+        return found
+
+    @classmethod
+    def kept(cls, store: Store, key: str) -> "Plan":
+        """The plan of a city's folder; key: its checksum, by which a worker that has read it once knows it again."""
+        return _kept(store.root, key)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-clean."""
+        return asdict(self)
+
+
+@lru_cache(2)
+def _kept(root: str, key: str) -> Plan:
+    data = Store(root).read(FILE)
+    if sha256(data).hexdigest() != key:
+        raise InputError(f"{root}: its {FILE} has changed while it was worked on")
+    return Plan(**json.loads(data)["plan"])
+
+
+def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
+    """Splats that a tile and its halo may hold. Raises InputError for a memory that the libraries alone fill."""
+    if wanted is not None:
+        return wanted
+    if memory_gb is None:
+        return MOST_SPLATS
+    room = (memory_gb - BASE_GB) / GB_PER_SPLAT
+    if room < LEAST_SPLATS:
+        least = BASE_GB + LEAST_SPLATS * GB_PER_SPLAT
+        raise InputError(f"`memory` {memory_gb:g}: a process needs {math.ceil(10 * least) / 10:g} GiB at least")
+    return int(min(room, MOST_SPLATS))
+
+
+def cut(
+    places: NDArray,  # (N, 2) x and z of a sample of the splats, scene frame
+    weights: NDArray,  # (N,) splats that each stands for
+    low: NDArray,  # (2,) of the city
+    high: NDArray,  # (2,)
+    block: float,
+    halo: float,  # how far beyond its core a tile needs splats
+    most: int,  # splats of a core and its halo
+) -> tuple[list[list[int]], list[int]]:
+    """Rectangles of blocks that cover a city, each with its halo of at most `most` splats where that can be, and the
+    splats of each core. Cuts go across the longer side, at half of the splats."""
+    first, last = np.floor(low / block).astype(np.int64), np.floor(high / block).astype(np.int64) + 1
+    if max(np.abs(first).max(), np.abs(last).max()) * 2**LEVELS >= HALF - 2**LEVELS:
+        raise InputError(f"the city spans {np.max(high - low):g} units in cells of {block / 2**LEVELS:g}: too many")
+    least = max(3 * RING, math.ceil(halo / block / 4))
+    pending, done = [[int(first[0]), int(first[1]), int(last[0]), int(last[1])]], []
+    while pending:
+        x0, z0, x1, z1 = pending.pop()
+        box = np.array([[x0, z0], [x1, z1]]) * block
+        near = ((places >= box[0] - halo) & (places < box[1] + halo)).all(axis=1)
+        own = ((places >= box[0]) & (places < box[1])).all(axis=1)
+        axis = 0 if x1 - x0 >= z1 - z0 else 1
+        start, stop = ((x0, x1), (z0, z1))[axis]
+        if weights[near].sum() <= most or stop - start < 2 * least:
+            done.append(([x0, z0, x1, z1], round(float(weights[own].sum()))))
+            continue
+        where = np.sort(places[own, axis])
+        middle = round(float(np.median(where)) / block) if len(where) else (start + stop) // 2
+        middle = min(max(middle, start + least), stop - least)
+        halves = (
+            ([x0, z0, middle, z1], [middle, z0, x1, z1]) if axis == 0 else ([x0, z0, x1, middle], [x0, middle, x1, z1])
+        )
+        pending += [halves[1], halves[0]]
+    return [tile for tile, _ in done], [count for _, count in done]

@@ -1,0 +1,155 @@
+"""Where a city's files lie: a folder here, or what fsspec reaches. A file appears whole or not at all.
+
+A result of several files is done once its record, a JSON file that holds their checksums, is there.
+"""
+
+import hashlib
+import io
+import json
+import os
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import InputError
+from ..base.extras import needed
+
+
+class Store:
+    """Files under one root, by names with slashes. root: a path, or a URL of fsspec such as s3://bucket/city.
+
+    Can be pickled: a worker opens it anew. Raises InputError where the root cannot be reached or written.
+    """
+
+    def __init__(self, root: str | os.PathLike[str]) -> None:
+        self.root = os.fspath(root)
+        self._fs: Any = None
+        if "://" in self.root:
+            self.root = self.root.rstrip("/")
+        else:
+            self.root = os.path.abspath(self.root)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"root": self.root, "_fs": None}
+
+    @property
+    def is_local(self) -> bool:
+        """Whether it is a folder of this machine."""
+        return "://" not in self.root
+
+    def path(self, name: str) -> str:
+        """The whole name of a file, as its file system takes it."""
+        return f"{self.root}/{name}"
+
+    def write(self, name: str, data: bytes) -> None:
+        """Write a file. Object stores show an object only once it is whole; a folder gets it by a rename."""
+        path = self.path(name)
+        try:
+            if not self.is_local:
+                self._remote().pipe_file(path, data)
+                return
+            os.makedirs(os.path.dirname(path), exist_ok=True)
+            staging = f"{path}.{os.getpid()}.part"
+            try:
+                with open(staging, "wb") as file:
+                    file.write(data)
+                os.replace(staging, path)
+            finally:
+                if os.path.lexists(staging):
+                    os.unlink(staging)
+        except OSError as error:
+            raise InputError(f"cannot write {path}: {_reason(error)}") from error
+        except Exception as error:  # every kind of store has errors of its own
+            raise InputError(f"cannot write {path}: {_reason(error)}") from error
+
+    def read(self, name: str) -> bytes:
+        """The bytes of a file. Raises InputError where it is not there."""
+        path = self.path(name)
+        try:
+            if not self.is_local:
+                return self._remote().cat_file(path)
+            with open(path, "rb") as file:
+                return file.read()
+        except Exception as error:
+            raise InputError(f"cannot read {path}: {_reason(error)}") from error
+
+    def exists(self, name: str) -> bool:
+        """Whether there is such a file."""
+        if self.is_local:
+            return os.path.isfile(self.path(name))
+        try:
+            return bool(self._remote().isfile(self.path(name)))
+        except Exception as error:
+            raise InputError(f"cannot read {self.path(name)}: {_reason(error)}") from error
+
+    def remove(self, folder: str) -> None:
+        """Remove a folder of files, where it is there."""
+        import shutil
+
+        where = self.root if folder == "." else self.path(folder)
+        if self.is_local:
+            shutil.rmtree(where, ignore_errors=True)
+        elif self._remote().exists(where):
+            self._remote().rm(where, recursive=True)
+
+    def remove_file(self, name: str) -> None:
+        """Remove a file, where it is there."""
+        if self.is_local:
+            if os.path.lexists(self.path(name)):
+                os.unlink(self.path(name))
+        elif self._remote().exists(self.path(name)):
+            self._remote().rm_file(self.path(name))
+
+    def write_json(self, name: str, value: Any) -> None:
+        """A JSON file, the same bytes for the same value."""
+        self.write(name, (json.dumps(value, indent=1) + "\n").encode())
+
+    def read_json(self, name: str) -> Any:
+        """What a JSON file holds. Raises InputError where it is none."""
+        try:
+            return json.loads(self.read(name))
+        except ValueError as error:
+            raise InputError(f"{self.path(name)}: not valid JSON ({error})") from error
+
+    def write_arrays(self, name: str, **arrays: Any) -> None:
+        """NumPy arrays as one .npz, not packed."""
+        buffer = io.BytesIO()
+        np.savez(buffer, **arrays)
+        self.write(name, buffer.getvalue())
+
+    def read_arrays(self, name: str) -> dict[str, Any]:
+        """The arrays of an .npz."""
+        with np.load(io.BytesIO(self.read(name)), allow_pickle=False) as kept:
+            return dict(kept)
+
+    def commit(self, record: str, files: dict[str, bytes], **facts: Any) -> dict[str, Any]:
+        """Write files (name -> bytes), then the record that says they are whole; returns the record."""
+        for name, data in files.items():
+            self.write(name, data)
+        sums = {name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()} for name, data in files.items()}
+        value = {**facts, "files": sums}
+        self.write_json(record, value)
+        return value
+
+    def committed(self, record: str) -> dict[str, Any] | None:
+        """A record whose files are all there and whole, or None."""
+        if not self.exists(record):
+            return None
+        value = self.read_json(record)
+        for name, about in value["files"].items():
+            if not self.exists(name) or hashlib.sha256(self.read(name)).hexdigest() != about["sha256"]:
+                return None
+        return value
+
+    def _remote(self) -> Any:
+        if self._fs is None:
+            fsspec = needed("fsspec", f"{self.root}: a place that is no folder")
+            try:
+                self._fs = fsspec.core.url_to_fs(self.root)[0]
+            except (ImportError, ValueError) as error:
+                raise InputError(f"{self.root}: {error}") from None
+        return self._fs
+
+
+def _reason(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0]

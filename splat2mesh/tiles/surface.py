@@ -1,0 +1,195 @@
+"""The mesh of one tile: raw surface, decimation that keeps the border, fairing, colours, and a coarse twin for afar.
+
+What lies on a border between tiles, its place, normal and colour, comes from the raw surface of the ring alone, which
+all tiles around it share to the bit.
+"""
+
+from hashlib import sha256
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.color import linear_from_srgb
+from ..scene.mesh import Mesh
+from ..scene.meshfile import mesh_ply_bytes
+from ..surface.album import GREY, Album, filled_in
+from ..surface.clean import fill_holes
+from ..surface.fair import fair
+from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
+from ..surface.simplify import simplify
+from .glb import glb_bytes
+from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
+from .look import Face, carve_of, faces_around, sight_of
+from .plan import Plan
+from .store import Store
+
+FAR_TOTAL, FAR_LEAST, FAR_FEW, FAR_SHARE = 60_000, 24, 1_500, 0.06
+"""Vertices of the coarse scene, which every worker holds: of all tiles together; of one tile at least; and of one tile
+at most, as a number or as a share of its own, whichever is more. A tile of fewer is its own twin."""
+
+
+def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
+    """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, far.ply, and its record; returns the record."""
+    known = Plan.kept(store, key)
+    faces = faces_around(store, known, tile)
+    sights = [sight_of(face, known, tile) for face in faces]
+    raw = raw_surface(sights, known, tile, carve_of(known))
+    del sights
+    views, seen, thickness = ([getattr(face, name) for face in faces] for name in Face._fields)
+    album = Album.of(views, seen, thickness) if faces else None
+    del faces, seen, thickness
+    made, facts = tile_mesh(raw, tile, album, known)
+    name, files = known.name(tile), {}
+    if len(made.faces):
+        far = coarse(made, far_vertices(len(known.tiles), len(made.vertices)))
+        files = {
+            f"{name}/mesh.ply": mesh_ply_bytes(made),
+            f"{name}/mesh.glb": _as_glb(made),
+            f"{name}/far.ply": mesh_ply_bytes(far),
+            f"{name}/far.glb": _as_glb(far),
+        }
+        facts |= {"bounds": [made.vertices.min(axis=0).tolist(), made.vertices.max(axis=0).tolist()]}
+        facts |= {"far_vertices": len(far.vertices)}
+    return store.commit(f"{name}/mesh.json", files, tile=tile, **facts)
+
+
+def tile_mesh(raw, tile, album, plan):
+    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and what is told of it."""
+    seam = seam_of(raw, tile)
+    soft = smoothed(raw)
+    normals = normals_of(soft, raw.faces)
+    points = np.where(seam[:, None], soft, raw.points)
+    chosen = raw.faces[raw.owner == tile]
+    chosen, dropped = without_loose(chosen, seam)
+    if album is None or len(chosen) == 0:
+        none = np.zeros((0, 3), np.float32)
+        empty = Mesh(none, none, none.astype(np.int32), none.astype(np.uint8))
+        facts = {"vertices": 0, "faces": 0, "seam_vertices": 0, "components_dropped": dropped}
+        return empty, facts | {"borders": {}, "border_edges_missing": 0}
+    used, local = np.unique(chosen, return_inverse=True)
+    local = local.reshape(-1, 3).astype(np.int32)
+    at, cells, fixed = points[used], raw.cells[used], seam[used]
+    found = len(used)
+    wanted = plan.settings.get("vertices")
+    most = round(found / SPARE) if wanted is None else round(wanted * plan.counts[tile] / max(sum(plan.counts), 1))
+    at, local, cells, kept = simplify(at, local, cells, max(most, 4), fixed)
+    kept = np.where(kept >= 0, used[kept], -1)  # which vertex of the raw surface it is
+    local = without_crowded(at, local, kept >= 0)
+    at, local, filled = fill_holes(at, local, HOLE_CELLS * float(np.median(cells)), kept >= 0)
+    kept = np.concatenate([kept, np.full(filled, -1)])
+    _, thickness, seen_by = album.look_up(at, normals_of(at, local))
+    size = np.where(np.isfinite(seen_by), np.maximum(seen_by, plan.pixel), plan.pixel)
+    at = fair(at, local, thickness / size, float(np.median(size)), kept >= 0)
+    used, local = np.unique(local, return_inverse=True)
+    local, at, kept = local.reshape(-1, 3).astype(np.int32), at[used].astype(np.float32), kept[used]
+    directions = normals_of(at.astype(np.float64), local)
+    border = np.flatnonzero(kept >= 0)
+    directions[border] = normals[kept[border]]  # what the ring says, as the other side does
+    directions = directions.astype(np.float32)
+    shown = album.look_up(at, directions)[0]
+    unseen = np.isnan(shown[:, 0])
+    shown[unseen & (kept >= 0)] = GREY
+    colors, _ = filled_in(shown, at)
+    missing, borders = _borders(raw, tile, kept, local, at)
+    facts = {
+        "borders": borders,
+        "border_edges_missing": missing,
+        "vertices": len(at),
+        "faces": len(local),
+        "vertices_found": found,
+        "seam_vertices": len(border),
+        "seam_unseen": int(unseen[border].sum()),
+        "components_dropped": dropped,
+        "holes_filled": filled,
+        "vertices_unseen": int(unseen.sum()),
+    }
+    return Mesh(at, directions, local, colors), facts
+
+
+def _borders(raw, tile, kept, faces, points):
+    """How many edges to other tiles are missing, and for each other tile their number and a checksum of their places,
+    which the other tile must have too.
+
+    kept: which vertex of the raw surface each of the mesh is, -1 for none.
+    """
+    edges, other = seam_edges(raw, tile)
+    number = np.full(len(raw.points), -1, np.int64)
+    number[kept[kept >= 0]] = np.flatnonzero(kept >= 0)
+    edges = number[edges]
+    count = len(points)
+    starts, ends = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    there = np.isin(
+        edges.min(axis=1) * count + edges.max(axis=1), np.minimum(starts, ends) * count + np.maximum(starts, ends)
+    ) & (edges.min(axis=1, initial=0) >= 0)
+    borders = {}
+    for neighbor in np.unique(other):
+        ends = points[edges[(other == neighbor) & there]].reshape(-1, 6)
+        turned = np.concatenate([ends[:, 3:], ends[:, :3]], axis=1)
+        first = [tuple(row) for row in ends.tolist()]
+        lines = sorted(min(row, back) for row, back in zip(first, map(tuple, turned.tolist()), strict=True))
+        borders[str(neighbor)] = [len(lines), sha256(np.array(lines, np.float32).tobytes()).hexdigest()[:16]]
+    return int((~there).sum()), borders
+
+
+def without_loose(faces: NDArray, seam: NDArray) -> tuple[NDArray, int]:
+    """Faces without parts of less than SMALLEST_FACES, and how many parts went. What reaches a border stays: the other
+    side may hold the rest of it."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    if not len(faces):
+        return faces, 0
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(edges), np.int8), edges.T), (len(seam), len(seam)))
+    count, part = connected_components(graph, directed=False)
+    sizes = np.bincount(part[faces[:, 0]], minlength=count)
+    small = (sizes < SMALLEST_FACES) & (sizes > 0)
+    small[np.unique(part[np.flatnonzero(seam)])] = False
+    return faces[~small[part[faces[:, 0]]]], int(small.sum())
+
+
+def without_crowded(points: NDArray, faces: NDArray, fixed: NDArray) -> NDArray:
+    """Faces with at most two at an edge, the largest; those at fixed vertices stay."""
+    a, b, c = (points[faces[:, corner]] for corner in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    starts, ends = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    key = np.minimum(starts, ends) * len(points) + np.maximum(starts, ends)
+    of_face = np.repeat(np.arange(len(faces)), 3)
+    order = np.lexsort((of_face, -area[of_face], key))
+    first = np.append(True, key[order][1:] != key[order][:-1])
+    rank = np.arange(len(order)) - np.maximum.accumulate(np.where(first, np.arange(len(order)), 0))
+    crowded = np.zeros(len(faces), bool)
+    crowded[of_face[order[rank >= 2]]] = True
+    return faces[~crowded | fixed[faces].any(axis=1)]
+
+
+def far_vertices(tiles: int, vertices: int) -> int:
+    """Vertices of the coarse twin of a tile of so many, in a city of so many tiles."""
+    return max(FAR_LEAST, min(FAR_TOTAL // max(tiles, 1), max(FAR_FEW, round(FAR_SHARE * vertices))))
+
+
+def coarse(mesh: Mesh, wanted: int) -> Mesh:
+    """A Mesh of about so many vertices, with the normals and colours of the nearest."""
+    from scipy.spatial import cKDTree
+
+    from ..surface.decimate import decimate
+
+    if len(mesh.vertices) <= wanted:
+        return mesh
+    points, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, wanted)
+    if len(faces) == 0:
+        return mesh
+    nearest = cKDTree(mesh.vertices).query(points)[1]
+    points = points.astype(np.float32)
+    return Mesh(
+        points,
+        normals_of(points.astype(np.float64), faces).astype(np.float32),
+        faces.astype(np.int32),
+        mesh.colors_srgb[nearest],
+    )
+
+
+def _as_glb(mesh: Mesh) -> bytes:
+    linear = linear_from_srgb(mesh.colors_srgb.astype(np.float32) / np.float32(255))
+    return glb_bytes(mesh.vertices, mesh.normals, mesh.faces, linear)

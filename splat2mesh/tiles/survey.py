@@ -1,0 +1,152 @@
+"""First passes over a city: a sample of every piece makes the plan; then every piece is dealt out to the tiles."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+
+from ..base.errors import DataWarning, InputError
+from ..splats.joining import joined
+from ..splats.placing import placed
+from ..splats.splats import MIN_SPLATS, NUMBERS, Splats, usable
+from ..surface.extract import EFFORTS, training_pixel
+from ..views.upright import upright
+from ..views.viewpoints import bounds_of
+from .pieces import Piece, read_piece
+from .plan import FINEST_CELL, REFERENCE_PIXELS, Plan, cut, splats_for
+from .store import Store
+
+SAMPLE = 1_000_000
+"""Splats by which a city is planned, over all pieces."""
+
+LEAST_SAMPLE = 2_000
+"""Of a piece."""
+
+PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
+"""Side of the views by detail."""
+
+OUTSIDE = 1.0
+"""How far beyond the box of the solid splats the city reaches, in distances between stations: the rest is far."""
+
+
+def survey(store: Store, number: int, piece: Piece, most: int) -> dict[str, Any]:
+    """Count a piece and keep a sample of at most `most` of its splats."""
+    splats = read_piece(piece)
+    keep, counts = usable(splats)
+    rows = np.flatnonzero(keep)
+    if splats.environment is not None:
+        rows = rows[~splats.environment[rows]]
+    chosen = rows[:: max(1, -(-len(rows) // most))]
+    arrays = {name: getattr(splats, name)[chosen] for name in NUMBERS if name != "sh"}
+    store.write_arrays(f"work/survey/{number:05d}.npz", **arrays, weight=len(rows) / max(len(chosen), 1))
+    return {"splats": len(splats), "usable": len(rows), **counts}
+
+
+def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> Plan:
+    """The Plan by the samples. Raises InputError for a city without splats."""
+    sample, weights = _sample(store, len(pieces))
+    if len(sample) < MIN_SPLATS:
+        raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
+    rotation, up_from = upright(settings["up"], (), sample)
+    turned = placed(sample, rotation)
+    pixel = training_pixel(turned)
+    plan = Plan(
+        scene_from_splat=rotation.tolist(),
+        up_from=up_from,
+        pixel=pixel,
+        finest=FINEST_CELL * pixel,
+        low=[],
+        high=[],
+        tiles=[],
+        counts=[],
+        pieces=[list(piece) for piece in pieces],
+        splats=sum(count["splats"] for count in counts),
+        pixels=PIXELS[settings["detail"]],
+        settings=settings,
+    )
+    bounds = bounds_of(turned) + np.array([[-1.0], [1.0]]) * OUTSIDE * plan.spacing
+    plan.low, plan.high = bounds.tolist()
+    ground = turned.means[:, [0, 2]].astype(np.float64)
+    inside = ((turned.means >= bounds[0]) & (turned.means <= bounds[1])).all(axis=1)
+    solid = ground[inside]
+    low, high = solid.min(axis=0), solid.max(axis=0)
+    most = splats_for(settings["memory"], settings["tile_splats"])
+    plan.tiles, plan.counts = cut(solid, weights[inside], low, high, plan.block, plan.reach, most)
+    return plan
+
+
+def _sample(store: Store, count: int) -> tuple[Splats, np.ndarray]:
+    parts, weights = [], []
+    for number in range(count):
+        kept = store.read_arrays(f"work/survey/{number:05d}.npz")
+        weight = float(kept.pop("weight"))
+        weights.append(np.full(len(kept["means"]), weight))
+        parts.append(Splats(**kept, sh=np.zeros((len(kept["means"]), 1, 3), np.float32)))
+    return joined(parts), np.concatenate(weights)
+
+
+def deal(store: Store, key: str, number: int) -> dict[str, Any]:
+    """Deal a piece out: splats/NUMBER_TILE.npz holds the splats of a tile, far_NUMBER.npz those of none, each with
+    their rows in the piece; splats/NUMBER.json, which comes last, how many."""
+    known = Plan.kept(store, key)
+    splats = read_piece(Piece(*known.pieces[number]))
+    keep = usable(splats)[0]
+    turned = placed(splats, known.rotation)
+    with np.errstate(invalid="ignore"):
+        inside = keep & ((turned.means >= known.low) & (turned.means <= known.high)).all(axis=1)
+    if splats.environment is not None:
+        inside &= ~splats.environment
+    owner = np.full(len(splats), -1, np.int64)
+    owner[inside] = known.owner_of(turned.means[inside][:, [0, 2]])
+    dealt = {}
+    for tile in np.unique(owner):
+        rows = np.flatnonzero(owner == tile)
+        name = f"splats/{number:05d}_{tile:05d}.npz" if tile >= 0 else f"splats/far_{number:05d}.npz"
+        store.write_arrays(name, rows=rows, **{field: getattr(splats, field)[rows] for field in NUMBERS})
+        dealt[str(tile)] = len(rows)
+    record = {"dealt": dealt, "dropped": int((~keep).sum())}
+    store.write_json(f"splats/{number:05d}.json", record)
+    return record
+
+
+def splats_of(
+    store: Store,
+    plan: Plan,
+    sources: dict[int, list[int]],  # tile -> the pieces that hold splats of it
+    box: np.ndarray | None = None,  # (2, 2) lowest and highest x and z to keep, all without
+) -> Splats:
+    """The usable splats of tiles in the scene frame: tile after tile, piece after piece."""
+    parts = []
+    for tile, pieces in sources.items():
+        for number in pieces:
+            kept = store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz")
+            part = placed(Splats(**{field: kept[field] for field in NUMBERS}), plan.rotation)
+            part = part.take(usable(part)[0])
+            if box is not None:
+                at = part.means[:, [0, 2]]
+                part = part.take(((at >= box[0]) & (at < box[1])).all(axis=1))
+            parts.append(part)
+    if not parts:
+        return Splats(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (1, 3))))
+    return joined(parts)
+
+
+def say_dropped(counts: list[dict[str, Any]]) -> None:
+    """Warn of splats that are of no use, all pieces together."""
+    total = sum(count["splats"] for count in counts)
+    broken = {
+        "a NaN or infinite value": "non_finite",
+        "a position or scale out of any useful range": "absurd",
+        "a zero quaternion": "zero_quaternion",
+    }
+    parts = [
+        f"{sum(c[key] for c in counts)} with {what}" for what, key in broken.items() if sum(c[key] for c in counts)
+    ]
+    if parts:
+        warnings.warn(f"dropped splats: {', '.join(parts)} (of {total})", DataWarning, stacklevel=2)
+
+
+def check_detail(detail: str) -> None:
+    """Raise InputError for a detail that is none."""
+    if detail not in EFFORTS:
+        raise InputError(f"`detail` {detail}: expected one of {' '.join(EFFORTS)}")

@@ -1,0 +1,256 @@
+"""Tasks over tiles: one after another in this process, or on workers of dask.distributed, with the same results.
+
+A task that fails is named, and so is what waited for it; everything else is done.
+"""
+
+import os
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from ..base.errors import InputError
+from ..base.extras import needed
+from ..base.version import VERSION
+
+DEATHS = 25
+"""Workers that may die over one task, before the task is to blame."""
+
+PATIENCE_S = 30.0
+"""Seconds for which a worker may be missing before another one is started: its own nanny restarts it sooner, where it
+can, and cannot where the machine is so busy that a start takes too long."""
+
+CONNECT_S = 10
+"""Seconds in which a scheduler must answer."""
+
+
+class Task(NamedTuple):
+    """A piece of work. function and arguments can be pickled. after: names of tasks that must be done before."""
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...]
+    after: tuple[str, ...] = ()
+
+
+class Done(NamedTuple):
+    """What became of a task. result: of the function, or None. seconds, peak_mb: it took. error: one line, or ""."""
+
+    name: str
+    result: Any
+    seconds: float
+    peak_mb: float
+    error: str = ""
+
+
+def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *_: Any) -> Done:
+    """Run a task; its own process's peak memory is counted anew, where the system can."""
+    reset = _reset_peak()
+    start = time.perf_counter()
+    try:
+        result, error = function(*arguments), ""
+    except MemoryError as failure:
+        result, error = None, f"out of memory ({failure})" if str(failure) else "out of memory"
+    except InputError as failure:
+        result, error = None, str(failure)
+    except Exception as failure:
+        if os.environ.get("SPLAT2MESH_TRACEBACK"):
+            traceback.print_exc(file=sys.stderr)
+        result, error = None, f"{type(failure).__name__}: {failure}"
+    return Done(name, result, time.perf_counter() - start, _peak_mb(reset), " ".join(error.split()))
+
+
+class Loop:
+    """Runs tasks here, one after another."""
+
+    workers = 1
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield what became of each, in their order; each task stands after those it waits for."""
+        failed: set[str] = set()
+        for task in tasks:
+            lost = [name for name in task.after if name in failed]
+            if lost:
+                done = Done(task.name, None, 0.0, 0.0, f"waits for {lost[0]}, which failed")
+            else:
+                done = measured(task.name, task.function, task.arguments)
+            if done.error:
+                failed.add(task.name)
+            yield done
+
+
+class Cluster:
+    """Runs tasks on the workers of a scheduler of dask.distributed."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+
+    @property
+    def workers(self) -> int:
+        """How many workers there are now."""
+        return len(self.client.scheduler_info(n_workers=-1)["workers"])
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Yield what became of each, as they come."""
+        from dask.distributed import as_completed
+
+        futures: dict[str, Any] = {}
+        for task in tasks:
+            waits = [futures[name] for name in task.after if name in futures]
+            futures[task.name] = self.client.submit(
+                guarded, task.name, task.function, task.arguments, *waits, key=f"{task.name}-{id(self):x}", pure=False
+            )
+        names = {future.key: name for name, future in futures.items()}
+        for future in as_completed(futures.values()):
+            name = names[future.key]
+            if future.status == "finished":
+                yield future.result()
+            else:
+                failure = future.exception()
+                yield Done(name, None, 0.0, 0.0, " ".join(f"{type(failure).__name__}: {failure}".split()))
+
+
+def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *before: Done) -> Done:
+    """On a worker: run a task unless one before it failed."""
+    for done in before:
+        if done.error:
+            return Done(name, None, 0.0, 0.0, f"waits for {done.name}, which failed")
+    return measured(name, function, arguments)
+
+
+@contextmanager
+def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) -> Iterator[Any]:
+    """What runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
+
+    Raises InputError for a scheduler that does not answer and for workers of another version of this package.
+    """
+    if scheduler is not None and workers is not None:
+        raise InputError("`workers` and `scheduler`: give one of them; workers belong to their scheduler")
+    if workers is not None and workers < 1:
+        raise InputError(f"`workers` {workers}: expected at least 1")
+    if memory_gb is not None and not memory_gb > 0:
+        raise InputError(f"`memory` {memory_gb:g}: expected GiB above 0")
+    if scheduler is None and workers is None:
+        yield Loop()
+        return
+    needed("distributed", "`scheduler`: a scheduler" if scheduler else "`workers`: more than one process")
+    import dask
+    from dask.distributed import Client, LocalCluster
+
+    settings = {"distributed.scheduler.allowed-failures": DEATHS, "distributed.logging.distributed": "critical"}
+    with dask.config.set(settings):
+        if scheduler is not None:
+            try:
+                client = Client(scheduler, timeout=CONNECT_S)
+            except (OSError, ValueError, TimeoutError) as error:
+                raise InputError(f"`scheduler` {scheduler}: does not answer ({_first_line(error)})") from None
+            with client:
+                yield _checked(client, scheduler)
+            return
+        assert workers is not None
+        threads = str(max(1, (os.cpu_count() or 1) // workers))
+        limit = f"{memory_gb}GiB" if memory_gb is not None else 0
+        with _environment({name: threads for name in _THREADS}):
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=limit,
+                dashboard_address=":0",
+                silence_logs=50,
+            )
+            with cluster, _kept_at(cluster, workers), Client(cluster) as client:
+                yield _checked(client, "the local cluster")
+
+
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Variables by which the libraries of a worker share the cores with its neighbours."""
+
+
+@contextmanager
+def _kept_at(cluster, workers):
+    """Start another worker where one is missing for long."""
+    ended = threading.Event()
+
+    def watch():
+        missing_since, added = None, 0
+        while not ended.wait(min(PATIENCE_S / 4, 5.0)):
+            if len(cluster.scheduler.workers) >= workers:
+                missing_since = None
+            elif missing_since is None:
+                missing_since = time.monotonic()
+            elif time.monotonic() - missing_since > PATIENCE_S:
+                added += workers - len(cluster.scheduler.workers)
+                cluster.scale(workers + added)
+                missing_since = None
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
+
+
+def _checked(client, name):
+    versions = client.run(_version)
+    if not versions:
+        raise InputError(f"{name}: it has no workers; start some with `dask worker {name}`")
+    for address, version in versions.items():
+        if version != VERSION:
+            raise InputError(f"the worker at {address} has version {version} of splat2mesh, here is {VERSION}")
+    return Cluster(client)
+
+
+def _version() -> str:
+    """The version on a worker; threads wait asleep there, as in a command."""
+    try:
+        from splat2mesh.base.console import THREADS
+        from splat2mesh.base.version import VERSION as here
+    except ImportError:
+        return "none"
+    for key, value in THREADS.items():
+        os.environ.setdefault(key, value)
+    return here
+
+
+@contextmanager
+def _environment(values):
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _reset_peak() -> bool:
+    try:
+        with open("/proc/self/clear_refs", "w") as file:
+            file.write("5")
+        return True
+    except OSError:
+        return False
+
+
+def _peak_mb(since_reset: bool) -> float:
+    if since_reset:
+        with open("/proc/self/status") as file:
+            for line in file:
+                if line.startswith("VmHWM:"):
+                    return round(int(line.split()[1]) / 1024, 1)
+    from ..base.console import peak_mb
+
+    return peak_mb()
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error) or type(error).__name__).splitlines()[0]

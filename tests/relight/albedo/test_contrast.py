@@ -1,0 +1,162 @@
+"""What a place's own colours tell of a sky that was clipped; and that only what can be seen from within counts."""
+
+import numpy as np
+import pytest
+from captured_scenes import BANDS, given, lit, photographed
+
+from relight import Environment
+from relight.albedo import contrast, estimate, samples, with_known_light
+from relight.albedo.check import self_relight
+from relight.albedo.seen import LOOKS, looks_from, standing
+from relight.light.projections import texel_directions
+from splat2mesh.scene.measured import CapturedSky
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+SKY = texel_directions(64, 128)
+PLACE = {"from": "both", "eyes": [[0.3, 0.5, 0.6], [-0.5, 0.6, -0.4], [0.6, 0.4, -0.5]]}
+
+
+def sheet(cells, place):
+    """A grid of triangles over [0, 1]^2, both (V, 3) and (F, 3): place maps (V,), (V,) to points."""
+    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, cells + 1)] * 2, indexing="ij"))
+    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1, 1)
+    faces = (first + np.array([0, 1, cells + 2, 0, cells + 2, cells + 1])).reshape(-1, 3)
+    return np.stack(place(u, v), axis=1), faces
+
+
+def yard():
+    """Ground, its underside, and three pillars on it: a Scene of white, and what `captured_scenes.lit` makes of it."""
+    parts = [
+        sheet(48, lambda u, v: (2 * u - 1, 0 * u, 2 * v - 1)),
+        sheet(8, lambda u, v: (2 * v - 1, 0 * u - 0.05, 2 * u - 1)),
+    ]
+    for x, z in ((0.1, 0.1), (-0.5, 0.3), (0.5, -0.1)):
+        turn = lambda u, x=x, z=z: (x + 0.12 * np.sin(2 * np.pi * u), z + 0.12 * np.cos(2 * np.pi * u))  # noqa: E731
+        parts.append(sheet(20, lambda u, v, turn=turn: (turn(u)[0], 0.5 - 0.5 * v, turn(u)[1])))
+    vertices, faces, start = [], [], 0
+    for points, corners in parts:
+        vertices.append(points)
+        faces.append(corners + start)
+        start += len(points)
+    vertices, faces = np.concatenate(vertices), np.concatenate(faces)
+    flat = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    normals = np.zeros_like(vertices)
+    for corner in range(3):
+        np.add.at(normals, faces[:, corner], flat)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    arrays = vertices.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32)
+    scene = Scene([Mesh(*arrays, np.full(vertices.shape, 200, np.uint8))], capture=dict(PLACE))
+    return scene, lit(*arrays)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fewer():
+    """Fewer places, patches and suns: everything works the same, in a fraction of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(samples, "SAMPLES", 400)
+        patch.setattr(contrast, "MOST_PATCHES", 1200)
+        patch.setattr(contrast, "TRIED", 24)
+        yield
+
+
+@pytest.fixture(scope="module")
+def place():
+    scene, geometry = yard()
+    rng = np.random.default_rng(0)
+    albedo = np.exp(rng.normal(np.log(0.3), 0.1, (len(scene.vertices), 1))).astype(np.float32) * np.ones(3, np.float32)
+    return scene, geometry, albedo, looks_from(scene, geometry[0])
+
+
+def lobe(toward, strength, width_deg=12.0):
+    toward = np.asarray(toward) / np.linalg.norm(toward)
+    angle = np.degrees(np.arccos(np.clip(texel_directions(64, 128) @ toward, -1, 1)))
+    return strength * np.exp(-0.5 * (angle / width_deg) ** 2)[..., None] * np.ones(3)
+
+
+def clipped_picture(light):
+    """The CapturedSky of a light whose every direction above the horizon was photographed and clips at 1."""
+    seen = light.lookup(SKY.reshape(-1, 3)).reshape(64, 128, 3)
+    above = SKY[..., 1:2] > 0.0
+    clipped = above & (seen >= 0.95)
+    bound = (above & ~clipped).astype(np.float32)
+    return CapturedSky((bound * seen).astype(np.float32), bound, clipped.astype(np.float32))
+
+
+def test_looks_see_fronts_from_where_the_capture_stood(place):
+    scene, _, _, looks = place
+    count = len(scene.vertices)
+    sizes = looks.sizes(count)
+    assert sizes.sum() == pytest.approx(len(looks.corners), rel=1e-5)
+    assert len(looks.corners) < LOOKS * len(PLACE["eyes"])
+    below = scene.vertices[:, 1] < -0.01
+    assert below.any() and sizes[below].sum() == 0.0
+    np.testing.assert_allclose(looks.at(np.ones((count, 2), np.float32)), 1.0, rtol=1e-5)
+    assert sizes[~below].sum() > 0.25 * LOOKS * len(PLACE["eyes"])
+
+
+def test_an_object_is_not_looked_at_from_within(place):
+    scene, geometry, _, _ = place
+    outside = Scene(scene.chunks, capture={"from": "outside", "eyes": PLACE["eyes"]})
+    assert looks_from(outside, geometry[0]) is None and not len(standing(outside))
+
+
+@pytest.mark.parametrize("toward", [(0.6, 0.8, 0.2), (-0.5, 0.7, 0.5)])
+def test_contrast_tells_on_which_side_a_clipped_sky_is_bright(place, toward):
+    _, geometry, albedo, looks = place
+    above = SKY[..., 1:2] > 0.0
+    light = Environment(np.where(above, 1.0, 0.05) + lobe(toward, 12.0, 25.0) * above, "one side")
+    captured = photographed(geometry, albedo, light)
+    captured *= np.float32(0.9 / np.quantile(captured, 0.99))
+    clipped = np.broadcast_to(above, (64, 128, 3)).astype(np.float32)
+    nothing = np.zeros_like(clipped)
+    sky = CapturedSky(nothing, nothing, clipped)
+    found = estimate(geometry[0], captured, **given(geometry), sky=sky, looks=looks)
+    flat = np.array([found.direction[0], found.direction[2]])
+    wanted = np.array([toward[0], toward[2]])
+    assert flat @ wanted / np.linalg.norm(flat) / np.linalg.norm(wanted) > np.cos(np.radians(25.0))
+    assert found.under_sky
+
+
+def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
+    _, geometry, albedo, looks = place
+    toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
+    above = SKY[..., 1:2] > 0.0
+    light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
+    captured = photographed(geometry, albedo, light)
+    seen = above & (np.arccos(np.clip(SKY @ toward, -1, 1)) > np.radians(35.0))[..., None]
+    bound = np.broadcast_to(seen, (64, 128, 3)).astype(np.float32)
+    sky = CapturedSky(0.4 * bound, bound, np.zeros_like(bound))
+    found = estimate(geometry[0], captured, **given(geometry), sky=sky, looks=looks)
+    texels = texel_directions(*found.environment.radiance.shape[:2]).reshape(-1, 3)
+    brightest = texels[found.environment.radiance.mean(axis=2).argmax()]
+    assert brightest @ toward > np.cos(np.radians(20.0))
+    check = self_relight(geometry[0], captured, found, **given(geometry), seen=looks.sizes(len(captured)))
+    assert check["self_relight_db"] > 25.0
+
+
+def test_too_few_patches_tell_nothing(place):
+    _, geometry, albedo, looks = place
+    captured = np.full(albedo.shape, 0.5, np.float32)
+    usable = np.zeros(len(captured), bool)
+    arrays = geometry[0], captured, usable, geometry[1], np.zeros_like(captured)
+    assert contrast.patches_of(looks, *arrays) is None
+
+
+def test_thinned_patches_keep_their_materials_apart():
+    many = contrast.Patches(np.zeros(50), np.zeros((50, 4)), np.ones(50), np.arange(50) // 5, np.ones(50))
+    few = many.thinned(10)
+    assert len(few.weight) == 10 and (few.material == np.arange(10)).all()
+
+
+def test_a_known_light_takes_its_exposure_from_the_captured_sky(place):
+    _, geometry, albedo, looks = place
+    light = Environment(np.where(SKY[..., 1:2] > 0.0, 0.6, 0.1) + lobe((0.3, 0.9, 0.2), 8.0), "known")
+    shown = Environment(0.5 * light.radiance, "as shown")
+    captured = photographed(geometry, albedo, shown)
+    found = with_known_light(geometry[0], captured, light, **given(geometry), sky=clipped_picture(shown), looks=looks)
+    np.testing.assert_allclose(found.environment.radiance, shown.radiance, rtol=0.02)
+    seen = looks.sizes(len(captured)) > 0.0
+    away = np.abs(found.albedo - albedo)[seen]
+    assert np.median(away) < 0.03
+    assert BANDS**2 == geometry[1].shape[1]

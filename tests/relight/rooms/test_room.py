@@ -1,0 +1,149 @@
+"""A generated closed box with a lamp, whose light radiosity knows: the lamp is found, and goes off."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from relight import Environment, LightingOptions, Relighter
+from relight.albedo.interior import within
+from relight.engine.relit_room import RelitRoom
+from relight.job import Job
+from relight.rooms.seen import seen_from
+from relight.transfer.occluder import Frame, Occluder
+from scenes.places import build_place
+from scenes.radiosity import light
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+VERTICES = 3000
+
+
+@cache
+def room(kind="closed-box", lamps=1.0):
+    """(Scene as captured, Place, exposure, radiance (V, 3) with the lamps at a factor) of a hard place."""
+    place = build_place(kind, 0, VERTICES)
+    sky = Environment.load("overcast")
+    radiance = light(place, sky).radiance()
+    exposure = 0.8 / np.quantile(radiance[~place.emitted.any(axis=1)].max(axis=1), 0.98)
+    eyes = np.asarray(place.walk(np.linspace(0.0, 1.0, 12, endpoint=False))[0], np.float64)
+    colors = bytes_from_unit(srgb_from_linear(np.clip(radiance * exposure, 0.0, 1.0)))
+    mesh = Mesh(place.vertices, place.normals, place.faces, colors)
+    scene = Scene([mesh], capture={"from": "inside", "eyes": eyes.tolist(), "focal_px": 200.0})
+    other = radiance if lamps == 1.0 else light(place, sky, lamps).radiance()
+    return scene, place, exposure, exposure * other
+
+
+def relit(scene, **wishes):
+    job = Job(
+        scene,
+        wishes.pop("env", "overcast"),
+        LightingOptions(tolerance=0.05, **wishes),
+        albedo="estimated",
+        caching="none",
+    )
+    with pytest.warns(DataWarning, match="closed room"):
+        shaded = next(iter(job.shaded()))
+    return job, shaded, shaded.shading.radiance * shaded.exposure
+
+
+@cache
+def kept_on():
+    return relit(room()[0])
+
+
+def test_the_lamp_is_found_with_its_strength_and_the_albedo_behind_its_light():
+    _, place, exposure, _ = room()
+    job, _, _ = kept_on()
+    told = job.appearance.capture["room"]
+    lamp = max(told["lamps"], key=lambda each: each["evidence"])
+    glowing = place.emitted.any(axis=1)
+    assert np.linalg.norm(np.subtract(lamp["place"], place.vertices[glowing].mean(axis=0))) < 0.1
+    # How bright all is together is a prior's guess, of a median albedo of 0.4; here it is 0.3.
+    true = float(luminance(place.emitted[glowing].mean(axis=0) * exposure))
+    assert 0.4 < luminance(np.array(lamp["radiance"])) / true < 1.5 and lamp["evidence"] > 0.5
+    assert len(told["lamps"]) == 1  # and not the ceiling above it, which is as white
+    found, known = job.appearance.albedo, place.albedo_linear
+    captured = job.appearance.captured
+    lit = (captured.max(axis=1) < 0.9) & (captured.min(axis=1) > 0.01)
+
+    def error(values):
+        gain = (values[lit] * known[lit]).sum() / (values[lit] ** 2).sum()
+        return np.linalg.norm(gain * values[lit] - known[lit]) / np.linalg.norm(known[lit])
+
+    assert error(found) < 0.5 * error(captured)
+
+
+def test_where_nothing_changes_the_room_is_as_captured():
+    _, _, radiance = kept_on()
+    captured = room()[0].colors_linear
+    unclipped = captured.max(axis=1) < 0.9
+    np.testing.assert_allclose(radiance[unclipped], captured[unclipped], rtol=1e-5)
+
+
+def under(env, **wishes):
+    """Radiance (V, 3) of the closed box under a light, with wishes for its lamp and ceiling."""
+    relighter = Relighter(room()[0], tolerance=0.1, **wishes)
+    look = kept_on()[0].appearance._replace(kept=False)
+    return RelitRoom(look, relighter, 1.0).shading(Environment.load(env)).radiance
+
+
+def test_with_its_only_lamp_off_a_closed_box_is_dark_and_with_half_of_it_half_as_bright():
+    captured = room()[0].colors_linear
+    unclipped = captured.max(axis=1) < 0.9
+    assert under("noon", lamps="off").mean() < 0.05 * captured.mean()
+    half = under("noon", lamps=0.5)
+    np.testing.assert_allclose(half[unclipped], 0.5 * captured[unclipped], rtol=0.1, atol=0.01)
+
+
+def test_a_box_without_its_ceiling_is_lit_from_above():
+    opened = under("overcast", lamps="off", opened="ceiling")
+    up = room()[0].normals[:, 1] > 0.9
+    assert opened[up].mean() > 10.0 * under("overcast", lamps="off")[up].mean()
+
+
+def test_a_ceiling_is_only_taken_off_a_closed_room():
+    scene = Scene(room()[0].chunks)
+    with pytest.raises(InputError, match="expected a closed room"):
+        next(iter(Job(scene, "noon", LightingOptions(opened="ceiling"), caching="none").shaded()))
+
+
+def test_what_a_window_lets_in_is_new():
+    scene, place, exposure, _ = room("one-window")
+    with pytest.warns(DataWarning, match="no lamp was found"):  # and none is dimmed
+        _, _, radiance = relit(scene, env="noon", lamps=0.5)
+    truth = exposure * light(place, Environment.load("noon")).radiance()
+    captured, inside = scene.colors_linear, seen(scene, place)
+
+    def error(values):
+        gains = (values[inside] * truth[inside]).sum(axis=0) / (values[inside] ** 2).sum(axis=0)
+        return np.linalg.norm(gains * values[inside] - truth[inside]) / np.linalg.norm(truth[inside])
+
+    assert error(radiance) < 0.5 * error(captured)
+
+
+def test_a_black_cabinet_in_a_room_stays_black():
+    scene, place, _, _ = room("one-window")
+    colors = scene.colors_srgb.copy()
+    black = place.part == place.part[np.argmax(place.albedo_linear @ [1.0, 0.0, -2.0])]  # all of one piece
+    colors[black] = np.random.default_rng(0).integers(0, 4, (black.sum(), 3))
+    dark = Scene([Mesh(scene.vertices, scene.normals, scene.faces, colors)], capture=scene.capture)
+    _, _, radiance = relit(dark, env="noon")
+    assert 20 < black.sum() < 0.5 * len(black)
+    assert np.isfinite(radiance).all() and radiance[black].max() < 0.02
+
+
+def seen(scene, place):
+    """(V,) bool: what shows its front to where the capture stood, and is not clipped."""
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    eyes = Frame.around(scene.vertices, scene.faces).unit(within(scene))
+    return seen_from(occluder, np.arange(len(scene.vertices)), eyes) & (scene.colors_linear.max(axis=1) < 0.9)
+
+
+def test_words_for_lamps_and_openings():
+    assert LightingOptions(lamps="off").lamp_factor == 0.0 and LightingOptions(lamps="0.25").lamp_factor == 0.25
+    for wrong in ({"lamps": "dim"}, {"lamps": -1.0}, {"lamps": float("nan")}, {"opened": "door"}):
+        with pytest.raises(InputError, match="expected"):
+            LightingOptions(**wrong)

@@ -1,0 +1,100 @@
+"""Cities under a new light: as the untiled neighbourhood is lit, one light for all, the same bytes by other ways."""
+
+import json
+
+import numpy as np
+import pytest
+from cities import few_pixels, generated, meshed, sums
+
+from relight import Environment, LightingOptions, Relighter
+from relight.cli import main
+from relight.tiles.city import relight_city
+from relight.tiles.local import city_of, local_scene, tile_mesh
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.formats import read_splats
+from splat2mesh.tiles.store import Store
+from splat2mesh.tiles.tasks import Loop
+
+OPTIONS = LightingOptions(bands=3, rays=16, effects="shadows")
+
+
+@pytest.fixture(scope="module")
+def city(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("relit")
+    with pytest.MonkeyPatch.context() as patch:
+        few_pixels(patch)
+        meshed(generated(folder / "city"), folder / "scene")
+    return folder / "scene"
+
+
+@pytest.fixture(scope="module")
+def relit(city):
+    report = relight_city(city, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
+    return city / "relit" / "a", report
+
+
+def test_each_tile_is_lit_as_in_the_whole_city(city, relit):
+    store = Store(city)
+    entries = [entry for entry in city_of(store)["tiles"] if entry["faces"]]
+    whole = Scene([tile_mesh(store, entry) for entry in entries])
+    options = LightingOptions(bands=3, rays=256, effects="shadows")
+    expected = Relighter(whole, options).shade(Environment.load("noon"))
+    white = relight_city(city, "noon", Loop(), options, formats=("npy",), albedo="white", folder="relit/white")
+    found = np.concatenate([np.load(city / "relit/white" / entry["name"] / "radiance.npy") for entry in entries])
+    assert white["vertices"] == len(found) == len(expected)
+    assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)  # far tiles are coarse, rays are 256
+
+
+def test_all_tiles_have_one_light_and_one_exposure(relit):
+    folder, report = relit
+    assert report["light"]["exposure"] > 0
+    light = Store(folder).read_arrays("light.npz")
+    assert float(light["exposure"]) == pytest.approx(report["light"]["exposure"])
+    for entry in (folder / "tiles").iterdir():
+        kept = json.loads((entry / "relit.json").read_text())
+        assert kept["bands"] == 3
+
+
+def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
+    folder, _ = relit
+    store = Store(city)
+    for entry in (folder / "tiles").iterdir():
+        number = int(entry.name)
+        relit_tile = read_splats(entry / "splats.ply")
+        pieces = sorted((city / "splats").glob(f"[0-9]*_{number:05d}.npz"))
+        means = np.concatenate([store.read_arrays(f"splats/{piece.name}")["means"] for piece in pieces])
+        np.testing.assert_array_equal(relit_tile.means, means)
+        assert np.isfinite(relit_tile.sh).all()
+
+
+def test_a_run_that_goes_on_ends_in_the_same_bytes(city, relit):
+    folder, _ = relit
+    before = sums(folder)
+    for name in ("tiles/00001/relit.json", "report.json"):
+        (folder / name).unlink()
+    relight_city(city, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a", resume=True)
+    assert sums(folder) == before
+
+
+def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
+    store = Store(city)
+    local = local_scene(store, city_of(store), 0, 5.0)
+    assert local.own == len(tile_mesh(store, city_of(store)["tiles"][0]).vertices)
+    assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
+
+
+def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):
+    with pytest.raises(InputError, match="exists already"):
+        relight_city(city, "noon", Loop(), OPTIONS, folder="relit/a")
+    with pytest.raises(InputError, match="other settings"):
+        relight_city(city, "sunset", Loop(), OPTIONS, folder="relit/a", resume=True)
+    with pytest.raises(InputError, match=r"no city\.json"):
+        relight_city(tmp_path, "noon", Loop(), OPTIONS)
+    for arguments, said in (
+        (["--albedo", "nothing"], "--albedo nothing"),
+        (["--rotate", "0:90:45"], "one angle at a time"),
+        (["--view"], "--view: has no meaning"),
+    ):
+        assert main([str(city), *arguments]) == 2
+        assert said in capsys.readouterr().err

@@ -1,0 +1,56 @@
+"""Files of a city in a folder and in a store of fsspec: whole or not there."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.tiles.store import Store
+
+
+@pytest.fixture(params=["folder", "memory"])
+def store(request, tmp_path):
+    if request.param == "memory":
+        pytest.importorskip("fsspec")
+        return Store(f"memory://{tmp_path.name}/city")
+    return Store(tmp_path / "city")
+
+
+def test_what_is_written_is_read_and_goes_when_it_is_removed(store):
+    store.write_arrays("a/b.npz", x=np.arange(5), y=np.float32(2.5))
+    kept = pickle.loads(pickle.dumps(store)).read_arrays("a/b.npz")
+    assert kept["x"].tolist() == [0, 1, 2, 3, 4] and kept["y"] == np.float32(2.5)
+    assert store.exists("a/b.npz") and not store.exists("a") and not store.exists("a/c")
+    store.remove_file("a/b.npz")
+    store.remove_file("a/b.npz")
+    assert not store.exists("a/b.npz")
+    store.write("a/c", b"")
+    store.remove("a")
+    store.remove("a")
+    assert not store.exists("a/c")
+
+
+def test_a_record_counts_only_while_its_files_are_whole(store):
+    assert store.committed("t.json") is None
+    store.commit("t.json", {"t/x": b"12345", "t/y": b""}, tile=3)
+    assert store.committed("t.json")["tile"] == 3
+    store.write("t/x", b"12346")
+    assert store.committed("t.json") is None
+    store.write("t/x", b"12345")
+    assert store.committed("t.json") is not None
+    store.remove_file("t/y")
+    assert store.committed("t.json") is None
+
+
+def test_what_cannot_be_read_or_written_is_one_line(store, tmp_path):
+    with pytest.raises(InputError, match=r"cannot read .*missing"):
+        store.read("missing")
+    store.write("broken.json", b"{")
+    with pytest.raises(InputError, match="not valid JSON"):
+        store.read_json("broken.json")
+    (tmp_path / "file").write_bytes(b"")
+    with pytest.raises(InputError, match="cannot write"):
+        Store(tmp_path / "file" / "below").write("x", b"")
+    with pytest.raises(InputError):
+        Store("nosuchkind://bucket/city").exists("x")

@@ -1,0 +1,52 @@
+"""Tasks on one process and on workers: order, failures, deaths."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from splat2mesh.tiles.tasks import Cluster, Loop, Task, engine
+
+
+def add(a, b):
+    return a + b
+
+
+def fail(_):
+    raise ValueError("broken\nin two lines")
+
+
+def die_once(folder, number):
+    """Kill the worker that runs this, the first time."""
+    mark = Path(folder) / str(number)
+    if not mark.exists():
+        mark.touch()
+        os._exit(1)
+    return number
+
+
+TASKS = [Task("a", add, (1, 2)), Task("b", fail, (0,)), Task("c", add, (3, 4), ("a",)), Task("d", add, (0, 0), ("b",))]
+TASKS.append(Task("e", add, (0, 0), ("d",)))
+
+
+def outcomes(running):
+    return {done.name: (done.result, done.error) for done in running.run(TASKS)}
+
+
+def test_a_failure_is_named_what_waits_for_it_is_left_and_the_rest_is_done():
+    found = outcomes(Loop())
+    assert found["a"][0] == 3 and found["c"][0] == 7
+    assert found["b"] == (None, "ValueError: broken in two lines")
+    assert found["d"] == (None, "waits for b, which failed") and found["e"] == (None, "waits for d, which failed")
+
+
+def test_workers_say_the_same_and_one_that_dies_or_is_gone_is_replaced(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("splat2mesh.tiles.tasks.PATIENCE_S", 1.0)
+    with engine(None, 1, None) as running:
+        assert isinstance(running, Cluster) and running.workers == 1
+        assert outcomes(running) == outcomes(Loop())
+        tasks = [Task(f"die {n}", die_once, (str(tmp_path), n)) for n in range(1)]
+        assert sorted(done.result for done in running.run(tasks)) == [0]
+        running.client.retire_workers(list(running.client.scheduler_info(n_workers=-1)["workers"]))
+        assert outcomes(running) == outcomes(Loop())

@@ -1,0 +1,39 @@
+"""A small city in tiles for tests: generated, and looked at with few pixels."""
+
+from argparse import Namespace
+from hashlib import sha256
+from pathlib import Path
+
+from scenes.places.city import write_city
+from splat2mesh.tiles import survey
+from splat2mesh.tiles.city import convert_city
+from splat2mesh.tiles.tasks import Loop
+
+SPLATS, TILE_SPLATS, PIXELS = 24_000, 9_000, 40
+
+
+def few_pixels(patch):
+    """Let views be so small that a city takes seconds."""
+    patch.setitem(survey.PIXELS, "draft", PIXELS)
+
+
+def generated(folder):
+    """A city of four blocks in a new folder; returns the folder of its tiles."""
+    write_city(Namespace(out=Path(folder), splats=SPLATS, seed=0, env="noon"))
+    return Path(folder) / "tiles"
+
+
+def meshed(source, output, engine=None, **settings):
+    """The report of `convert_city`, at the cheapest."""
+    wanted = {"detail": "draft", "tile_splats": TILE_SPLATS, "up": "-y", **settings}
+    return convert_city(source, output, engine or Loop(), **wanted)
+
+
+def sums(folder):
+    """SHA-256 of every file of a folder, by its name; of a run's own records none."""
+    folder = Path(folder)
+    return {
+        path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
