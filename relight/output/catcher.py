@@ -110,8 +110,6 @@ def _spread(u):
 
 
 def _gathered(position):
-    """The inverse of `_spread`, by Newton's method: it converges for every position in [-1, 1]."""
-    u = np.array(position, np.float64)
-    for _ in range(20):
-        u -= (_spread(u) - position) / (CROWDED + 3.0 * (1.0 - CROWDED) * u * u)
-    return u
+    """The inverse of `_spread`, between the steps of a table: to within a thousandth of a point."""
+    steps = np.linspace(-1.0, 1.0, 2001)
+    return np.interp(position, _spread(steps), steps)

@@ -92,6 +92,7 @@ def serve(
     exposure: float | None = None,
     state: Mapping[str, Any] | None = None,
     cache: "Cache | None" = None,
+    lamps: Mapping[str, NDArray[np.floating]] | None = None,
     **wishes: Any,
 ) -> None:
     """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
@@ -103,7 +104,7 @@ def serve(
 
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache)
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache, lamps)
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
     finally:

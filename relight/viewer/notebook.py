@@ -4,7 +4,7 @@ import asyncio
 import secrets
 import socket
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from splat2mesh.base.errors import InputError
 
@@ -45,7 +45,7 @@ def serve(window, port=0, announce=lambda url: None):
     from trame.widgets import html
 
     server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
-    server.cli.set_defaults(authKey=token)
+    server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # Ctrl-C is ours
     window.tick()
     with VAppLayout(server) as layout:
         keys = html.Div(
@@ -68,7 +68,8 @@ def serve(window, port=0, announce=lambda url: None):
         try:
             await ticking(window, viewer.update)
         finally:
-            await server.stop()
+            with suppress(asyncio.InvalidStateError):  # it was stopped already
+                await server.stop()
             task.cancel()
 
     asyncio.run(run())

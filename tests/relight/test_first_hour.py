@@ -53,6 +53,14 @@ def meshed(path, **_):
     )
 
 
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch):
+    """Pictures in a tenth of their size, with a coarse shadow: what is tested is that they are there."""
+    monkeypatch.setattr("relight.output.results.PICTURE_SIZE", (96, 72))
+    monkeypatch.setattr("relight.output.catcher.SIDE", 24)
+    monkeypatch.setattr("relight.output.catcher.DIRECTIONS", 64)
+
+
 @pytest.fixture
 def here(made, tmp_path, monkeypatch):
     """A copy of it as the current folder."""
@@ -119,7 +127,8 @@ def test_every_light_of_a_folder_is_lit_and_shown_on_one_sheet(here, capsys):
     code, out, _ = run(capsys, "ball", "--env", "hdris", "--format", "npy,png", "--sheet", *FAST)
     assert code == 0 and str(Path("ball/relit/sheet.png")) in out.splitlines()
     found = {name: np.load(here / "ball" / "relit" / f"{name}_0" / "radiance.npy") for name in ("red", "blue")}
-    assert found["red"].mean(axis=0).argmax() == 0 and found["blue"].mean(axis=0).argmax() == 2
+    red, blue = (found[name].mean(axis=0) for name in ("red", "blue"))
+    assert red[0] > 5 * blue[0] and blue[2] > 5 * red[2]
     assert (here / "ball" / "relit" / "sheet.png").is_file()
     (lights / "red.hdr").unlink()
     (lights / "blue.hdr").unlink()
