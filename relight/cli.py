@@ -366,9 +366,9 @@ def _costs(job: "Job", options: argparse.Namespace) -> list[str]:
     if options.budget_s is not None:
         beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)
         lines.append(f"  --budget {options.budget_s:g} is for the light; all else took {beyond:.1f} s")
-    size = job.relighter.cache.size_bytes
-    if size:
-        lines.append(f"  {job.relighter.cache.folder} keeps {size / 2**20:.0f} MB for the next light (--clear-cache)")
+    megabytes = round(job.relighter.cache.size_bytes / 2**20)
+    if megabytes:
+        lines.append(f"  {job.relighter.cache.folder} keeps {megabytes} MB for the next light (--clear-cache)")
     return lines
 
 

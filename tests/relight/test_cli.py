@@ -79,7 +79,9 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     class Job:
         def __init__(self, scene, env, options, **more):
             seen.append((options, more["angles_deg"], more["caching"]))
-            self.plan = type("Plan", (), {"table": lambda self: [], "as_dict": lambda self: {}})()
+
+        def planned(self):
+            return type("Plan", (), {"table": lambda self: [], "as_dict": lambda self: {}})(), ""
 
     monkeypatch.setattr("relight.job.Job", Job)
     given = "--method raytraced --bands 4 --rays 32 --effects shadows,sun --budget 2 --seed 7 --rotate 0:20:10 --plan"

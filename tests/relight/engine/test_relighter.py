@@ -277,7 +277,7 @@ def bad_albedo(path, array):
     ("arguments", "message"),
     [
         (["missing"], "no such scene"),
-        (["SCENE/chunks"], "scene.json"),
+        (["SCENE/chunks"], "relight takes mesh files directly"),
         (["SCENE", "--env", "nowhere.exr"], "nowhere.exr"),
         (["SCENE", "--bands", "11"], "from 1 to 10"),
         (["SCENE", "--rays", "0"], "from 1 to 65536"),
