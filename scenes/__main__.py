@@ -17,11 +17,11 @@ from splat2mesh.base.outputs import check_output, staged_folder
 from splat2mesh.splats.formats import write_inria_ply
 
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
+from .city import write_city
 from .files import write_place, write_truth_ply
 from .kinds import KINDS, build
 from .light import bake, exposure
 from .places import PLACES
-from .places.city import write_city
 from .splat import splats_from
 
 EPILOG = """examples:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from scenes.__main__ import main
-from scenes.places.city import BLOCK_M, block, blocks_across, ground_height
+from scenes.city import BLOCK_M, block, blocks_across, ground_height
 from splat2mesh.splats.formats import read_splats
 
 

@@ -4,7 +4,7 @@ from argparse import Namespace
 from hashlib import sha256
 from pathlib import Path
 
-from scenes.places.city import write_city
+from scenes.city import write_city
 from splat2mesh.tiles import survey
 from splat2mesh.tiles.city import convert_city
 from splat2mesh.tiles.tasks import Loop

@@ -12,13 +12,13 @@ import numpy as np
 from splat2mesh.base.outputs import staged_folder
 from splat2mesh.splats.formats import write_inria_ply
 
-from .. import albedo, shapes
-from ..cameras import SCENE_FROM_SPLAT
-from ..kinds import SceneTruth
-from ..light import bake, exposure
-from ..sky import capture_sky
-from ..splat import splats_from
-from .solids import joined, moved, panel
+from . import albedo, shapes
+from .cameras import SCENE_FROM_SPLAT
+from .kinds import SceneTruth
+from .light import bake, exposure
+from .places.solids import joined, moved, panel
+from .sky import capture_sky
+from .splat import splats_from
 
 BLOCK_M = 30.0
 """Side of a block: a house in its garden, and half of the street on each side of it."""

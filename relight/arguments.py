@@ -1,0 +1,115 @@
+"""What the relight command takes: its options, in the groups of its help. Imports nothing heavy."""
+
+import argparse
+
+from splat2mesh.base.commandline import Parser
+from splat2mesh.base.manual import add_manuals
+from splat2mesh.base.version import VERSION
+from splat2mesh.cli import add_tiling
+
+from .output.kinds import FILES
+from .transfer import METHODS
+from .transfer.settings import EFFECTS
+
+EXAMPLES = """examples:
+  relight garden.ply --env sunset                  meshes the splat into the scene folder garden/ first
+  relight garden                                   under the built-in studio: garden/relit/studio_0/
+  relight garden --env stpeters.exr --rotate 45
+  relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
+  relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
+  relight lounge --env overcast --lamps off --format splat
+  relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
+  relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
+  relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
+  relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
+
+Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of relight."""
+    parser = Parser(
+        prog="relight",
+        description="Put a scene under any light, with the shadows of everything on everything.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.signed = ("--rotate",)
+    scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
+    parser.add_argument("scene", metavar="SCENE", help=scene)
+
+    add = parser.add_argument_group("light").add_argument
+    names = "studio, overcast, noon, sunset"
+    add(
+        "--env",
+        default="studio",
+        metavar="FILE|NAME|FOLDER",
+        help=f".exr or .hdr file, a folder of them, each of which lights the scene, or {names} (default: %(default)s)",
+    )
+    rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
+    add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
+    exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
+    lamps = "of a closed room: keep, off, or a factor on their light (default: %(default)s)"
+    add("--lamps", default="keep", metavar="keep|off|FACTOR", help=lamps)
+    add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
+    add("--exposure", type=float, metavar="EV", help=exposure)
+
+    add = parser.add_argument_group("surface and accuracy").add_argument
+    albedo = "estimated (the light of the capture taken out), captured (the scene's colours), white, or FILE.npy, "
+    albedo += "(V, 3) linear (default: estimated; of mesh files captured)"
+    add("--albedo", metavar="WHICH", help=albedo)
+    capture = "the light of the capture, where it is known (.exr, .hdr): then only its exposure is estimated"
+    add("--capture-env", metavar="FILE", help=capture)
+    method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
+    add("--method", default="auto", metavar="NAME", help=method)
+    tolerance = "relative error of the light that is accepted; what it does not call for is not computed "
+    tolerance += "(default: 0.01, which is 1%%, of places 0.03)"
+    add("--tolerance", metavar="ERROR", help=tolerance)
+    budget = "the most exact light in so much time, instead of a tolerance"
+    add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
+    effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} (default: %(default)s)"
+    add("--effects", default="auto", metavar="LIST", help=effects)
+    add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
+    add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
+    add("--plan", action="store_true", help="print what would be done, and what accuracy costs here; do nothing")
+    add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
+    add("--clear-cache", action="store_true", help="remove first what is kept in SCENE/cache")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
+
+    add = parser.add_argument_group("session").add_argument
+    add("--view", action="store_true", help="open a window to turn, swap and compare lights in; h lists its keys")
+    add("--screenshot", metavar="FILE", help="write a .png, .jpg or .webp of the session, and open no window")
+    serve = "the session, or the page that --format web wrote as a folder, in a browser of this machine, at the "
+    serve += "address that is printed (default port: any free one)"
+    add("--serve", nargs="?", const=0, type=int, metavar="PORT", help=serve)
+
+    add = parser.add_argument_group("motion").add_argument
+    add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
+    add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
+
+    add_tiling(parser)
+    add = parser.add_argument_group("results").add_argument
+    output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
+    add("-o", "--output", metavar="OUT", help=output)
+    kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one)"
+    add("--format", nargs="+", action="extend", metavar="KIND", help=kinds)
+    add("--sheet", action="store_true", help="sheet.png too: captured, albedo and the lights side by side")
+    live = "with --format glb: live.glb too, whose light shaders turn (docs/engines.md)"
+    add("--live", action="store_true", help=live)
+    harmonics = "colour of an albedo splat that depends on the view: zero, keep (default: %(default)s)"
+    add("--harmonics", default="zero", metavar="WHICH", help=harmonics)
+    bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
+    add("--bake", nargs="+", action="extend", metavar="WHAT", help=bake)
+    add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
+    add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
+    sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
+    add("--sky", default="new", metavar="WHICH", help=sky)
+    lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
+    add("--lights", nargs="+", default=[], metavar="FILE|NAME", help=lights)
+    add("--overwrite", action="store_true", help="replace results that exist")
+    add("--json", action="store_true", help="print the result as one JSON object")
+    add("-q", "--quiet", action="store_true", help="no progress, no summary")
+    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+    add("--version", action="version", version=f"%(prog)s {VERSION}")
+    add_manuals(parser)
+    return parser
