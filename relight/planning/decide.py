@@ -102,7 +102,7 @@ def planned(
     return Plan(
         settings=best.settings,
         error=best.error,
-        seconds=best.seconds,
+        seconds=best.seconds - choice.found_s(best.settings),
         sun_count=choice.sun_count(best.settings),
         tolerance=None if budget_s else tolerance,
         budget_s=budget_s,
@@ -183,6 +183,11 @@ class _Choice:
         if split is not None:
             return len(split[1])
         return round(self._sun_factor * costs.expected_suns(settings.sun_tolerance)) if settings.sun_tolerance else 0
+
+    def found_s(self, settings):
+        """Seconds of the settings' cost that planning itself has spent: the suns that it found are not sought again."""
+        known = settings.sun_tolerance and (settings.bands, settings.sun_tolerance) in self._splits
+        return costs.SPLIT * self.measured.sample.ray_s if known else 0.0
 
     def checked(self, settings, transfer):
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""

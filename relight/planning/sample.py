@@ -16,7 +16,11 @@ vertices, 3% of error if it is deep, escapes 4096 of them once in sixty times.""
 LEAST_PER_CHUNK = 16
 
 BATCH_RAYS = 2**16
-"""Some dozen batches, whose median tells the time of a ray: the first ones wake threads and fill caches."""
+
+TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 16
+"""What tells the time of a ray: batches of vertices that lie side by side, as in the work, where rays find what those
+before them left in the caches. Of vertices far apart they take longer, the more the larger the mesh. The median counts:
+the first batch wakes threads."""
 
 
 class Sample:
@@ -27,7 +31,7 @@ class Sample:
     products with the radiance of the directions are exit radiance of white vertices.
     solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
     hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
-    ray_s: seconds per ray, the median of batches, on this machine and scene. rays: shot in all.
+    ray_s: seconds per ray of the work, on this machine and scene. rays: shot in all.
     """
 
     def __init__(
@@ -38,23 +42,20 @@ class Sample:
         directions,  # D
     ):
         self.occluder, self.sizes = occluder, np.asarray(sizes)
-        self.rows, self.chunk, self.weights = _stratified(occluder.origins, self.sizes, size)
+        self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size)
         self.normals = occluder.normals[self.rows]
         self.directions = fibonacci_sphere(directions).astype(np.float32)
         cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
         self.open = cosine * np.float32(4.0 / directions)
         self.seen, self.rays = self.open.copy(), 0
-        seconds = []
         per_batch = max(1, BATCH_RAYS // directions)
         for begin in range(0, len(self.rows), per_batch):
-            start = time.perf_counter()
             row, column = np.nonzero(cosine[begin : begin + per_batch])
             rays = np.concatenate([occluder.origins[self.rows[row + begin]], self.directions[column]], axis=1)
             hidden = occluder.occluded(rays)
             self.seen[row[hidden] + begin, column[hidden]] = 0.0
             self.rays += len(rays)
-            seconds.append((time.perf_counter() - start) / max(1, len(rays)))
-        self.ray_s = float(np.median(seconds))
+        self.ray_s = self._timed(orders)
         self.solid = np.ones(len(self.rows), np.float32)
         self.hidden = self._scan()
 
@@ -75,9 +76,23 @@ class Sample:
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
         return np.tensordot(self.weights, np.square(values, dtype=np.float64).sum(axis=-1), axes=(0, 0))
 
+    def _timed(self, order):
+        """Seconds per bare ray of the work, from stretches of the vertices in their order along the curve."""
+        begins = np.linspace(0, len(order), TIMED_BATCHES * STRETCHES, endpoint=False).astype(int)
+        azimuths, seconds = sampling.fibonacci_azimuths(TIMED_RAYS), []
+        for number in range(TIMED_BATCHES):
+            stretches = [order[begin : begin + STRETCH_VERTICES] for begin in begins[number::TIMED_BATCHES]]
+            rows = np.concatenate(stretches)
+            shot = np.zeros((len(rows), TIMED_RAYS, 6), np.float32)
+            sampling.shoot(self.occluder.origins[rows], self.occluder.normals[rows], azimuths, 1, shot)
+            start = time.perf_counter()
+            self.rays += self.occluder.occluded(shot).size
+            seconds.append((time.perf_counter() - start) / max(1, shot.shape[0] * TIMED_RAYS))
+        return float(np.median(seconds))
+
     def _scan(self):
         """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""
-        rows, chunk, _ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES)
+        rows, chunk, *_ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES)
         origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
         shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)
         sampling.shoot(origins, normals, sampling.fibonacci_azimuths(SCAN_RAYS), 1, shot)
@@ -89,18 +104,19 @@ class Sample:
 
 
 def _stratified(origins, sizes, wanted):
-    """Rows (S,), their chunks (S,) and weights (S,): every chunk by its size, but some of each."""
+    """Rows (S,), their chunks (S,), weights (S,), every chunk by its size, but some of each; and all (V,) in order."""
     ends = np.cumsum(sizes)
     counts = np.ceil(wanted * sizes / ends[-1]).astype(int)
     counts = np.minimum(np.maximum(counts, LEAST_PER_CHUNK), sizes)
-    rows, chunks, weights = [], [], []
+    rows, chunks, weights, orders = [], [], [], []
     for chunk, (end, size, count) in enumerate(zip(ends, sizes, counts, strict=True)):
         order = end - size + _along_curve(origins[end - size : end])
+        orders.append(order)
         at = ((np.arange(count) + 0.5) * size / max(count, 1)).astype(int)
         rows.append(order[at])
         chunks.append(np.full(count, chunk))
         weights.append(np.full(count, size / max(count, 1) / ends[-1]))
-    return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights)
+    return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights), np.concatenate(orders)
 
 
 def _along_curve(origins):
