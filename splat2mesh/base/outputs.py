@@ -71,21 +71,30 @@ def staged_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 def _workspace(path: Path) -> Iterator[Path]:
     """The claimed folder beside `path`, with an empty NEW in it; it is gone when the block ends, however it ends."""
     workspace, lock = workspace_of(path), None
-    try:
+
+    def vanish() -> None:
+        nonlocal lock
         with shielded():
-            try:
-                lock = claim(workspace)
-            except Busy:
-                raise InputError(
-                    f"another run is writing {path} at the moment: wait for it, or give another `output`"
-                ) from None
-            (workspace / NAME).write_text(path.name, encoding="utf-8", errors="surrogateescape")
-            (workspace / NEW).mkdir()
-        yield workspace
-    finally:
-        if lock is not None:
-            with shielded():
+            if lock is not None:
                 release(workspace, lock)
+                lock = None
+
+    try:
+        try:
+            with shielded():
+                try:
+                    lock = claim(workspace)
+                except Busy:
+                    raise InputError(
+                        f"another run is writing {path} at the moment: wait for it, or give another `output`"
+                    ) from None
+                (workspace / NAME).write_text(path.name, encoding="utf-8", errors="surrogateescape")
+                (workspace / NEW).mkdir()
+            yield workspace
+        finally:
+            vanish()
+    finally:
+        vanish()  # where a signal came between the end of the block and the shield; the same wish comes but once
 
 
 def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> None:
