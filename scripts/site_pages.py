@@ -55,7 +55,7 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Turn links within the repository into links within the site; what the site does not have keeps its words alone."""
+    """Turn links within the repository into links within the site; where the site lacks a file, its words are left."""
     at = page.file.src_uri
     source = "README.md" if at in PARTS else {to: name for name, to in WHOLE.items()}.get(at, f"docs/{at}")
     pictures = {file.src_uri for file in files}

@@ -106,7 +106,7 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--proxy",
         metavar="KIND",
-        help="proxy.glb too, what bodies collide with in an engine: closed (one surface around the mesh) or convex (parts)",
+        help="proxy.glb too, for collisions in engines: closed (one surface around the mesh) or convex (parts)",
     )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
     add_tiling(parser)

@@ -20,7 +20,7 @@ def convex_parts(
     cells: float = CELLS,
     seed: int = 0,
 ) -> tuple[list[tuple[NDArray[np.float32], NDArray[np.int32]]], float]:
-    """(vertices, faces) of convex, closed meshes whose union holds the mesh, and the voxel of the closed surface between.
+    """(vertices, faces) of convex meshes whose union holds the mesh, and the voxel of the closed surface between.
 
     Wei et al., Approximate Convex Decomposition for 3D Meshes with Collision-Aware Concavity and Tree Search, 2022, by
     coacd. Raises InputError for a mesh without extent, and without coacd or manifold3d.
