@@ -1,6 +1,6 @@
 """Draw splats from a scene's own camera: side by side, or one after another as a film (animated WebP).
 
-python scripts/turning.py OUT.png|OUT.webp SCENE SPLAT...
+python scripts/turning.py OUT.jpg|OUT.webp SCENE SPLAT...
 """
 
 import sys
@@ -8,7 +8,6 @@ import sys
 import imageio.v3 as iio
 import numpy as np
 
-from relight.output.mesh_files import write_png
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
@@ -18,7 +17,7 @@ WIDTH, HEIGHT, FINER = 480, 360, 2
 BEHIND = 0.2
 """Grey where no splat is."""
 
-FRAME_MS, QUALITY = 160, 80
+FRAME_MS, QUALITY = 160, 85
 
 
 def picture(splat, view):
@@ -39,7 +38,7 @@ def main(out, scene, *splats):
     if out.endswith(".webp"):
         iio.imwrite(out, np.stack(pictures), duration=FRAME_MS, loop=0, quality=QUALITY)
     else:
-        write_png(out, np.concatenate(pictures, axis=1))
+        iio.imwrite(out, np.concatenate(pictures, axis=1), quality=QUALITY)
 
 
 if __name__ == "__main__":
