@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .base.errors import DataWarning as DataWarning
     from .base.errors import InputError as InputError
     from .pipeline import convert as convert
+    from .proxy import add_proxy as add_proxy
     from .scene.scene import Scene as Scene
     from .splats.splats import Splats as Splats
 
@@ -17,9 +18,10 @@ _HOMES = {
     "InputError": ".base.errors",
     "Scene": ".scene.scene",
     "Splats": ".splats.splats",
+    "add_proxy": ".proxy",
     "convert": ".pipeline",
 }
-__all__ = ["DataWarning", "InputError", "Scene", "Splats", "__version__", "convert"]
+__all__ = ["DataWarning", "InputError", "Scene", "Splats", "__version__", "add_proxy", "convert"]
 
 
 def __getattr__(name: str) -> Any:

@@ -103,6 +103,11 @@ def parser() -> argparse.ArgumentParser:
         metavar="X,Y,Z",
         help="a place where the capture stood, in the splat's own frame; may be given several times",
     )
+    add(
+        "--proxy",
+        metavar="KIND",
+        help="proxy.glb too, for collisions in engines: closed (one surface around the mesh) or convex (parts)",
+    )
     add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
@@ -142,7 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
-    from .scene.scene import META, PICTURE
+    from .scene.scene import META, PICTURE, PROXY
 
     source = Path(options.input)
     if not os.path.exists(source):
@@ -160,7 +165,9 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.progress import Stages
     from .layout import convert_layout, is_layout
     from .pipeline import convert
+    from .proxy import add_proxy, check_proxy
 
+    check_proxy(options.proxy)
     start = time.perf_counter()
     stages = Stages(show=wants_progress(options))
     try:
@@ -179,6 +186,9 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
             seed=options.seed,
             stages=stages,
         )
+        if options.proxy:
+            with stages.stage("proxy"):
+                add_proxy(scene, options.proxy, options.seed)
         with stages.stage("write"):
             scene.save(output, overwrite=options.overwrite)
     finally:
@@ -187,6 +197,12 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     counts = scene.statistics
     lines = told(scene, output, seconds)
     lines += [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    if options.proxy:
+        bodies, faces = counts["proxy_bodies"], counts["proxy_faces"]
+        named = "one closed surface" if options.proxy == "closed" else f"{bodies} convex parts"
+        lines += [
+            f"  {output / PROXY}: {named} of {faces:,} faces, within {2.5 * counts['proxy_voxel']:.2g} of the mesh"
+        ]
     lines += [f"  next: relight {output} --env sunset"]
     if options.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
@@ -224,6 +240,7 @@ def _understand(options: argparse.Namespace) -> None:
     options.up = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
     options.detail = chosen("--detail", options.detail, EFFORTS)
     options.surface = chosen("--surface", options.surface, WAYS)
+    options.proxy = options.proxy and chosen("--proxy", options.proxy, ("closed", "convex"))
     options.background = chosen("--background", options.background, ("cut", "keep"))
     options.stand = chosen("--from", options.stand, CHOICES)
 

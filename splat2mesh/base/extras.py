@@ -12,6 +12,8 @@ EXTRAS = {
     "imageio_ffmpeg": "film",
     "distributed": "cluster",
     "fsspec": "cluster",
+    "manifold3d": "proxy",
+    "coacd": "proxy",
 }
 """Package -> the extra of pyproject.toml that brings it."""
 

@@ -4,6 +4,7 @@ scene.json          schema version, source, frames, bounds, settings, statistics
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 background.npy      rows of the source's splats that are far background, where there are any
 preview.png         the splat and the mesh side by side
+proxy.glb           what bodies collide with, where it was asked for (see `splat2mesh.proxy`)
 measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
 """
 
@@ -54,6 +55,7 @@ MOST_REACH = 1e4
 BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED
 PICTURE = "preview.png"
+PROXY = "proxy.glb"
 
 
 @dataclass
@@ -73,6 +75,7 @@ class Scene:
         ((3,) places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
     measured: what was measured on the splats beyond the surface, or None.
     picture: (H, W, 3) uint8, the splat and the mesh side by side, which `save` writes as preview.png; never read.
+    proxy: bytes of the glTF file that `save` writes as proxy.glb, or None; never read.
 
     A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
     `colors_linear` are put together on first use, kept, and read-only.
@@ -90,6 +93,7 @@ class Scene:
     capture: dict[str, Any] = field(default_factory=dict)
     measured: Measured | None = None
     picture: NDArray[np.uint8] | None = None
+    proxy: bytes | None = None
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
@@ -161,6 +165,8 @@ class Scene:
                 import imageio.v3 as iio
 
                 iio.imwrite(folder / PICTURE, self.picture)
+            if self.proxy is not None:
+                (folder / PROXY).write_bytes(self.proxy)
             meta = {
                 "schema_version": SCHEMA_VERSION,
                 "version": VERSION,

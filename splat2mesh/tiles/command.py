@@ -8,7 +8,7 @@ from ..base.console import wants_progress
 from ..base.errors import InputError
 from ..base.progress import Stages
 
-MEANINGLESS = ("cameras", "surface", "background", "stand", "eye", "plan", "max_chunk_vertices", "seed")
+MEANINGLESS = ("cameras", "surface", "background", "stand", "eye", "plan", "max_chunk_vertices", "seed", "proxy")
 """Options that a city does not know."""
 
 

@@ -1,0 +1,43 @@
+"""A stand-in for a scene's mesh that engines take as what bodies collide with: one closed surface, or convex parts."""
+
+from .base.errors import InputError
+from .base.extras import needed
+from .scene.proxy_glb import proxy_glb
+from .scene.scene import Scene
+
+NODES = {"closed": "-colonly", "convex": "-convcolonly"}
+"""Kind -> what Godot's importer makes a body for collisions of, by the end of a node's name."""
+
+PACKAGES = {"closed": ("manifold3d",), "convex": ("manifold3d", "coacd")}
+
+
+def check_proxy(kind: str | None) -> None:
+    """Raise InputError for a kind that is not known, or whose packages are missing; None is no proxy."""
+    if kind is None:
+        return
+    if kind not in NODES:
+        raise InputError(f"`proxy` {kind}: expected one of {', '.join(NODES)}")
+    for package in PACKAGES[kind]:
+        needed(package, f"a {kind} proxy")
+
+
+def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
+    """Give a Scene that was not saved yet its proxy, which `save` writes as proxy.glb, in the scene frame.
+
+    kind: "closed" or "convex". What the capture showed far away takes no part. Raises InputError.
+    """
+    check_proxy(kind)
+    eyes = scene.capture.get("eyes")
+    if kind == "closed":
+        from .surface.wrap import closed_around
+
+        *body, voxel = closed_around(scene.vertices, scene.faces, eyes)
+        bodies = [tuple(body)]
+    else:
+        from .surface.convex import convex_parts
+
+        bodies, voxel = convex_parts(scene.vertices, scene.faces, eyes, seed=seed)
+    scene.proxy = proxy_glb(bodies, NODES[kind])
+    faces = sum(len(face) for _, face in bodies)
+    told = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
+    scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | told

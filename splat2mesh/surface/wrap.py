@@ -1,0 +1,96 @@
+"""A closed surface around a mesh: the level set of its distance, at one voxel, with what nobody can reach filled."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from ..base.errors import InputError
+from ..base.extras import needed
+from ..render.raycaster import RayCaster
+from .mesh_of_signs import mesh_of_signs
+
+CELLS = 2e6
+"""Voxels of the grid: of 4 cm in a room of 6 x 6 x 2.6 m."""
+
+MARGIN = 1.25
+"""Distance of the closed surface from the mesh, in voxels. Within a tetrahedron of the grid the mean of the distances
+that is interpolated at a point of the mesh is at most its circumradius, sqrt(3) / 2: less than this, so that every
+point of the mesh lies inside, and farther below the surface than simplifying moves that."""
+
+TOLERANCE = 0.35
+"""How far simplifying may move the closed surface, in voxels: less than what is left of MARGIN."""
+
+BLOCK = 4
+"""Side, in voxels, of the blocks of which those far from the mesh are skipped."""
+
+PADDING = 3
+"""Voxels of air around the mesh, by which the outside is one."""
+
+
+def closed_around(
+    vertices: NDArray[np.floating],  # (V, 3)
+    faces: NDArray[np.integer],  # (F, 3)
+    eyes: NDArray[np.floating] | None = None,  # (E, 3) places that stay open, where the capture stood
+    cells: float = CELLS,
+) -> tuple[NDArray[np.float32], NDArray[np.int32], float]:
+    """Vertices (V', 3) and faces (F', 3) of a closed, oriented surface around a mesh, and the side of a voxel.
+
+    All of the mesh lies inside, and no point of the surface is farther from it than 2.5 voxels: hollows that can be
+    reached neither from outside nor from an eye are filled. A thin wall becomes 2.5 voxels thick, and what is narrower
+    than that between two is closed. Raises InputError for a mesh without extent, and without manifold3d.
+    """
+    manifold = needed("manifold3d", "a proxy")
+    voxel = _voxel_of(vertices, cells)
+    low = vertices.min(axis=0).astype(np.float64) - PADDING * voxel
+    size = np.ceil(np.ptp(vertices.astype(np.float64), axis=0) / voxel).astype(int) + 2 * PADDING + 1
+    field = _distances(RayCaster(vertices, faces), low, size, voxel) - MARGIN
+    labels, _ = ndimage.label(field > 0.0)
+    reached = {int(labels[0, 0, 0])} | _labels_at(eyes, labels, low, voxel)
+    outside = np.isin(labels, sorted(reached - {0}))
+    field[~outside & (field > 0.0)] = -MARGIN
+    points, triangles = mesh_of_signs(field)
+    whole = manifold.Manifold(manifold.Mesh(points.astype(np.float32), triangles.astype(np.uint32)))
+    simple = whole.simplify(TOLERANCE).to_mesh()
+    points = low + voxel * np.asarray(simple.vert_properties, np.float64)[:, :3]
+    return points.astype(np.float32), np.asarray(simple.tri_verts).astype(np.int32), voxel
+
+
+def _voxel_of(vertices, cells):
+    """Side of a voxel, so that the grid around the vertices has about so many cells."""
+    extent = np.ptp(vertices.astype(np.float64), axis=0)
+    longest = extent.max() if len(vertices) else 0.0
+    if not longest > 0.0:
+        raise InputError("a proxy: expected a mesh with an extent, found one point")
+    low, high = longest / cells, longest
+    for _ in range(60):  # the number of cells falls as voxels grow
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if np.prod(extent / middle + 2 * PADDING + 1) > cells else (low, middle)
+    return float(high)
+
+
+def _distances(caster, low, size, voxel):
+    """Distance to the mesh in voxels, float32 of a shape; BLOCK where it is more than about that."""
+    field = np.full(size, BLOCK, np.float32)
+    blocks = np.indices(-(-size // BLOCK)).reshape(3, -1).T
+    middles = low + voxel * (blocks * BLOCK + (BLOCK - 1) / 2)
+    reach = voxel * (np.sqrt(3) * (BLOCK - 1) / 2 + 2 * MARGIN)
+    steps = np.indices((BLOCK,) * 3).reshape(3, -1).T
+    near = blocks[_distance(caster, middles) < reach]
+    for part in np.array_split(near, max(1, len(near) // 20_000)):
+        places = (part[:, None] * BLOCK + steps).reshape(-1, 3)
+        places = places[(places < size).all(axis=1)]
+        field[tuple(places.T)] = np.minimum(_distance(caster, low + voxel * places) / voxel, BLOCK)
+    return field
+
+
+def _distance(caster, points):
+    return np.linalg.norm(caster.closest(points).points - points, axis=1)
+
+
+def _labels_at(eyes, labels, low, voxel):
+    """The labels of the voxels around places, 0 in a wall."""
+    if eyes is None or not len(eyes):
+        return set()
+    places = np.round((np.asarray(eyes, np.float64).reshape(-1, 3) - low) / voxel).astype(int)
+    places = places[((places >= 0) & (places < labels.shape)).all(axis=1)]
+    return set(labels[tuple(places.T)].tolist())

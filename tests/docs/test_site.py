@@ -1,0 +1,90 @@
+"""The documentation as a site: it builds without a warning, its pages hold what they are called, its commands run."""
+
+import re
+import shlex
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from ball_splats import solid_ball
+
+import relight
+import relight.cli
+import splat2mesh
+import splat2mesh.cli
+from splat2mesh.splats.formats import write_inria_ply
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built with warnings as errors."""
+    pytest.importorskip("mkdocs")
+    pytest.importorskip("material")
+    pytest.importorskip("mkdocstrings")
+    folder = tmp_path_factory.mktemp("site")
+    command = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--strict",
+        "-q",
+        "-f",
+        str(ROOT / "mkdocs.yml"),
+        "-d",
+        str(folder),
+    ]
+    built = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("page", "words"),
+    [
+        ("index.html", "relight garden.ply --env sunset"),
+        ("python/index.html", "relight_scene"),
+        ("limits/index.html", "Surfaces are diffuse"),
+        ("integrations/blender/index.html", "Install from Disk"),
+        ("reference/relight/index.html", "relight.Relighter"),
+        ("reference/splat2mesh/index.html", "Make a scene from a trained splat"),
+        ("models/neural-gash/index.html", "neural-gash"),
+    ],
+)
+def test_a_page_holds_what_it_is_called(site, page, words):
+    text = re.sub(r"<[^>]+>", "", (site / page).read_text("utf-8"))
+    assert words in text
+
+
+def test_pictures_of_the_readme_are_in_the_site(site):
+    shown = re.findall(r'<img[^>]+src="([^":]+)"', (site / "index.html").read_text("utf-8"))
+    assert shown and all((site / name).is_file() for name in shown)
+
+
+@pytest.mark.parametrize("package", [splat2mesh, relight])
+def test_the_reference_has_what_is_public(package):
+    pytest.importorskip("mkdocs")
+    sys.path.insert(0, str(ROOT / "scripts"))
+    try:
+        listed = import_module("site_pages").REFERENCE[package.__name__]
+    finally:
+        sys.path.pop(0)
+    elsewhere = {"__version__"} | ({"Scene"} if package is relight else set())  # Scene is told with splat2mesh
+    assert set(listed) == set(package.__all__) - elsewhere
+
+
+def test_the_commands_of_the_first_hour_run(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "docs" / "first_hour.md").read_text("utf-8")
+    lines = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines()
+    commands = [shlex.split(line, comments=True) for line in lines if line.startswith(("relight ", "splat2mesh "))]
+    assert len(commands) >= 7
+    monkeypatch.chdir(tmp_path)
+    write_inria_ply(Path("garden.ply"), solid_ball(1500))
+    for name, *arguments in commands:
+        command = relight.cli.main if name == "relight" else splat2mesh.cli.main
+        assert command(arguments) == 0, (name, arguments, capsys.readouterr().err)
+    assert Path("garden/relit/sunset_0/relit_splat.ply").is_file() and Path("turned/sheet.png").is_file()
