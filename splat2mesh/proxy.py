@@ -1,5 +1,9 @@
 """A stand-in for a scene's mesh that engines take as what bodies collide with: one closed surface, or convex parts."""
 
+from typing import Any
+
+from numpy.typing import NDArray
+
 from .base.errors import InputError
 from .base.extras import needed
 from .scene.proxy_glb import proxy_glb
@@ -28,11 +32,12 @@ def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
     """
     check_proxy(kind)
     eyes = scene.capture.get("eyes")
+    bodies: list[tuple[NDArray[Any], NDArray[Any]]]
     if kind == "closed":
         from .surface.wrap import closed_around
 
-        *body, voxel = closed_around(scene.vertices, scene.faces, eyes)
-        bodies = [tuple(body)]
+        vertices, triangles, voxel = closed_around(scene.vertices, scene.faces, eyes)
+        bodies = [(vertices, triangles)]
     else:
         from .surface.convex import convex_parts
 

@@ -164,10 +164,11 @@ def test_a_plan_estimates_no_albedo_and_says_so(here, capsys):
     assert result["plan"]["tolerance"] == 0.2 and not (here / "ball" / "cache").exists()
 
 
-def test_the_summary_says_what_is_kept_and_what_a_budget_left_out(here, capsys):
+def test_the_summary_says_what_is_kept_and_what_a_budget_left_out(here, capsys, monkeypatch):
+    monkeypatch.setattr(Cache, "size_bytes", property(lambda self: 5 * 2**20))  # less than a megabyte is not told
     arguments = "ball", "--albedo", "captured", "--format", "npy", "--overwrite", "-o", "out"
     code, out, _ = run(capsys, *arguments, "--budget", "0.2", "--effects", "shadows", "--rays", "4", "--bands", "3")
-    assert code == 0 and "is for the light; all else took" in out and "MB for the next light" in out
+    assert code == 0 and "is for the light; all else took" in out and "keeps 5 MB for the next light" in out
     kept = set((here / "ball" / "cache").iterdir())
     assert kept
     code, out, _ = run(capsys, *arguments, *FAST, "--clear-cache")

@@ -77,6 +77,7 @@ def test_the_default_output_is_the_inputs_name_without_its_suffixes_and_nothing_
         "ball/chunks",
         *chunks,
         "ball/measured.npz",
+        "ball/preview.png",
         "ball/scene.json",
     ]
 
@@ -184,7 +185,7 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--vertices", "0"], "--vertices 0"),
         (["--vertices", "-5"], "--vertices -5"),
         (["--max-chunk-vertices", "2"], "--max-chunk-vertices 2"),
-        (["--cameras", "nowhere"], "cannot read nowhere: No such file .* expected a COLMAP folder"),
+        (["--cameras", "nowhere"], "cannot read nowhere: no such file.* expected a COLMAP folder"),
         (["--cameras", "ball.ply"], r"ball\.ply is no JSON .* expected a COLMAP folder"),
         (["--lod", "fine"], "--lod fine: expected auto or the number of a level"),
         (["--lod", "0"], r"--lod 0: ball\.ply has no levels of detail"),
@@ -231,7 +232,7 @@ def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted
     scene = Scene.load(out)
     assert scene.statistics["splats"] == 3000 and scene.statistics["splats_non_finite"] == 30
     np.testing.assert_array_equal(scene.scene_from_splat, np.eye(4))
-    assert files_below(tmp_path)[-1] == "out/scene.json" and len(files_below(tmp_path)) == 8
+    assert files_below(tmp_path)[-1] == "out/scene.json" and len(files_below(tmp_path)) == 9
 
 
 def test_a_bad_file_by_the_real_command(tmp_path):

@@ -82,7 +82,7 @@ def test_every_control_changes_the_pixels_it_should_and_no_others(window):
     window.session.change(tolerance=0.01)  # which calls for every effect
     window.session.start = window.session.state
     before = bare(window)
-    assert window.session.called_for == window.session.available
+    assert window.session.called_for == window.session.available - {"volume"}  # nothing grows here
     for key, area in expected.items():
         window.press_key(key)
         if key == "space":
