@@ -263,8 +263,10 @@ class Panel:
 
     def _fitted(self, string, room):
         """The text, cut short where it is wider than `room` units."""
-        while string and self._width(string, _SMALL) > room:
-            string = string[:-6].rstrip() + "..."
+        stem = string
+        while stem and self._width(string, _SMALL) > room:
+            stem = stem[:-3].rstrip()
+            string = stem + "..." if stem else ""
         return string
 
     def _extent(self, string, size, bold):

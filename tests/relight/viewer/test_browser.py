@@ -40,7 +40,7 @@ def test_a_cell_shows_a_widget(importable):
     pytest.importorskip("ipykernel")
     pytest.importorskip("ipywidgets")
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL)])
-    nbclient.NotebookClient(notebook, timeout=900, kernel_name="python3").execute()
+    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3").execute()
     (result,) = (each for each in notebook.cells[0].outputs if each["output_type"] == "execute_result")
     assert "application/vnd.jupyter.widget-view+json" in result["data"] and "iframe" in result["data"]["text/plain"]
 
