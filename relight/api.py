@@ -23,11 +23,12 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter
-from .job import REPORT, AnyLight, Job, Shaded
+from .job import AnyLight, Job, Shaded
 from .light.environment import Environment
 from .light.tonemap import tone_map
 from .options import LightingOptions
 from .splats import write_relit_ply
+from .writing import REPORT, Writer, report_of
 
 if TYPE_CHECKING:
     import pyvista
@@ -46,7 +47,7 @@ class RelitScene:
     exposure: float
     light: Environment
     report: dict[str, Any]
-    _job: Job
+    _writer: Writer
     _shaded: Shaded
 
     @cached_property
@@ -60,7 +61,7 @@ class RelitScene:
         Raises InputError for a folder that exists, unless it holds results and may be overwritten.
         """
         check_output(folder, overwrite, REPORT)
-        return self._job.write(self._shaded, folder, overwrite)
+        return self._writer.write(self._shaded, folder, overwrite)
 
     def to_pyvista(self) -> "pyvista.PolyData":
         """The mesh for PyVista, with "radiance" (V, 3) linear and "rgb" (V, 3) uint8 at its points, and its normals.
@@ -149,11 +150,9 @@ def relight_scene(
         capture_env=capture_env,
         exposure_ev=exposure_ev,
         formats=formats,
-        live_mesh=live_mesh,
-        harmonics=harmonics,
         stages=stages,
     )
-    return _relit(job)
+    return _relit(Writer(job, live_mesh=live_mesh, harmonics=harmonics))
 
 
 def relight_splat(
@@ -192,8 +191,9 @@ def relight_splat(
         stages=stages,
     )
     found = job.splats
-    relit = _relit(job)
-    return RelitSplat(job.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
+    writer = Writer(job)
+    relit = _relit(writer)
+    return RelitSplat(writer.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
 
 
 def estimate_albedo(scene: "AnyScene | Relighter", capture_env: AnyLight | None = None, *, seed: int = 0) -> Appearance:
@@ -209,11 +209,11 @@ def estimate_albedo(scene: "AnyScene | Relighter", capture_env: AnyLight | None 
     return appearance_of("estimated", capture_env, relighter)
 
 
-def _relit(job: Job) -> RelitScene:
-    shaded = next(job.shaded())
-    return RelitScene(
-        job.scene, shaded.shading.radiance, shaded.exposure, shaded.light, job.report(shaded), job, shaded
-    )
+def _relit(writer: Writer) -> RelitScene:
+    shaded = next(writer.job.shaded())
+    light, shading, exposure = shaded
+    report = report_of(writer.job, shaded)
+    return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
 def _meshed(splat: "Scene | str | os.PathLike[str]", settings: Mapping[str, Any], stages: Stages) -> "Scene | Path":

@@ -157,6 +157,7 @@ def _relit(
     """Do what is asked of a scene or mesh: lines of the summary, and the result."""
     from .job import Job
     from .options import LightingOptions
+    from .writing import Writer
 
     names = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed", "lamps", "opened")
     lighting = LightingOptions(**{name: getattr(options, name) for name in names})
@@ -172,17 +173,10 @@ def _relit(
         exposure_ev=options.exposure,
         formats=options.format,
         baked=options.bake,
-        texture_size=options.texture_size,
         splat=options.splat,
-        sky=options.sky,
-        sheet=options.sheet,
-        lights=options.lights,
-        live_mesh=options.live,
-        harmonics=options.harmonics,
         animated=options.animate,
         caching="none" if options.no_cache else "read" if options.plan else "keep",
         stages=stages,
-        messages=messages,
     )
     if options.clear_cache:
         job.relighter.cache.clear()
@@ -192,17 +186,28 @@ def _relit(
         return _served(job, options.serve)
     if options.view:
         return _viewed(job, options.screenshot)
+    writer = Writer(
+        job,
+        texture_size=options.texture_size,
+        sky=options.sky,
+        sheet=options.sheet,
+        lights=options.lights,
+        live_mesh=options.live,
+        harmonics=options.harmonics,
+        messages=messages,
+    )
     if options.animate:
-        note, report = job.film(folders[0], options.fps, options.overwrite)
+        note, report = writer.film(folders[0], options.fps, options.overwrite)
         lines = [str(folders[0] / name) for name in report["files"]] + [note] * bool(note)
         return lines, {"outputs": [str(folders[0])], "reports": [report]}
     reports, left = [], iter(folders)
     for light in lights:
-        job = job if light == lights[0] else job.under(light)
-        reports += [job.write(shaded, next(left), options.overwrite) for shaded in job.shaded()]
+        writer = writer if light == lights[0] else writer.under(light)
+        reports += [writer.write(shaded, next(left), options.overwrite) for shaded in writer.job.shaded()]
     lines = [str(folder / name) for folder, report in zip(folders, reports, strict=True) for name in report["files"]]
     if options.sheet and len(folders) > 1:
-        lines.append(str(job.write_sheet(folders[0].parent)))
+        lines.append(str(writer.write_sheet(folders[0].parent)))
+    job = writer.job
     lines += _costs(job, options)
     if options.verbose:
         lines += job.plan.table() if job.plan else []

@@ -111,17 +111,7 @@ def block(seed, x, z):
     parts = [_ground(corner, rng), *_house(corner, rng)]
     for place in _tree_places(rng):
         parts += _tree(corner + place, rng)
-    counts = [len(points) for points, _, _ in parts]
-    points, faces = joined([(points, faces) for points, faces, _ in parts])
-    return SceneTruth(
-        "city",
-        seed,
-        points.astype(np.float32),
-        shapes.vertex_normals(points, faces).astype(np.float32),
-        faces.astype(np.int32),
-        np.concatenate([color for _, _, color in parts]).astype(np.float32),
-        np.repeat(np.arange(len(parts)), counts).astype(np.uint8),
-    )
+    return SceneTruth.of_solids("city", seed, parts)
 
 
 def _ground(corner, rng):

@@ -45,6 +45,23 @@ class SceneTruth:
     albedo_linear: np.ndarray
     part: np.ndarray
 
+    @classmethod
+    def of_solids(cls, kind, seed, solids):
+        """The scene of a list of (points (N, 3), faces (M, 3), linear colours (N, 3))."""
+        counts = [len(points) for points, _, _ in solids]
+        starts = np.cumsum([0, *counts[:-1]])
+        points = np.concatenate([points for points, _, _ in solids])
+        faces = np.concatenate([faces + start for (_, faces, _), start in zip(solids, starts, strict=True)])
+        return cls(
+            kind,
+            seed,
+            points.astype(np.float32),
+            shapes.vertex_normals(points, faces).astype(np.float32),
+            faces.astype(np.int32),
+            np.concatenate([color for _, _, color in solids]).astype(np.float32),
+            np.repeat(np.arange(len(solids)), counts).astype(np.uint8),
+        )
+
 
 def build(kind="tabletop", seed=0, vertices=45_000):
     """The scene of one kind and seed with about `vertices` vertices: a SceneTruth.
@@ -61,19 +78,7 @@ def build(kind="tabletop", seed=0, vertices=45_000):
         solids = KINDS[kind](np.random.default_rng(seed), edge)
         edge *= np.sqrt(sum(len(points) for points, _, _ in solids) / vertices)
     solids = KINDS[kind](np.random.default_rng(seed), edge)
-    counts = [len(points) for points, _, _ in solids]
-    starts = np.cumsum([0, *counts[:-1]])
-    points = np.concatenate([points for points, _, _ in solids])
-    faces = np.concatenate([faces + start for (_, faces, _), start in zip(solids, starts, strict=True)])
-    return SceneTruth(
-        kind,
-        seed,
-        points.astype(np.float32),
-        shapes.vertex_normals(points, faces).astype(np.float32),
-        faces.astype(np.int32),
-        np.concatenate([color for _, _, color in solids]).astype(np.float32),
-        np.repeat(np.arange(len(solids)), counts).astype(np.uint8),
-    )
+    return SceneTruth.of_solids(kind, seed, solids)
 
 
 def _object(rng, edge):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splat2mesh.base.outputs import staged_file
-from splat2mesh.base.version import VERSION
+from splat2mesh.scene.glb import Glb
 
 
 def write_proxy(path, vertices, faces):
@@ -14,28 +14,13 @@ def write_proxy(path, vertices, faces):
 
 def proxy_glb(vertices, faces):
     """The bytes of that file."""
-    import pygltflib as gltf
-
-    vertices = np.ascontiguousarray(vertices, "<f4")
-    normals = vertex_normals(vertices, faces).astype("<f4")
-    indices = np.ascontiguousarray(faces, "<u4")
-    arrays = [(vertices, "VEC3", 5126, 34962), (normals, "VEC3", 5126, 34962), (indices, "SCALAR", 5125, 34963)]
-    document, blob = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator=f"relight {VERSION}")), b""
-    for array, kind, component, target in arrays:
-        document.bufferViews.append(
-            gltf.BufferView(buffer=0, byteOffset=len(blob), byteLength=array.nbytes, target=target)
-        )
-        count = array.size if kind == "SCALAR" else len(array)
-        view = len(document.bufferViews) - 1
-        document.accessors.append(gltf.Accessor(bufferView=view, componentType=component, count=count, type=kind))
-        blob += array.tobytes()
-    document.accessors[0].min, document.accessors[0].max = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
-    primitive = gltf.Primitive(attributes=gltf.Attributes(POSITION=0, NORMAL=1), indices=2, mode=gltf.TRIANGLES)
-    document.meshes = [gltf.Mesh(name="proxy", primitives=[primitive])]
-    document.nodes, document.scenes, document.scene = [gltf.Node(name="proxy", mesh=0)], [gltf.Scene(nodes=[0])], 0
-    document.buffers = [gltf.Buffer(byteLength=len(blob))]
-    document.set_binary_blob(blob)
-    return b"".join(document.save_to_bytes())
+    file = Glb("relight")
+    attributes = {
+        "POSITION": file.positions(vertices),
+        "NORMAL": file.values(vertex_normals(vertices, faces).astype(np.float32)),
+    }
+    file.mesh("proxy", attributes, indices=file.triangles(faces))
+    return file.content()
 
 
 def vertex_normals(vertices, faces):

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.outputs import staged_file
-from splat2mesh.base.version import VERSION
+from splat2mesh.scene.glb import Glb, matt_white
 
 from ..transfer.nine import COUNT
-from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
+from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -45,43 +44,25 @@ def write_live_glb(
     COLOR_0 is linear float32 albedo. The twelve normalised 16-bit integers of the transfer are grey 0-3, 4-7, and 8
     with the tint. `extras` hold nine radiance coefficients of the light, not turned, its angle, and the exposure.
     """
-    import pygltflib as gltf
-
     count = len(scene.vertices)
-    albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0)
-    packed = np.rint(np.clip(np.hstack([grey, tint]), -1.0, 1.0) * SNORM).astype("<i2")
-    matt = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
-    document = gltf.GLTF2(
-        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
-        materials=[gltf.Material(name="albedo", pbrMetallicRoughness=matt, doubleSided=True)],
-    )
-    blob, start = bytearray(), 0
-    normals = _unit_normals(scene.normals)
+    albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0).astype(np.float32)
+    packed = np.rint(np.clip(np.hstack([grey, tint]), -1.0, 1.0) * SNORM).astype(np.int16)
+    file, start = Glb(materials=[matt_white()]), 0
+    normals = unit_normals(scene.normals)
     for index, chunk in enumerate(scene.chunks):
         rows = slice(start, start + len(chunk.vertices))
         start = rows.stop
-        corners = {"min": chunk.vertices.min(axis=0).tolist(), "max": chunk.vertices.max(axis=0).tolist()}
-        attributes = gltf.Attributes(
-            POSITION=_add_vectors(document, blob, chunk.vertices, **corners),
-            NORMAL=_add_vectors(document, blob, normals[rows]),
-            COLOR_0=_add_vectors(document, blob, albedo[rows]),
-        )
+        attributes = {
+            "POSITION": file.positions(chunk.vertices),
+            "NORMAL": file.values(normals[rows]),
+            "COLOR_0": file.values(albedo[rows]),
+        }
         for part in range(3):
-            four = np.ascontiguousarray(packed[rows, 4 * part : 4 * part + 4])
-            accessor = _add_accessor(document, blob, four, "VEC4", len(four), 5122, 34962, normalized=True)
-            setattr(attributes, f"_TRANSFER_{part}", accessor)
-            setattr(attributes, f"_CUSTOM{part}", accessor)
-        faces = _add_indices(document, blob, chunk.faces, len(chunk.vertices))
-        blob += bytes(-len(blob) % 4)
-        primitive = gltf.Primitive(attributes=attributes, indices=faces, material=0, mode=gltf.TRIANGLES)
-        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
-        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
-    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras={KEY: described(light, exposure)})]
-    document.scene = 0
-    document.buffers = [gltf.Buffer(byteLength=len(blob))]
-    document.set_binary_blob(bytes(blob))
-    with staged_file(path) as staging:
-        document.save_binary(staging)
+            accessor = file.values(packed[rows, 4 * part : 4 * part + 4], normalized=True)
+            attributes |= {f"_TRANSFER_{part}": accessor, f"_CUSTOM{part}": accessor}
+        faces = file.indices(chunk.faces, len(chunk.vertices))
+        file.mesh(f"chunk_{index:04d}", attributes, indices=faces, material=0)
+    file.save(path, {KEY: described(light, exposure)})
 
 
 def described(light: "Environment", exposure: float) -> dict:

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_file
-from splat2mesh.base.version import VERSION
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
-
-_LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
 
 
 def write_glb(
@@ -38,37 +36,21 @@ def write_glb(
     Returns the number of clipped vertices, those brighter than 1. Raises InputError for radiance that does
     not fit the scene.
     """
-    import pygltflib as gltf
-
     exposed = check_radiance(scene, radiance) * np.float32(exposure)
     clipped = int((exposed > 1.0).any(axis=1).sum())
-    document = gltf.GLTF2(
-        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
-        extensionsUsed=["KHR_materials_unlit"],
-        materials=[_unlit_material(gltf)],
-    )
-    blob, start = bytearray(), 0
-    normals = _unit_normals(scene.normals)
+    file, start = Glb(extensionsUsed=["KHR_materials_unlit"], materials=[_unlit_material()]), 0
+    normals = unit_normals(scene.normals)
     for index, chunk in enumerate(scene.chunks):
         rows = slice(start, start + len(chunk.vertices))
         start = rows.stop
-        corners = {"min": chunk.vertices.min(axis=0).tolist(), "max": chunk.vertices.max(axis=0).tolist()}
-        attributes = gltf.Attributes(
-            POSITION=_add_vectors(document, blob, chunk.vertices, **corners),
-            NORMAL=_add_vectors(document, blob, normals[rows]),
-            COLOR_0=_add_vectors(document, blob, np.clip(exposed[rows], 0.0, 1.0)),
-        )
-        faces = _add_indices(document, blob, chunk.faces, len(chunk.vertices))
-        primitive = gltf.Primitive(attributes=attributes, indices=faces, material=0, mode=gltf.TRIANGLES)
-        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
-        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
-    facts = {"exposure": float(exposure), "clipped_vertices": clipped, **(extras or {})}
-    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras=facts)]
-    document.scene = 0
-    document.buffers = [gltf.Buffer(byteLength=len(blob))]
-    document.set_binary_blob(bytes(blob))
-    with staged_file(path) as staging:
-        document.save_binary(staging)
+        attributes = {
+            "POSITION": file.positions(chunk.vertices),
+            "NORMAL": file.values(normals[rows]),
+            "COLOR_0": file.values(np.clip(exposed[rows], 0.0, 1.0)),
+        }
+        faces = file.indices(chunk.faces, len(chunk.vertices))
+        file.mesh(f"chunk_{index:04d}", attributes, indices=faces, material=0)
+    file.save(path, {"exposure": float(exposure), "clipped_vertices": clipped, **(extras or {})})
     return clipped
 
 
@@ -139,16 +121,8 @@ def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:
     return radiance
 
 
-def _unlit_material(gltf):
-    """White times COLOR_0 and no shading: the light is in the vertices already."""
-    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
-    return gltf.Material(
-        name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
-    )
-
-
-def _unit_normals(normals):
-    """(V, 3) float32 of unit length, as glTF demands; +y where a normal has no direction."""
+def unit_normals(normals: NDArray) -> NDArray[np.float32]:
+    """(V, 3) float32 of unit length, as glTF demands; +y, with a DataWarning, where a normal has no direction."""
     normals = np.nan_to_num(np.asarray(normals, np.float64), posinf=0.0, neginf=0.0)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     undefined = length[:, 0] < 1e-12
@@ -158,27 +132,11 @@ def _unit_normals(normals):
     return unit.astype(np.float32)
 
 
-def _add_vectors(document, blob, vectors, **bounds):
-    """Append (V, 3) float32 to the blob; index of its accessor."""
-    return _add_accessor(document, blob, vectors.astype("<f4"), "VEC3", len(vectors), 5126, 34962, **bounds)
-
-
-def _add_indices(document, blob, faces, vertex_count):
-    """Append (F, 3) faces to the blob, in 16 bits where they suffice; index of its accessor."""
-    short = vertex_count - 1 <= _LARGEST_SHORT_INDEX
-    indices = faces.ravel().astype("<u2" if short else "<u4")
-    return _add_accessor(document, blob, indices, "SCALAR", len(indices), 5123 if short else 5125, 34963)
-
-
-def _add_accessor(document, blob, array, kind, count, component, target, **bounds):
-    """Append an array to the blob, which pygltflib aligns to 4 bytes on saving; index of its accessor."""
+def _unlit_material():
+    """White times COLOR_0 and no shading: the light is in the vertices already."""
     import pygltflib as gltf
 
-    view = gltf.BufferView(buffer=0, byteOffset=len(blob), byteLength=array.nbytes, target=target)
-    blob += array.tobytes()
-    document.bufferViews.append(view)
-    accessor = gltf.Accessor(
-        bufferView=len(document.bufferViews) - 1, componentType=component, count=count, type=kind, **bounds
+    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0, 1.0, 1.0, 1.0], metallicFactor=0.0, roughnessFactor=1.0)
+    return gltf.Material(
+        name="relit", pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
     )
-    document.accessors.append(accessor)
-    return len(document.accessors) - 1

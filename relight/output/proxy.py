@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.outputs import staged_file
-from splat2mesh.base.version import VERSION
+from splat2mesh.scene.glb import Glb, matt_white
 
-from .mesh_files import _add_accessor, _add_vectors, _unit_normals
+from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -30,27 +29,11 @@ def write_proxy_glb(
     With an albedo it has NORMAL, COLOR_0 and a matt white material, so that an engine can light it; without, positions
     and triangles alone, as for collisions.
     """
-    import pygltflib as gltf
-
     matrix = np.eye(4) if matrix is None else np.asarray(matrix, np.float64)
-    vertices = (scene.vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
-    document = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"))
-    blob = bytearray()
-    corners = {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
-    attributes = gltf.Attributes(POSITION=_add_vectors(document, blob, vertices, **corners))
+    file = Glb(materials=[] if albedo is None else [matt_white()])
+    attributes = {"POSITION": file.positions(scene.vertices @ matrix[:3, :3].T + matrix[:3, 3])}
     if albedo is not None:
-        attributes.NORMAL = _add_vectors(document, blob, _unit_normals(scene.normals @ matrix[:3, :3].T))
-        attributes.COLOR_0 = _add_vectors(document, blob, np.clip(np.asarray(albedo, np.float32), 0.0, 1.0))
-        matt = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
-        document.materials = [gltf.Material(name="albedo", pbrMetallicRoughness=matt, doubleSided=True)]
-    indices = scene.faces.ravel().astype("<u4")
-    faces = _add_accessor(document, blob, indices, "SCALAR", len(indices), 5125, 34963)
-    material = None if albedo is None else 0
-    primitive = gltf.Primitive(attributes=attributes, indices=faces, material=material, mode=gltf.TRIANGLES)
-    document.meshes = [gltf.Mesh(name="proxy", primitives=[primitive])]
-    document.nodes = [gltf.Node(name="proxy", mesh=0)]
-    document.scenes, document.scene = [gltf.Scene(nodes=[0])], 0
-    document.buffers = [gltf.Buffer(byteLength=len(blob))]
-    document.set_binary_blob(bytes(blob))
-    with staged_file(path) as staging:
-        document.save_binary(staging)
+        attributes["NORMAL"] = file.values(unit_normals(scene.normals @ matrix[:3, :3].T))
+        attributes["COLOR_0"] = file.values(np.clip(np.asarray(albedo, np.float32), 0.0, 1.0))
+    file.mesh("proxy", attributes, indices=file.triangles(scene.faces), material=None if albedo is None else 0)
+    file.save(path)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
-from splat2mesh.base.version import VERSION
+from splat2mesh.scene.glb import Glb
 
-from .mesh_files import _add_accessor, _add_indices, _add_vectors, _unit_normals
+from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -46,39 +46,25 @@ def write_textured_glb(
         raise InputError(
             f"the picture must be uint8 of {atlas.size} x {atlas.size} x 3, found {image.dtype} {image.shape}"
         )
-    document = gltf.GLTF2(
-        asset=gltf.Asset(version="2.0", generator=f"splat2mesh {VERSION}"),
+    file = Glb(
         extensionsUsed=["KHR_materials_unlit"] if unlit else [],
         materials=[_material(gltf, unlit)],
         samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
         textures=[gltf.Texture(sampler=0, source=0)],
     )
-    blob, vertices, normals, first = bytearray(), scene.vertices, _unit_normals(scene.normals), 0
+    normals, first = unit_normals(scene.normals), 0
     for index, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=True)):
         rows, faces = atlas.vertex[used.start : used.stop], atlas.faces[first : first + len(chunk.faces)] - used.start
         first += len(chunk.faces)
-        corners = {"min": vertices[rows].min(axis=0).tolist(), "max": vertices[rows].max(axis=0).tolist()}
-        uv = atlas.uv[used.start : used.stop].astype("<f4")
-        attributes = gltf.Attributes(
-            POSITION=_add_vectors(document, blob, vertices[rows], **corners),
-            NORMAL=_add_vectors(document, blob, normals[rows]),
-            TEXCOORD_0=_add_accessor(document, blob, uv, "VEC2", len(uv), 5126, 34962),
-        )
-        indices = _add_indices(document, blob, faces, len(rows))
-        blob += bytes(-len(blob) % 4)
-        primitive = gltf.Primitive(attributes=attributes, indices=indices, material=0, mode=gltf.TRIANGLES)
-        document.meshes.append(gltf.Mesh(name=f"chunk_{index:04d}", primitives=[primitive]))
-        document.nodes.append(gltf.Node(name=f"chunk_{index:04d}", mesh=index))
-    png = png_bytes(image)
-    document.bufferViews.append(gltf.BufferView(buffer=0, byteOffset=len(blob), byteLength=len(png)))
-    blob += png
-    document.images = [gltf.Image(bufferView=len(document.bufferViews) - 1, mimeType="image/png", name="color")]
-    document.scenes = [gltf.Scene(nodes=list(range(len(scene.chunks))), extras=extras or {})]
-    document.scene = 0
-    document.buffers = [gltf.Buffer(byteLength=len(blob))]
-    document.set_binary_blob(bytes(blob))
-    with staged_file(path) as staging:
-        document.save_binary(staging)
+        attributes = {
+            "POSITION": file.positions(scene.vertices[rows]),
+            "NORMAL": file.values(normals[rows]),
+            "TEXCOORD_0": file.values(atlas.uv[used.start : used.stop].astype(np.float32)),
+        }
+        file.mesh(f"chunk_{index:04d}", attributes, indices=file.indices(faces, len(rows)), material=0)
+    view = file.data(png_bytes(image))
+    file.document.images = [gltf.Image(bufferView=view, mimeType="image/png", name="color")]
+    file.save(path, extras)
 
 
 def write_transfer(

@@ -16,7 +16,7 @@ from splat2mesh.surface.extract import dilated, training_pixel
 
 from ..albedo import albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
-from .pictures import seen_colors, views_of
+from .projected import seen_colors, views_of
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View

@@ -19,6 +19,7 @@ from relight.options import LightingOptions
 from relight.texture.baking import Baked
 from relight.transfer import store
 from relight.transfer.store import Cache
+from relight.writing import Writer
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -152,7 +153,7 @@ def test_without_its_splat_a_scene_shows_its_mesh_and_says_so(here):
     with pytest.warns(DataWarning, match="does not exist.*the picture shows the mesh"):
         assert job.formats == ("glb", "png")
     (shaded,) = job.shaded()
-    assert job.write(shaded, here / "out")["preview"]["shows"] == "mesh"
+    assert Writer(job).write(shaded, here / "out")["preview"]["shows"] == "mesh"
     with pytest.raises(InputError, match="does not exist"):
         Job("ball", "noon", formats=("splat",)).splats  # noqa: B018
 

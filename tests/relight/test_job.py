@@ -8,6 +8,7 @@ from viewer_scenes import ball_on_plate
 
 from relight import Environment, LightingOptions, Scene
 from relight.job import Job
+from relight.writing import Writer, report_of
 from splat2mesh.base.errors import InputError
 
 FAST = LightingOptions("analytic", bands=3)
@@ -36,7 +37,8 @@ def test_stages_are_done_once_and_only_as_far_as_they_are_asked_for(folder):
     assert job.plan is job.plan and job.appearance is job.appearance
     (shaded,) = job.shaded()
     assert "shade" in job.stages.seconds and "write" not in job.stages.seconds
-    assert job.report(shaded)["files"] == [] and json.dumps(job.report(shaded))
+    report = report_of(job, shaded)
+    assert report["files"] == [] and json.dumps(report)
 
 
 def test_a_scene_in_memory_gives_what_its_folder_gives(folder, tmp_path):
@@ -47,7 +49,7 @@ def test_a_scene_in_memory_gives_what_its_folder_gives(folder, tmp_path):
     )
     for job, name in zip(jobs, "ab", strict=True):
         for number, shaded in enumerate(job.shaded()):
-            job.write(shaded, tmp_path / f"{name}{number}")
+            Writer(job).write(shaded, tmp_path / f"{name}{number}")
     for number in range(2):
         one, other = (np.load(tmp_path / f"{name}{number}" / "radiance.npy") for name in "ab")
         np.testing.assert_array_equal(one, other)

@@ -9,6 +9,7 @@ from relight.engine.appearance import appearance_of
 from relight.job import Job
 from relight.output.results import Results
 from relight.transfer.bounces import visible_fraction
+from relight.writing import report_of
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -106,5 +107,5 @@ def test_a_room_is_lit_where_that_is_asked_for():
 def test_a_job_reports_it():
     job = Job(box(), "noon", albedo="estimated", formats=("npy",), caching="none")
     with pytest.warns(DataWarning, match="closed room"):
-        report = job.report(next(iter(job.shaded())))
+        report = report_of(job, next(iter(job.shaded())))
     assert report["capture"]["left_as_captured"]

@@ -13,6 +13,7 @@ from relight.engine.appearance import Appearance
 from relight.job import Job
 from relight.splats import Binding, albedo_splats, normals_of
 from relight.splats.write import HIDDEN
+from relight.writing import Writer
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.splats.formats import read_splats, write_splats
@@ -85,9 +86,9 @@ def test_one_pass_writes_splat_proxy_and_collision_mesh(tmp_path, monkeypatch):
     scene.source = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest(), "path": str(file)}
     options = LightingOptions("analytic", bands=3)
     formats = ("albedo-splat", "splat-glb", "glb")
-    job = Job(scene, "noon", options, albedo=albedo, formats=formats, live_mesh=True, sky="drop")
+    job = Job(scene, "noon", options, albedo=albedo, formats=formats)
     (shaded,) = job.shaded()
-    report = job.write(shaded, tmp_path / "out")
+    report = Writer(job, live_mesh=True, sky="drop").write(shaded, tmp_path / "out")
     names = {"relit.glb", "live.glb", "albedo_splat.ply", "proxy.glb", "albedo_splat.collision.glb", "relit_splat.glb"}
     assert set(report["files"]) == names and {p.name for p in (tmp_path / "out").iterdir()} == {*names, "report.json"}
     bare = read_splats(tmp_path / "out" / "albedo_splat.ply")

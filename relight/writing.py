@@ -1,0 +1,179 @@
+"""What a job writes: files and a report in a folder for each light, a sheet of all of them, a film of an animation.
+
+writer = Writer(job)
+for shaded in job.shaded():
+    writer.write(shaded, folder)
+"""
+
+import copy
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.console import peak_mb
+from splat2mesh.base.outputs import staged_folder
+from splat2mesh.base.strictjson import text_of
+from splat2mesh.base.version import VERSION
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
+
+from .job import AnyLight, Job, Shaded, light_of
+from .light.skies import BUILTIN
+from .output.engine_files import EngineFiles
+from .output.kinds import FOR_ENGINES
+from .output.live_files import LiveFiles
+from .output.results import PICTURE_SIZE, Results
+
+REPORT = "report.json"
+"""In every folder of results, which is how they are told from other folders."""
+
+
+class Writer:
+    """The results of a job in folders.
+
+    texture_size: of `Results`. sky: what becomes of the far background of splats, of `splats.SKIES`. sheet: whether the
+    lights are also shown beside what was captured. lights: others that what is live has beside its own and the built-in
+    ones. live_mesh, harmonics: of `EngineFiles`. messages: the warnings so far, for the report.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        texture_size: int | None = None,
+        sky: str = "new",
+        sheet: bool = False,
+        lights: Sequence[AnyLight] = (),
+        live_mesh: bool = False,
+        harmonics: str = "zero",
+        messages: list[str] | None = None,
+    ) -> None:
+        self.job = job
+        self._texture_size, self._sky, self._sheet, self._lights = texture_size, sky, sheet, tuple(lights)
+        self._live_mesh, self._harmonics = live_mesh, harmonics
+        self._messages = [] if messages is None else messages
+
+    def under(self, env: AnyLight) -> "Writer":
+        """A Writer of the same job under another light, with the same sheet: what can be shared is."""
+        self._results  # noqa: B018  what is shared is made first
+        other = copy.copy(self)
+        other.job = self.job.under(env)
+        return other
+
+    def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
+        """Fill a folder with the results of one light; returns their report, JSON-clean.
+
+        Raises InputError where the folder exists, unless it holds results and may be overwritten.
+        """
+        light, shading, exposure = shaded
+        report = report_of(self.job, shaded)
+        alone = self._sheet and len(self.job.angles_deg) == 1
+        with staged_folder(folder, overwrite, REPORT) as staging:
+            report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
+            if self._sheet:
+                self._results.add_to_sheet(light, shading.radiance, exposure)
+                report["files"] += [self._results.write_sheet(staging, 1)] * alone
+            report.update(told)
+            self._write_report(staging, report)
+        return report
+
+    def write_sheet(self, folder: str | os.PathLike[str]) -> Path:
+        """Write all lights so far side by side, with what was captured; returns the path of the picture."""
+        return Path(folder) / self._results.write_sheet(Path(folder))
+
+    def relit_splats(self, shaded: Shaded) -> Splats:
+        """The splats that the scene was made from, in its light."""
+        return self._results.relit_splats(shaded.light, shaded.shading.radiance, shaded.exposure)
+
+    def film(
+        self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
+    ) -> tuple[str, dict[str, Any]]:
+        """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
+        from .animation.film import FILM, Frames, animate, frame_times
+
+        job = self.job
+        job.plan  # noqa: B018  its rays are traced before the first frame
+        albedo, animation, (light,) = job.appearance.albedo, job.animation, job.lights
+        count = len(frame_times(animation.duration_s, fps))
+        shading: Any = None
+
+        def radiance_of(_: Scene, time_s: float) -> NDArray[np.float32]:
+            nonlocal shading
+            poses = animation.at(time_s)
+            if time_s > 0.0:
+                job.relighter.update_all({chunk: poses[chunk] for chunk in animation.moving}, 1.0 / fps)
+            shading = job.relighter.shading(light, albedo)
+            return shading.radiance
+
+        def finish(staging: Path, written: Frames) -> None:
+            frames.close()  # the report tells how long they took
+            report.update(report_of(job, Shaded(light, shading, written.exposure)))
+            report.update({"animation": animation.name, "frames": written.frames, "fps": fps})
+            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+            self._write_report(staging, report)
+
+        report: dict[str, Any] = {}
+        exposure = None if job.exposure_ev is None else 2.0**job.exposure_ev
+        picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
+        with ExitStack() as frames:
+            advance = frames.enter_context(job.stages.stage("frames", count))
+            written = animate(
+                animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, finish=finish, **picture
+            )
+        return written.note, report
+
+    @cached_property
+    def _results(self) -> Results:
+        job = self.job
+        relighter, look, seed = job.relighter, job.appearance, job.wishes.seed
+        splats = job.splats if job.shows_splats else None
+        live = engines = None
+        if splats is not None and {"live", "web"} & set(job.formats):
+            others = [light_of(each) for each in (*self._lights, *BUILTIN)]
+            known = look._replace(kept=True) if look.room else look  # what is live knows no lamps
+            wishes = job.exposure_of, job.wishes.tolerance, self._sky, seed
+            live = LiveFiles(relighter, known, splats[0], others, *wishes)
+        if self._live_mesh or {*FOR_ENGINES} & {*job.formats}:
+            engines = EngineFiles(relighter, look, job.formats, splats, self._live_mesh, self._harmonics, self._sky)
+        more = self._texture_size, seed, self._sky, live, engines
+        return Results(relighter, look, job.formats, job.baked, splats, *more)
+
+    def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
+        report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())
+        (folder / REPORT).write_text(text_of(report, indent=1) + "\n", encoding="utf-8")
+
+
+def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
+    """What was done and how, JSON-clean, without files and times."""
+    light, shading, exposure = shaded
+    settings = shading.settings
+    return {
+        "version": VERSION,
+        "scene": job.name,
+        "vertices": len(shading.radiance),
+        "faces": len(job.scene.faces),
+        "chunks": len(job.scene.chunks),
+        "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
+        "angle_deg": light.rotation_deg,
+        "lamps": job.options.lamp_factor,
+        "open": job.options.opened,
+        "albedo": job.choice_name,
+        "capture": job.appearance.capture,
+        "method": settings.method,
+        "bands": settings.bands,
+        "rays": settings.rays,
+        "effects": sorted(settings.effects),
+        "suns": shading.sun_count,
+        "bounces": [round(share, 6) for share in shading.bounces],
+        "seed": job.wishes.seed,
+        "plan": None if job.plan is None else job.plan.as_dict(),
+        "rays_traced": job.relighter.rays_traced,
+        "exposure": exposure,
+        "files": [],
+    }

@@ -1,0 +1,105 @@
+"""Binary glTF 2.0, built array after array: what all writers of .glb files share."""
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.outputs import staged_file
+from ..base.version import VERSION
+
+_SHORT, _UNSIGNED_SHORT, _UNSIGNED_INT, _FLOAT = 5122, 5123, 5125, 5126
+_COMPONENTS = {"<i2": _SHORT, "<u2": _UNSIGNED_SHORT, "<u4": _UNSIGNED_INT, "<f4": _FLOAT}
+_ATTRIBUTES, _INDICES = 34962, 34963  # targets of buffer views
+
+POINTS = 0
+"""The mode of a primitive without faces."""
+
+_LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF forbids it as a 16-bit index
+
+
+class Glb:
+    """A document and its one buffer. `document` holds whatever else a file needs; arrays and nodes are added here."""
+
+    def __init__(self, generator: str = "splat2mesh", **document: Any) -> None:
+        """document: fields of `pygltflib.GLTF2`, such as materials."""
+        import pygltflib as gltf
+
+        self.document = gltf.GLTF2(asset=gltf.Asset(version="2.0", generator=f"{generator} {VERSION}"), **document)
+        self._blob = bytearray()
+
+    def values(self, array: NDArray, target: int = _ATTRIBUTES, **more: Any) -> int:
+        """Append (N,), (N, 2), (N, 3) or (N, 4) of float32, uint32, uint16 or int16; index of its accessor.
+
+        more: fields of `pygltflib.Accessor`. pygltflib aligns arrays to 4 bytes on saving.
+        """
+        import pygltflib as gltf
+
+        array = np.ascontiguousarray(array)
+        array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
+        component = _COMPONENTS["<" + array.dtype.str[1:]]
+        view = self.data(array.tobytes(), target=target)
+        accessor = gltf.Accessor(bufferView=view, componentType=component, count=len(array), type=kind, **more)
+        self.document.accessors.append(accessor)
+        return len(self.document.accessors) - 1
+
+    def positions(self, points: NDArray) -> int:
+        """Append (N, 3) with the bounds that glTF asks for; index of its accessor."""
+        points = np.asarray(points, np.float32)
+        return self.values(points, min=points.min(axis=0).tolist(), max=points.max(axis=0).tolist())
+
+    def indices(self, faces: NDArray, vertex_count: int) -> int:
+        """Append (F, 3) faces, in 16 bits where those suffice; index of its accessor."""
+        if vertex_count - 1 > _LARGEST_SHORT_INDEX:
+            return self.triangles(faces)
+        return self.values(faces.ravel().astype(np.uint16), _INDICES)
+
+    def triangles(self, faces: NDArray) -> int:
+        """Append (F, 3) faces in 32 bits, which every loader reads; index of its accessor."""
+        return self.values(faces.ravel().astype(np.uint32), _INDICES)
+
+    def data(self, content: bytes, **more: Any) -> int:
+        """Append bytes; index of their buffer view, whose fields `more` are."""
+        import pygltflib as gltf
+
+        view = gltf.BufferView(buffer=0, byteOffset=len(self._blob), byteLength=len(content), **more)
+        self._blob += content
+        self.document.bufferViews.append(view)
+        return len(self.document.bufferViews) - 1
+
+    def mesh(self, name: str, attributes: dict[str, int], **primitive: Any) -> None:
+        """Add a mesh of one primitive and the node that shows it. attributes: name -> accessor; primitive: its fields;
+        triangles, where they name no mode."""
+        import pygltflib as gltf
+
+        part = gltf.Primitive(attributes=gltf.Attributes(), **({"mode": gltf.TRIANGLES} | primitive))
+        for key, accessor in attributes.items():  # names with a colon cannot be keyword arguments
+            setattr(part.attributes, key, accessor)
+        self.document.meshes.append(gltf.Mesh(name=name, primitives=[part]))
+        self.document.nodes.append(gltf.Node(name=name, mesh=len(self.document.meshes) - 1))
+
+    def content(self, extras: dict | None = None) -> bytes:
+        """The whole file, whose one scene shows all nodes. extras: JSON values of that scene."""
+        import pygltflib as gltf
+
+        nodes = list(range(len(self.document.nodes)))
+        self.document.scenes, self.document.scene = [gltf.Scene(nodes=nodes, extras=extras or {})], 0
+        self.document.buffers = [gltf.Buffer(byteLength=len(self._blob))]
+        self.document.set_binary_blob(bytes(self._blob))
+        return b"".join(self.document.save_to_bytes())
+
+    def save(self, path: str | os.PathLike[str], extras: dict | None = None) -> None:
+        """Write the file, complete or not at all."""
+        content = self.content(extras)
+        with staged_file(path) as staging:
+            staging.write_bytes(content)
+
+
+def matt_white() -> Any:
+    """A material of baseColor white without gloss, seen from both sides, which COLOR_0 is multiplied with."""
+    import pygltflib as gltf
+
+    surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
+    return gltf.Material(name="albedo", pbrMetallicRoughness=surface, doubleSided=True)
