@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
+from splat2mesh.scene.folder import META
 from splat2mesh.scene.foreign import AnyScene
-from splat2mesh.scene.scene import META, Scene
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import WRITERS, write_splats
 from splat2mesh.splats.splats import Splats
 

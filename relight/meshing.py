@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.scene import META
+from splat2mesh.scene.folder import META
 
 if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages

@@ -147,7 +147,7 @@ def main(arguments: list[str] | None = None) -> int:
 def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .base.errors import InputError
     from .base.outputs import check_output
-    from .scene.scene import META, PICTURE, PROXY
+    from .scene.folder import META, PICTURE, PROXY
 
     source = Path(options.input)
     if not os.path.exists(source):

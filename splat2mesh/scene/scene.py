@@ -1,17 +1,6 @@
-"""The scene folder: what splat2mesh writes and relight lights.
+"""The chunked mesh: what splat2mesh makes and relight lights. `folder` is what it is on disk."""
 
-scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
-chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
-background.npy      rows of the source's splats that are far background, where there are any
-preview.png         the splat and the mesh side by side
-proxy.glb           what bodies collide with, where it was asked for (see `splat2mesh.proxy`)
-measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
-"""
-
-import hashlib
-import json
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -21,41 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from ..base.inputs import file_size, inside, load_array, read_json, reading
-from ..base.outputs import check_output, staged_folder
-from ..base.strictjson import text_of
-from ..base.version import VERSION
+from ..base.inputs import reading
 from .chunks import DEFAULT_MAX_VERTICES, split
 from .color import linear_from_srgb
-from .measured import FILE as MEASURED
+from .folder import bounds_of, read_folder, write_folder
 from .measured import Measured
 from .mesh import Mesh
-from .meshfile import read_mesh, write_mesh_ply
-
-SCHEMA_VERSION = 2
-"""1 had no checksums; scenes of it are read as they are."""
-
-SUMMED = (
-    "source",
-    "scene_from_splat",
-    "bounds",
-    "preview_camera",
-    "capture",
-    "settings",
-    "statistics",
-    "chunks",
-    "files",
-)
-"""What the checksum of scene.json covers: all that a program reads from it."""
-
-META = "scene.json"
-MOST_REACH = 1e4
-"""How far a camera may stand, in sizes of the scene: from there it covers a tenth of a pixel."""
-
-BACKGROUND = "background.npy"
-BESIDE = BACKGROUND, MEASURED
-PICTURE = "preview.png"
-PROXY = "proxy.glb"
+from .meshfile import read_mesh
 
 
 @dataclass
@@ -112,78 +73,15 @@ class Scene:
         if not path.is_dir():
             return cls([read_mesh(path)], path=path)
         with reading(path):
-            return cls._of_folder(path)
-
-    @classmethod
-    def _of_folder(cls, path: Path) -> "Scene":
-        entries, fields, sums = _read_meta(path / META)
-        chunks: list[Mesh] = []
-        background: list[Mesh] = []
-        for file, is_background, *expected in entries:
-            name = file.name
-            mesh = read_mesh(file)
-            found = [len(mesh.vertices), len(mesh.faces)]
-            if found != expected:
-                raise InputError(
-                    f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
-                    f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
-                )
-            if file in sums and sha256_of(file) != sums[file]:
-                raise _changed(file)
-            (background if is_background else chunks).append(mesh)
-        for file in (path / name for name in BESIDE):
-            if file in sums and sha256_of(file) != sums[file]:
-                raise _changed(file)
-        if (path / BACKGROUND).is_file():
-            fields["background_splats"] = _read_rows(path / BACKGROUND)
-        if (path / MEASURED).is_file():
-            fields["measured"] = Measured.load(path / MEASURED, sum(len(chunk.vertices) for chunk in chunks))
-        return cls(chunks, path=path, background=background, **fields)
+            chunks, background, kept = read_folder(path)
+            return cls(chunks, path=path, background=background, **kept)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the scene folder; it appears complete or not at all.
 
         Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
         """
-        check_output(path, overwrite, META)
-        with staged_folder(path, overwrite, META) as folder:
-            (folder / "chunks").mkdir()
-            entries = []
-            for index, chunk in enumerate([*self.chunks, *self.background]):
-                name = f"{index:04d}.ply"
-                write_mesh_ply(folder / "chunks" / name, chunk)
-                entry = {"file": name, "vertices": len(chunk.vertices), "faces": len(chunk.faces)}
-                entry["bounds"] = _bounds(chunk.vertices).tolist()
-                entries.append(entry | {"sha256": sha256_of(folder / "chunks" / name)})
-                if index >= len(self.chunks):
-                    entries[-1]["background"] = True
-            if len(self.background_splats):
-                np.save(folder / BACKGROUND, self.background_splats.astype(np.int64))
-            if self.measured is not None:
-                self.measured.save(folder / MEASURED)
-            if self.picture is not None:
-                import imageio.v3 as iio
-
-                iio.imwrite(folder / PICTURE, self.picture)
-            if self.proxy is not None:
-                (folder / PROXY).write_bytes(self.proxy)
-            meta = {
-                "schema_version": SCHEMA_VERSION,
-                "version": VERSION,
-                "source": _with_paths(self.source, lambda file: _relative(file, path)),
-                "scene_from_splat": np.asarray(self.scene_from_splat).tolist(),
-                "bounds": self.bounds.tolist(),
-                "preview_camera": self.preview_camera,
-                "capture": self.capture,
-                "measured": None if self.measured is None else self.measured.described(),
-                "settings": self.settings,
-                "statistics": self.statistics,
-                "chunks": entries,
-                "files": {name: sha256_of(folder / name) for name in BESIDE if (folder / name).is_file()},
-            }
-            meta = json.loads(text_of(meta))  # as a reader finds it
-            meta["sha256"] = _sum(meta)
-            (folder / META).write_text(text_of(meta, indent=1) + "\n", encoding="utf-8")
+        write_folder(self, path, overwrite)
         self.path = Path(path)
 
     @property
@@ -226,7 +124,7 @@ class Scene:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """(2, 3): lowest and highest corner."""
-        return _bounds(self.vertices)
+        return bounds_of(self.vertices)
 
     @property
     def diagonal(self) -> float:
@@ -241,148 +139,3 @@ class Scene:
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     array.setflags(write=False)
     return array
-
-
-def _read_rows(path: Path) -> NDArray[np.int64]:
-    try:
-        rows = load_array(path)
-    except ValueError as error:
-        raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
-    if rows.ndim != 1 or rows.dtype != np.int64:
-        raise InputError(f"{path}: expected a list of int64 rows, found {rows.dtype} of shape {rows.shape}")
-    return rows
-
-
-def _bounds(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
-
-
-def _with_paths(source: dict[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """A copy of a source whose paths, its own and those of its objects, went through `change`."""
-    source = dict(source)
-    if "path" in source:
-        source["path"] = change(source["path"])
-    if "objects" in source:
-        source["objects"] = [_with_paths(entry, change) for entry in source["objects"]]
-    return source
-
-
-def _relative(file: str, folder: str | os.PathLike[str]) -> str:
-    """A file's path from a folder, with slashes; links among the folders are followed, so that `..` leads back."""
-    file = absolute(file)
-    try:
-        return Path(os.path.relpath(file, os.path.realpath(folder))).as_posix()
-    except ValueError:  # on another drive
-        return Path(file).as_posix()
-
-
-def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
-    """A path from a folder as text, absolute: links among its folders are followed, that of the file itself is not."""
-    whole = Path(os.path.realpath(folder), file)
-    return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
-
-
-def _check_camera(camera: Any, bounds: Any) -> None:
-    """Raise ValueError for a camera that cannot look at the scene from where it stands."""
-    if camera is None:
-        return
-    places = np.array([camera[name] for name in ("eye", "target", "up")], np.float64).reshape(3, 3)
-    low, high = np.array([[-1.0] * 3, [1.0] * 3] if bounds is None else bounds, np.float64).reshape(2, 3)
-    reach = MOST_REACH * max(float(np.abs([low, high]).max()), float(np.linalg.norm(high - low)))
-    sound = np.isfinite(places).all() and np.abs(places).max() <= max(reach, 1.0) and places[2].any()
-    if not (sound and (places[0] != places[1]).any() and 0.0 < float(camera["fov_deg"]) < 180.0):
-        raise ValueError(f"no camera can stand at {camera['eye']}, look at {camera['target']}")
-
-
-def sha256_of(path: Path) -> str:
-    """SHA-256 of a regular file, as a hex string."""
-    file_size(path, "file of a scene")
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") else _digest(file)
-
-
-def _digest(file: Any) -> str:
-    digest = hashlib.sha256()
-    while block := file.read(1 << 20):
-        digest.update(block)
-    return digest.hexdigest()
-
-
-def _sum(meta: dict[str, Any]) -> str:
-    """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
-    they may be mended by hand, and what they lead to has a checksum of its own."""
-    told = {name: meta.get(name) for name in SUMMED}
-    source = dict(told["source"] or {})
-    source.pop("path", None)
-    if "objects" in source:
-        source["objects"] = [{key: each[key] for key in each if key != "path"} for each in source["objects"]]
-    return hashlib.sha256(json.dumps(told | {"source": source}, sort_keys=True).encode()).hexdigest()
-
-
-def _check_sums(path: Path, meta: dict[str, Any]) -> None:
-    """Raise InputError where scene.json is not as it was written. Version 1 had no sums."""
-    summed = ["sha256" in meta, "files" in meta, *("sha256" in entry for entry in meta["chunks"])]
-    if meta["schema_version"] == 1 and not any(summed):
-        return
-    if not all(summed) or _sum(meta) != meta["sha256"]:
-        raise _changed(path)
-    extra = [name for name in BESIDE if (path.parent / name).exists() and name not in meta["files"]]
-    if extra:
-        raise InputError(f"{path.parent / extra[0]}: no part of this scene, whose {META} does not name it: remove it")
-
-
-def _changed(path: Path) -> InputError:
-    advice = "copy the folder again, or convert the splat again"
-    return InputError(f"{path}: damaged or changed since it was written (its SHA-256 differs): {advice}")
-
-
-def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
-    """Of scene.json: [file, whether background, vertices, faces] of each chunk, the Scene's other fields, and the
-    SHA-256 of files."""
-    if not path.is_file():
-        raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
-    try:
-        meta = read_json(path)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not valid JSON ({error}); convert the splat again") from error
-    version = meta.get("schema_version") if isinstance(meta, dict) else None
-    if not isinstance(version, int) or version < 1:
-        raise InputError(f"{path}: has no schema_version, so it is not a scene of this tool")
-    if version > SCHEMA_VERSION:
-        raise InputError(f"{path}: schema version {version}, this tool reads up to {SCHEMA_VERSION}; update the tool")
-    required = ("chunks", "scene_from_splat", "preview_camera", "source", "settings", "statistics")
-    missing = [name for name in required if name not in meta]
-    if missing or not meta["chunks"]:
-        raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
-    try:
-        entries = [
-            [
-                inside(path.parent / "chunks", entry["file"], path),
-                bool(entry.get("background")),
-                entry["vertices"],
-                entry["faces"],
-            ]
-            for entry in meta["chunks"]
-        ]
-        sums = {
-            file: entry["sha256"]
-            for (file, *_), entry in zip(entries, meta["chunks"], strict=True)
-            if "sha256" in entry
-        }
-        sums |= {path.parent / name: digest for name, digest in meta.get("files", {}).items() if name in BESIDE}
-        if all(is_background for _, is_background, *_ in entries):
-            raise ValueError("only background chunks")
-        fields = {"capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
-        fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
-        fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
-        if not np.isfinite(fields["scene_from_splat"]).all():
-            raise ValueError("scene_from_splat is not finite")
-        _check_camera(fields["preview_camera"], meta.get("bounds"))
-        _check_sums(path, meta)
-    except InputError:
-        raise
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: damaged ({error!r}); convert the splat again") from error
-    return entries, fields, sums

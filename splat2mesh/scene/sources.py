@@ -14,7 +14,8 @@ from ..splats.formats.sog import META
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import Splats
-from .scene import Scene, absolute
+from .folder import absolute
+from .scene import Scene
 
 _SOG_METAS = ("meta.json", "lod-meta.json")
 """Names that every SOG has, so that they tell none from another."""

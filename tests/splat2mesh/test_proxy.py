@@ -14,8 +14,9 @@ from closed_bodies import inside
 from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main
 from splat2mesh.proxy import add_proxy
+from splat2mesh.scene.folder import PROXY
 from splat2mesh.scene.mesh import Mesh
-from splat2mesh.scene.scene import PROXY, Scene
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.surface import convex, wrap
 from splat2mesh.surface.wrap import closed_around

@@ -8,8 +8,9 @@ from random_meshes import random_mesh
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene import meshfile
+from splat2mesh.scene.folder import SCHEMA_VERSION
 from splat2mesh.scene.meshfile import write_mesh_ply
-from splat2mesh.scene.scene import SCHEMA_VERSION, Scene
+from splat2mesh.scene.scene import Scene
 from splat2mesh.views.upright import scene_from_splat
 
 ATTRIBUTES = ("vertices", "normals", "faces", "colors_srgb")
@@ -211,7 +212,7 @@ def test_a_failure_while_saving_leaves_what_was_there_and_nothing_else(tmp_path,
             raise OSError("disk full")
         meshfile.write_mesh_ply(path, mesh)
 
-    monkeypatch.setattr("splat2mesh.scene.scene.write_mesh_ply", fails_at_the_third)
+    monkeypatch.setattr("splat2mesh.scene.folder.write_mesh_ply", fails_at_the_third)
     with pytest.raises(OSError, match="disk full"):
         random_scene(seed=1).save(tmp_path / "bust", overwrite=overwrite)
     assert len(written) == 3
