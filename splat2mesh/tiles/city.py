@@ -21,7 +21,7 @@ from ..base.version import VERSION
 from ..views.upright import UP_CHOICES
 from .look import DILATION, FOGS, LEVELS, look, probe
 from .pieces import pieces_of
-from .plan import FILE, Plan
+from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
 from .survey import LEAST_SAMPLE, SAMPLE, check_detail, deal, plan_of, say_dropped, survey
@@ -123,6 +123,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     elif there and not overwrite:
         raise InputError(f"{store.root} exists already: give another `output`, or `overwrite` or `resume` it")
     store.remove(".")
+    store.write("work/begun", b"")  # what cannot be written is told before a large source is read
     return False
 
 
@@ -179,7 +180,7 @@ def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
 def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
     store, count = steps.store, len(plan.tiles)
-    records = [store.committed(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+    records = [store.committed(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
     tasks: list[Task] = []
     looked: set[int] = set()
     waiting = dict.fromkeys(range(count), 0)
@@ -211,13 +212,13 @@ def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]
         told = "; ".join(f"{done.name}: {done.error}" for done in named[:5])
         tiles = sum(done.name.startswith("mesh") for done in lost)
         raise UnfinishedError(f"{tiles} of {count} tiles are not done ({told}); run again with `resume`")
-    return [store.read_json(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+    return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
 
 
 def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
     store, tiles = steps.store, []
     for tile, record in enumerate(records):
-        tiles.append({"name": plan.name(tile), "core": plan.core(tile).ravel().tolist(), **record})
+        tiles.append({"name": folder_of(tile), "core": plan.core(tile).ravel().tolist(), **record})
     full = [entry for entry in tiles if entry["faces"]]
     if not full:
         raise InputError(f"{source}: no surface was found: is this a splat of a place?")
