@@ -20,7 +20,7 @@ from ..base.progress import Stages
 from ..base.version import VERSION
 from ..views.upright import UP_CHOICES
 from .look import DILATION, FOGS, LEVELS, look, probe
-from .pieces import pieces_of
+from .pieces import is_url, pieces_of, size_of
 from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
@@ -70,7 +70,7 @@ def convert_city(
         "vertices": vertices,
     }
     pieces = pieces_of(os.fspath(source), lod)
-    asked["source"] = [[piece.path, piece.first, piece.last, os.path.getsize(piece.path)] for piece in pieces]
+    asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
     steps = _Steps(store, engine, stages)
     if not _goes_on(store, asked, overwrite, resume):
         _surveyed(steps, pieces, asked)
@@ -230,7 +230,7 @@ def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
     meta = {
         "schema_version": SCHEMA_VERSION,
         "version": VERSION,
-        "source": {"path": os.path.abspath(source), "pieces": plan.pieces},
+        "source": {"path": os.fspath(source) if is_url(source) else os.path.abspath(source), "pieces": plan.pieces},
         "scene_from_splat": plan.scene_from_splat,
         "up_from": plan.up_from,
         "statistics": {**totals, "fog": round(plan.fog, 4), "pixel": plan.pixel},

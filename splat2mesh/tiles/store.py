@@ -39,7 +39,7 @@ class Store:
 
     def path(self, name: str) -> str:
         """The whole name of a file, as its file system takes it."""
-        return f"{self.root}/{name}"
+        return f"{self.root}/{name}" if name else self.root
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file. Object stores show an object only once it is whole; a folder gets it by a rename."""
@@ -83,6 +83,18 @@ class Store:
             return False
         except Exception as error:
             raise InputError(f"cannot read {self.path(name)}: {_reason(error)}") from error
+
+    def listed(self) -> dict[str, int]:
+        """All files of a store of fsspec below the root, or the file that the root itself is, by "": bytes of each."""
+        try:
+            fs = self._remote()
+            top = fs._strip_protocol(self.root)
+            found = fs.find(top, detail=True)
+        except FileNotFoundError:
+            return {}
+        except Exception as error:
+            raise InputError(f"cannot read {self.root}: {_reason(error)}") from error
+        return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
     def remove(self, folder: str) -> None:
         """Remove a folder of files, where it is there."""
