@@ -150,10 +150,10 @@ def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
     from .scene.folder import META, PICTURE, PROXY
 
     source = Path(options.input)
-    if not os.path.exists(source):
+    if not os.path.exists(source) and "://" not in options.input:
         raise InputError(f"{source}: no such file")
     _understand(options)
-    if wants_tiles(options):
+    if wants_tiles(options) or "://" in options.input:
         from .tiles.command import mesh_city
 
         return mesh_city(options, parser().parse_args([options.input]), options.output or str(default_output(source)))

@@ -18,7 +18,8 @@ from ..light.environment import Environment
 from ..options import PLACE_TOLERANCE, LightingOptions
 from ..splats.sky import SKIES
 from .local import NEAR
-from .work import LIGHT, common_light, relit_far, relit_tile
+from .shared import LIGHT, write_sky
+from .work import common_light, relit_far, relit_tile
 
 FORMATS = ("glb", "ply", "npy", "splat")
 """What a tile can be written as."""
@@ -89,7 +90,8 @@ def relight_city(
 
     told = store.read_json(f"{folder}/light.json") if store.exists(f"{folder}/light.json") else None
     if told is None or not store.exists(f"{folder}/{LIGHT}"):
-        task = Task("light", common_light, (store, folder, light, options, albedo, exposure_ev))
+        write_sky(store, folder, light)
+        task = Task("light", common_light, (store, folder, options, albedo, exposure_ev))
         for done in run("light", [task]):
             raise UnfinishedError(f"the light of the capture failed: {done.error}")
         told = took["light"].result
@@ -99,13 +101,13 @@ def relight_city(
     for tile, entry in enumerate(city["tiles"]):
         if store.committed(f"{folder}/{entry['name']}/relit.json") is None:
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
-            wishes = (light, options, albedo, tuple(formats))
+            wishes = (told["sha256"], options, albedo, tuple(formats))
             tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
     if "splat" in formats:
         eye = np.append((np.array(plan.low) + plan.high) / 2, 1.0) @ np.linalg.inv(plan.rotation).T
         for number, counts in enumerate(dealt):
             if "-1" in counts and store.committed(f"{folder}/far/{number:05d}.json") is None:
-                far = (store, folder, light, number, eye[:3].tolist(), sky)
+                far = (store, folder, told["sha256"], number, eye[:3].tolist(), sky)
                 tasks.append(Task(f"far {number}", relit_far, far))
     lost = run("tiles", tasks)
     if lost:

@@ -12,46 +12,34 @@ from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import NUMBERS, Splats
 from splat2mesh.tiles.glb import glb_bytes
+from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 
-from ..albedo.division import Prior
 from ..engine.appearance import CAPTURE, LEAST_ALBEDO
 from ..light.environment import Environment
 from ..options import LightingOptions
-from .local import city_of, far_scene, local_scene
-
-LIGHT = "light.npz"
-"""Of a relit city's folder: the light of the capture and the exposure, the same for all tiles."""
+from .local import far_scene, local_scene
+from .shared import Shared, coarse_city, read_sky, write_shared
 
 
-def common_light(
-    store: Store,
-    folder: str,
-    env: Environment,
-    options: LightingOptions,
-    albedo: str,
-    ev: float | None,
-) -> dict[str, Any]:
+def common_light(store: Store, folder: str, options: LightingOptions, albedo: str, ev: float | None) -> dict[str, Any]:
     """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
     from ..albedo import estimate
     from ..engine.relighter import Relighter
     from ..light.tonemap import auto_exposure
 
-    scene = far_scene(store, city_of(store))
+    shared = coarse_city(store, read_sky(store, folder))
+    scene, sky = far_scene(shared), shared.sky
     relighter = Relighter(scene, options)
     captured = scene.colors_linear
-    arrays: dict[str, Any] = {"capture": np.ones((1, 1, 3), np.float32), "separable": False}
     told: dict[str, Any] = {"vertices": len(captured)}
     colors: Any = captured
     brightness: Any = None
     if albedo == "estimated":
         found = estimate(relighter.occluder, captured, options.seed, **relighter.computed(CAPTURE))
-        arrays = {
-            "capture": found.environment.radiance,
-            "separable": found.separable,
-            "prior_albedo": found.prior.albedo,
-            "prior_irradiance": found.prior.irradiance,
-        }
+        if found.separable:
+            capture = Environment(found.environment.radiance, "the capture")
+            shared = shared._replace(capture=capture, prior=found.prior)
         told |= {
             "separable": bool(found.separable),
             "reason": found.reason,
@@ -60,17 +48,17 @@ def common_light(
         colors, brightness = found.albedo, found.brightness
     elif albedo == "white":
         colors = None
-    exposure = 2.0**ev if ev is not None else auto_exposure(relighter.shade(env, colors))
-    if ev is None and brightness is not None and env.mean_luminance > 0:
-        exposure = float(min(max(brightness / env.mean_luminance, exposure / 2.0), exposure * 2.0))
-    store.write_arrays(f"{folder}/{LIGHT}", exposure=exposure, **arrays)
-    return {**told, "exposure": float(exposure)}
+    exposure = 2.0**ev if ev is not None else auto_exposure(relighter.shade(sky, colors))
+    if ev is None and brightness is not None and sky.mean_luminance > 0:
+        exposure = float(min(max(brightness / sky.mean_luminance, exposure / 2.0), exposure * 2.0))
+    key = write_shared(store, folder, shared._replace(exposure=float(exposure)))
+    return {**told, "exposure": float(exposure), "sha256": key}
 
 
 def relit_tile(
     store: Store,
     folder: str,
-    env: Environment,
+    key: str,  # of what all tiles share
     options: LightingOptions,
     albedo: str,
     formats: tuple[str, ...],
@@ -79,27 +67,24 @@ def relit_tile(
     distance: float,
 ) -> dict[str, Any]:
     """Light one tile: files of `formats` in FOLDER/tiles/TILE, and their record, which is returned."""
-    city = city_of(store)
-    entry = city["tiles"][tile]
-    name, files, facts = f"{folder}/{entry['name']}", {}, {"tile": tile, "vertices": 0}
-    if entry["faces"]:
-        files, facts = _lit(store, folder, env, options, albedo, formats, tile, sources, distance, city)
+    shared = Shared.kept(store, folder, key)
+    name, files, facts = f"{folder}/{folder_of(tile)}", {}, {"tile": tile, "vertices": 0}
+    if shared.coarse[tile] is not None:
+        files, facts = _lit(store, shared, options, albedo, formats, tile, sources, distance)
     elif "splat" in formats:
         splats = _source(store, tile, sources)
         files = {"splats.ply": inria_ply_bytes(splats)} if splats is not None else {}
     return store.commit(f"{name}/relit.json", {f"{name}/{file}": data for file, data in files.items()}, **facts)
 
 
-def _lit(store, folder, env, options, albedo, formats, tile, sources, distance, city):
+def _lit(store, shared, options, albedo, formats, tile, sources, distance):
     from ..engine.relighter import Relighter
 
-    local = local_scene(store, city, tile, distance)
-    kept = store.read_arrays(f"{folder}/{LIGHT}")
-    exposure = float(kept["exposure"])
+    local, exposure = local_scene(store, shared, tile, distance), shared.exposure
     relighter = Relighter(local.scene, options)
     captured = local.scene.colors_linear
-    colors, before = _albedo(relighter, captured, kept, albedo, options.seed)
-    shading = relighter.shading(env, colors)
+    colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
+    shading = relighter.shading(shared.sky, colors)
     own = slice(0, local.own)
     radiance = shading.radiance[own]
     mesh = local.scene.chunks[0]
@@ -122,16 +107,15 @@ def _lit(store, folder, env, options, albedo, formats, tile, sources, distance, 
     return files, facts | {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
 
 
-def _albedo(relighter, captured, kept, choice, seed):
+def _albedo(relighter, captured, shared, choice, seed):
     """Albedo (V, 3) or None for white, and what was received on the capture day, (V, 3)."""
     from ..albedo.estimate import under_light
 
     if choice == "white":
         return None, captured
-    if choice == "captured" or not kept["separable"]:
+    if shared.capture is None:
         return captured, np.ones_like(captured)
-    light = Environment(kept["capture"], "the capture")
-    prior = Prior(kept["prior_albedo"], kept["prior_irradiance"])
+    light, prior = shared.capture, shared.prior
     return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE))
 
 
@@ -152,7 +136,7 @@ def _relit_splats(splats, local, before, after, exposure):
     return Binding(splats, near, views=()).relit(before[:count], after[:count], exposure)
 
 
-def relit_far(store: Store, folder: str, env: Environment, piece: int, eye: list[float], sky: str) -> dict[str, Any]:
+def relit_far(store: Store, folder: str, key: str, piece: int, eye: list[float], sky: str) -> dict[str, Any]:
     """The far background of a piece in the new light: FOLDER/far/PIECE.ply."""
     from ..splats.sky import under_sky
 
@@ -160,8 +144,8 @@ def relit_far(store: Store, folder: str, env: Environment, piece: int, eye: list
     kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
     splats = Splats(**{field: kept[field] for field in NUMBERS})
     if sky != "keep":
-        exposure = float(store.read_arrays(f"{folder}/{LIGHT}")["exposure"])
-        matrix = np.array(city_of(store)["scene_from_splat"])
+        shared = Shared.kept(store, folder, key)
         rows = np.flatnonzero(np.isfinite(splats.means).all(axis=1))
-        splats = under_sky(splats, rows, env, matrix, exposure, sky, np.array(eye))
+        light = shared.sky, shared.scene_from_splat, shared.exposure
+        splats = under_sky(splats, rows, *light, sky, np.array(eye))
     return store.commit(f"{name}.json", {f"{name}.ply": inria_ply_bytes(splats)}, piece=piece, splats=len(splats))

@@ -6,33 +6,33 @@ Each run is a process of its own. Cities are generated; depth maps and light are
 import hashlib
 import json
 import os
-import random
 import shutil
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.city_scheduler import simulate
 from benchmarks.harness import ROOT
 from splat2mesh.tiles.seams import check_seams
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Cluster, Done, Task
 
 QUICK = ["1000", "--parts", "scheduler", "--dummies", "50"]
 
 PARTS = ("curve", "bytes", "scheduler")
 
+SMALL, SMALL_TILE, SMALL_PIXELS = 24_000, 9_000, 40
+"""Of the city that is made in every way: splats, those of a tile and its halo, side of the views."""
+
 RUN = """
-import json, sys
-from splat2mesh.tiles.city import convert_city
-from splat2mesh.tiles.tasks import engine
-source, output, workers, settings = sys.argv[1], sys.argv[2], json.loads(sys.argv[3]), json.loads(sys.argv[4])
-with engine(None, workers, None) as running:
-    print(json.dumps(convert_city(source, output, running, detail="draft", **settings)))
+import sys
+from pathlib import Path
+sys.path.insert(0, str(Path(sys.argv[1]) / "scripts"))
+from benchmarks import city_run
+city_run.main(*sys.argv[2:])
 """
 """What a process of its own runs; tile_splats, which the command leaves to --memory, sets the size of the tiles."""
 
@@ -42,8 +42,11 @@ def arguments(parser):
     add("sizes", type=float, nargs="*", default=[1e5, 1e6], metavar="SPLATS", help="cities (default: 100000 1000000)")
     add("--parts", nargs="+", choices=PARTS, default=PARTS, help="what to measure (default: all)")
     add("--tile-splats", type=int, default=60_000, metavar="N", help="of a tile and its halo (default: %(default)s)")
-    add("--deaths", type=int, default=1, metavar="N", help="runs with a worker killed at random (default: %(default)s)")
-    add("--dummies", type=int, default=10_000, metavar="N", help="tiles of the simulation (default: %(default)s)")
+    add(
+        "--deaths", type=int, default=20, metavar="N", help="runs with a worker killed at random (default: %(default)s)"
+    )
+    add("--dummies", type=int, nargs="+", default=[100, 1000, 10_000], metavar="N", help="tiles of the simulation")
+    add("--dummy-workers", type=int, default=4, metavar="N", help="its workers (default: %(default)s)")
     add("--folder", type=Path, help="keep the cities here, and take those that are (default: temporary)")
 
 
@@ -56,7 +59,7 @@ def run(options, report):
         if "bytes" in options.parts:
             equal_bytes(folder, options, report)
     if "scheduler" in options.parts:
-        scheduler(options.dummies, report)
+        scheduler(options, report)
 
 
 def city(folder, splats):
@@ -70,17 +73,14 @@ def city(folder, splats):
 
 def started(source, output, workers=None, **settings):
     """A process that meshes a city."""
-    command = [sys.executable, "-c", RUN, source, output, json.dumps(workers), json.dumps(settings)]
+    command = [sys.executable, "-c", RUN, ROOT, source, output, json.dumps(workers), json.dumps(settings)]
     return subprocess.Popen(list(map(str, command)), cwd=ROOT, env=_environment(), stdout=subprocess.PIPE, text=True)
 
 
-def convert(source, output, workers=None, killed_after=None, **settings):
-    """Mesh a city; returns the report with `wall` and `cpu` in seconds. killed_after: seconds after which one of its
-    workers is killed."""
+def convert(source, output, workers=None, **settings):
+    """Mesh a city; returns the report with `wall` and `cpu` in seconds."""
     start, before = time.perf_counter(), os.times()
     process = started(source, output, workers, **settings)
-    if killed_after is not None:
-        threading.Timer(killed_after, _kill_a_worker, (process.pid,)).start()
     text, _ = process.communicate()
     after = os.times()
     if process.returncode:
@@ -91,34 +91,6 @@ def convert(source, output, workers=None, killed_after=None, **settings):
 
 def _environment():
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-
-
-def _kill_a_worker(pid):
-    """Kill one process among the grandchildren of a process: those that nannies started."""
-    children = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                children.setdefault(int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1]), []).append(
-                    int(entry.name)
-                )
-            except OSError:
-                pass
-    pending, found = [pid], []
-    while pending:
-        for child in children.get(pending.pop(), []):
-            pending.append(child)
-            found.append(child)
-    spawned = [each for each in found if b"spawn_main" in _command_line(each)]
-    if spawned:
-        os.kill(random.choice(spawned), 9)
-
-
-def _command_line(pid):
-    try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes()
-    except OSError:
-        return b""
 
 
 def curve(folder, options, report):
@@ -151,35 +123,46 @@ def curve(folder, options, report):
 
 
 def equal_bytes(folder, options, report):
-    splats = int(min(options.sizes))
-    source = city(folder, splats)
-    settings = {"tile_splats": options.tile_splats}
-    runs = {"plain loop": None, "1 worker": 1, "2 workers": 2}
+    """A small city made in every way; the deaths share one cluster, whose first run is the one nobody dies in."""
+    source, settings = city(folder, SMALL), {"tile_splats": SMALL_TILE, "pixels": SMALL_PIXELS}
     table = report.table(
-        f"the same city of {splats:,} splats by other ways", way="<22", wall=".1f", cpu=".1f", differing=".0f"
+        f"a city of {SMALL:,} splats by other ways",
+        way="<22",
+        cpu=".1f",
+        killed=".2f",
+        tiles_done=".0f",
+        differing=".0f",
     )
-    expected, usual = None, 0.0
-    for name, workers in runs.items():
+    expected = None
+    for name, workers in {"plain loop": None, "1 worker": 1}.items():
         output = _fresh(folder / "way")
         found = convert(source, output, workers, **settings)
         expected = expected or checksums(output)
-        usual = found["wall"]
-        table.add(way=name, wall=found["wall"], cpu=found["cpu"], differing=differing(expected, checksums(output)))
-    for number in range(options.deaths):
+        table.add(way=name, cpu=found["cpu"], differing=differing(expected, checksums(output)))
+    for name, signal in {"interrupted, resumed": 2, "killed, resumed": 9}.items():
         output = _fresh(folder / "way")
-        after = random.Random(number).uniform(0.3, 0.9) * usual
-        found = convert(source, output, 2, killed_after=after, **settings)
-        row = {"wall": found["wall"], "cpu": found["cpu"], "differing": differing(expected, checksums(output))}
-        table.add(way=f"2 workers, death {number}", **row)
-    output = _fresh(folder / "way")
-    process = started(source, output, **settings)
-    while not list(output.glob("tiles/*/mesh.json")) and process.poll() is None:
-        time.sleep(0.1)
-    process.kill()
-    process.wait()
-    found = convert(source, output, resume=True, **settings)
-    row = {"wall": found["wall"], "cpu": found["cpu"], "differing": differing(expected, checksums(output))}
-    table.add(way="killed and resumed", **row)
+        process = started(source, output, **settings)
+        while not list(output.glob("tiles/*/mesh.json")) and process.poll() is None:
+            time.sleep(0.05)
+        process.send_signal(signal)
+        process.communicate()
+        done = len(list(output.glob("tiles/*/mesh.json")))
+        assert process.returncode and not (output / "city.json").exists()
+        found = convert(source, output, resume=True, **settings)
+        table.add(way=name, cpu=found["cpu"], tiles_done=done, differing=differing(expected, checksums(output)))
+    process = started(source, folder / "deaths", 2, deaths=options.deaths, **settings)
+    before = os.times()
+    for line in process.stdout:
+        found = json.loads(line)
+        name = f"2 workers, death {found['number']}" if found["killed_after"] else "2 workers"
+        found["differing"] = differing(expected, checksums(Path(found["output"])))
+        table.add(way=name, **{key: found[key] for key in ("killed_after", "tiles_done", "differing")})
+        shutil.rmtree(found["output"])
+    if process.wait():
+        raise SystemExit(f"splat2mesh failed with {process.returncode}")
+    after = os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    report.note(f"the runs on two workers: {cpu:.0f} processor seconds")
 
 
 def _fresh(path):
@@ -201,27 +184,18 @@ def differing(expected, found):
     return sum(expected.get(name) != found.get(name) for name in expected.keys() | found.keys())
 
 
-def nothing(tile, *_):
-    """A tile that takes no time."""
-    return tile
-
-
-def scheduler(count, report):
-    """What a scheduler of Dask takes for so many tiles with the dependencies of a city, when tiles take no time."""
-    from dask.distributed import Client
-
-    side = max(2, round(np.sqrt(count)))
-    tasks = [Task(f"look {n}", nothing, (n,)) for n in range(side * side)]
-    for n in range(side * side):
-        x, z = divmod(n, side)
-        around = [(x + i) * side + z + j for i in (-1, 0, 1) for j in (-1, 0, 1) if 0 <= x + i < side > z + j >= 0]
-        tasks.append(Task(f"mesh {n}", nothing, (n,), tuple(f"look {m}" for m in around if m >= 0)))
-    with Client(processes=False, n_workers=2, threads_per_worker=1, dashboard_address=":0") as client:
-        start, cpu = time.perf_counter(), time.process_time()
-        done = list(Cluster(client).run(tasks))
-        wall, cpu = time.perf_counter() - start, time.process_time() - cpu
-    assert all(isinstance(each, Done) and not each.error for each in done)
-    table = report.table(
-        "scheduler, client and two idle workers in one process", tiles="<10", wall=".1f", cpu=".1f", ms_a_task=".2f"
-    )
-    table.add(tiles=f"{side * side:,}", wall=wall, cpu=cpu, ms_a_task=1000 * cpu / len(tasks))
+def scheduler(options, report):
+    """What a scheduler takes for cities of many tiles in which there is no work, and a model of it."""
+    columns = {"tiles": "<8", "tasks": ".0f", "workers": ".0f", "wall": ".1f", "first": ".1f", "scheduler_s": ".1f"}
+    columns |= {"client_s": ".1f", "ms_a_task": ".2f", "scheduler_mb": ".0f", "client_mb": ".0f"}
+    table = report.table("a scheduler, its client and idle workers, a process each", **columns)
+    rows = []
+    for tiles in options.dummies:
+        found = simulate(tiles, options.dummy_workers)
+        rows.append(found)
+        table.add(**found, ms_a_task=1000 * found["scheduler_s"] / found["tasks"])
+    if len(rows) > 2:
+        tasks = np.array([row["tasks"] for row in rows], float)
+        for name, unit in {"scheduler_s": "s", "client_s": "s", "scheduler_mb": "MB"}.items():
+            each, fixed = np.polyfit(tasks, [row[name] for row in rows], 1)
+            report.note(f"{name} = {fixed:.1f} {unit} + {1000 * each:.2f} {unit} for each 1,000 tasks, least squares")

@@ -20,8 +20,8 @@ from ..base.progress import Stages
 from ..base.version import VERSION
 from ..views.upright import UP_CHOICES
 from .look import DILATION, FOGS, LEVELS, look, probe
-from .pieces import pieces_of
-from .plan import FILE, Plan
+from .pieces import is_url, pieces_of, size_of
+from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
 from .survey import LEAST_SAMPLE, SAMPLE, check_detail, deal, plan_of, say_dropped, survey
@@ -70,7 +70,7 @@ def convert_city(
         "vertices": vertices,
     }
     pieces = pieces_of(os.fspath(source), lod)
-    asked["source"] = [[piece.path, piece.first, piece.last, os.path.getsize(piece.path)] for piece in pieces]
+    asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
     steps = _Steps(store, engine, stages)
     if not _goes_on(store, asked, overwrite, resume):
         _surveyed(steps, pieces, asked)
@@ -123,6 +123,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     elif there and not overwrite:
         raise InputError(f"{store.root} exists already: give another `output`, or `overwrite` or `resume` it")
     store.remove(".")
+    store.write("work/begun", b"")  # what cannot be written is told before a large source is read
     return False
 
 
@@ -179,7 +180,7 @@ def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
 def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
     store, count = steps.store, len(plan.tiles)
-    records = [store.committed(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+    records = [store.committed(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
     tasks: list[Task] = []
     looked: set[int] = set()
     waiting = dict.fromkeys(range(count), 0)
@@ -211,13 +212,13 @@ def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]
         told = "; ".join(f"{done.name}: {done.error}" for done in named[:5])
         tiles = sum(done.name.startswith("mesh") for done in lost)
         raise UnfinishedError(f"{tiles} of {count} tiles are not done ({told}); run again with `resume`")
-    return [store.read_json(f"{plan.name(tile)}/mesh.json") for tile in range(count)]
+    return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
 
 
 def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
     store, tiles = steps.store, []
     for tile, record in enumerate(records):
-        tiles.append({"name": plan.name(tile), "core": plan.core(tile).ravel().tolist(), **record})
+        tiles.append({"name": folder_of(tile), "core": plan.core(tile).ravel().tolist(), **record})
     full = [entry for entry in tiles if entry["faces"]]
     if not full:
         raise InputError(f"{source}: no surface was found: is this a splat of a place?")
@@ -229,7 +230,7 @@ def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
     meta = {
         "schema_version": SCHEMA_VERSION,
         "version": VERSION,
-        "source": {"path": os.path.abspath(source), "pieces": plan.pieces},
+        "source": {"path": os.fspath(source) if is_url(source) else os.path.abspath(source), "pieces": plan.pieces},
         "scene_from_splat": plan.scene_from_splat,
         "up_from": plan.up_from,
         "statistics": {**totals, "fog": round(plan.fog, 4), "pixel": plan.pixel},

@@ -1,24 +1,32 @@
-"""The files of a city as pieces that fit into memory: whole files, or ranges of rows of a large PLY."""
+"""The files of a city as pieces that fit into memory: whole files, or ranges of rows of a large PLY.
 
+What lies in a bucket is copied to the worker that reads it, a file at a time.
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..base.errors import InputError
-from ..splats.formats import inria
-from ..splats.formats.parts import parts_of
+from ..splats.formats import inria, sog, streamed
+from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
 from ..splats.formats.ply import Ply
 from ..splats.formats.read import kind_of, read_splats
 from ..splats.splats import Splats
+from .store import Store
 
 PIECE_ROWS = 500_000
 """Rows of a PLY that are read at a time: about 250 MB with all harmonics."""
 
 
 class Piece(NamedTuple):
-    """Part of a city's source. path: of the file. first, last: range of its rows; last is -1 for the whole file.
+    """Part of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for the whole file.
 
     environment: whether it is the far surroundings that a streamed SOG keeps apart.
     """
@@ -30,10 +38,13 @@ class Piece(NamedTuple):
 
 
 def pieces_of(path: str, lod: Any = "auto") -> list[Piece]:
-    """The pieces of a city, in the order of its files. lod: level of a streamed SOG; auto is the finest here.
+    """The pieces of a city, in the order of its files. path: as `parts_of`, or a URL of fsspec. lod: level of a streamed
+    SOG; auto is the finest here.
 
     Raises InputError as `parts_of` does.
     """
+    if is_url(path):
+        return _in_bucket(path.rstrip("/"), lod)
     if not Path(path).exists():
         raise InputError(f"{path}: no such file")
     try:
@@ -58,11 +69,66 @@ def _cut(path: Path) -> list[Piece]:
     return [Piece(str(path), 0, -1, False)]
 
 
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL of fsspec."""
+    return "://" in os.fspath(path)
+
+
+def _in_bucket(url, lod):
+    names = Store(url).listed()
+    if not names:
+        raise InputError(f"{url}: no such file")
+    if streamed.META in names:
+        with TemporaryDirectory() as folder:
+            meta = Path(folder).resolve() / streamed.META
+            meta.write_bytes(Store(url).read(streamed.META))
+            capture = streamed.open_streamed(meta)
+            level = 0 if lod == "auto" else capture.level(check_lod(lod))
+            pieces = [_under(url, meta.parent, path) for path in capture.tiles[level]]
+            far = capture.environment
+            return pieces + ([_under(url, meta.parent, far)._replace(environment=True)] if far is not None else [])
+    if lod != "auto":
+        raise InputError(f"`lod` {lod}: {url} has no levels of detail, which only a streamed SOG has")
+    if "" in names or sog.META in names:
+        return [Piece(url, 0, -1, False)]
+    tops = {name.split("/")[0] for name in names if name.count("/") == (name.endswith("/" + sog.META))}
+    tiles = sorted(top for top in tops if top.lower().endswith(SUFFIXES) or f"{top}/{sog.META}" in names)
+    if not tiles:
+        raise InputError(f"{url}: no splat file lies in it")
+    return [Piece(f"{url}/{name}", 0, -1, False) for name in tiles]
+
+
+def _under(url, folder, path):
+    path = path.parent if path.name == sog.META else path  # its pictures lie beside it
+    return Piece(f"{url}/{path.relative_to(folder).as_posix()}", 0, -1, False)
+
+
+def size_of(piece: Piece) -> int:
+    """Bytes of a piece's file."""
+    return sum(Store(piece.path).listed().values()) if is_url(piece.path) else os.path.getsize(piece.path)
+
+
+@contextmanager
+def _here(path: str) -> Iterator[str]:
+    """A path on this machine of what a path or URL names; a copy is gone afterwards."""
+    if not is_url(path):
+        yield path
+        return
+    store, name = Store(path), path.rsplit("/", 1)[1]
+    with TemporaryDirectory(prefix="splat2mesh.") as folder:
+        for below in store.listed():
+            target = Path(folder) / name / below
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(store.read(below))
+        yield str(Path(folder) / name)
+
+
 def read_piece(piece: Piece) -> Splats:
     """The splats of a piece, as the file has them. Raises InputError as `read_splats` does."""
     piece = Piece(*piece)
-    if piece.last < 0:
-        splats = read_splats(piece.path)
-        return replace(splats, environment=np.ones(len(splats), bool)) if piece.environment else splats
-    with np.errstate(over="ignore", invalid="ignore"):
-        return inria.read(Ply.open(piece.path), slice(piece.first, piece.last))
+    with _here(piece.path) as path:
+        if piece.last < 0:
+            splats = read_splats(path)
+            return replace(splats, environment=np.ones(len(splats), bool)) if piece.environment else splats
+        with np.errstate(over="ignore", invalid="ignore"):
+            return inria.read(Ply.open(path), slice(piece.first, piece.last))

@@ -7,7 +7,7 @@ is seen in and around it, and not on the tile that computes it.
 import json
 import math
 from dataclasses import asdict, dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from hashlib import sha256
 from typing import Any
 
@@ -98,25 +98,21 @@ class Plan:
 
     def core(self, tile: int) -> NDArray[np.float64]:
         """The rectangle of a tile: (2, 2) lowest and highest x and z."""
-        return np.array(self.tiles[tile], np.float64).reshape(2, 2) * self.block
+        return self._cores[tile]
 
     def near(self, tile: int, distance: float) -> list[int]:
         """The tiles whose cores reach into the core of a tile grown by a distance, itself among them, in order."""
-        (x0, z0), (x1, z1) = self.core(tile) + np.array([[-distance], [distance]])
-        found = []
-        for other in range(len(self.tiles)):
-            (a0, b0), (a1, b1) = self.core(other)
-            if a0 < x1 and a1 > x0 and b0 < z1 and b1 > z0:
-                found.append(other)
-        return found
+        low, high = self.core(tile) + np.array([[-distance], [distance]])
+        touching = (self._cores[:, 0] < high).all(axis=1) & (self._cores[:, 1] > low).all(axis=1)
+        return np.flatnonzero(touching).tolist()
 
     def seers(self, tile: int) -> list[int]:
         """The tiles whose stations may see what a tile's ring holds."""
         return self.near(tile, self.reach + (RING + INFLUENCE) * self.block)
 
-    def name(self, tile: int) -> str:
-        """The folder of a tile."""
-        return f"tiles/{tile:05d}"
+    @cached_property
+    def _cores(self) -> NDArray[np.float64]:
+        return np.array(self.tiles, np.float64).reshape(-1, 2, 2) * self.block
 
     def owner_of(self, places: NDArray) -> NDArray[np.int64]:
         """The tile that each place belongs to: (N, 2) x and z -> (N,), -1 outside all."""
@@ -140,6 +136,11 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean."""
         return asdict(self)
+
+
+def folder_of(tile: int) -> str:
+    """The folder of a tile."""
+    return f"tiles/{tile:05d}"
 
 
 @lru_cache(2)

@@ -39,7 +39,7 @@ class Store:
 
     def path(self, name: str) -> str:
         """The whole name of a file, as its file system takes it."""
-        return f"{self.root}/{name}"
+        return f"{self.root}/{name}" if name else self.root
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file. Object stores show an object only once it is whole; a folder gets it by a rename."""
@@ -78,9 +78,23 @@ class Store:
         if self.is_local:
             return os.path.isfile(self.path(name))
         try:
-            return bool(self._remote().isfile(self.path(name)))
+            return bool(self._remote().info(self.path(name))["type"] == "file")
+        except FileNotFoundError:
+            return False
         except Exception as error:
             raise InputError(f"cannot read {self.path(name)}: {_reason(error)}") from error
+
+    def listed(self) -> dict[str, int]:
+        """All files of a store of fsspec below the root, or the file that the root itself is, by "": bytes of each."""
+        try:
+            fs = self._remote()
+            top = fs._strip_protocol(self.root)
+            found = fs.find(top, detail=True)
+        except FileNotFoundError:
+            return {}
+        except Exception as error:
+            raise InputError(f"cannot read {self.root}: {_reason(error)}") from error
+        return {name.removeprefix(top).lstrip("/"): int(about["size"]) for name, about in sorted(found.items())}
 
     def remove(self, folder: str) -> None:
         """Remove a folder of files, where it is there."""
@@ -89,16 +103,25 @@ class Store:
         where = self.root if folder == "." else self.path(folder)
         if self.is_local:
             shutil.rmtree(where, ignore_errors=True)
-        elif self._remote().exists(where):
-            self._remote().rm(where, recursive=True)
+        else:
+            self._gone(where, recursive=True)
 
     def remove_file(self, name: str) -> None:
         """Remove a file, where it is there."""
         if self.is_local:
             if os.path.lexists(self.path(name)):
                 os.unlink(self.path(name))
-        elif self._remote().exists(self.path(name)):
-            self._remote().rm_file(self.path(name))
+        else:
+            self._gone(self.path(name), recursive=False)
+
+    def _gone(self, where, recursive):
+        try:
+            if self._remote().exists(where):
+                self._remote().rm(where, recursive=recursive)
+        except FileNotFoundError:
+            pass  # somebody else was faster
+        except Exception as error:
+            raise InputError(f"cannot remove {where}: {_reason(error)}") from error
 
     def write_json(self, name: str, value: Any) -> None:
         """A JSON file, the same bytes for the same value."""
@@ -113,14 +136,11 @@ class Store:
 
     def write_arrays(self, name: str, **arrays: Any) -> None:
         """NumPy arrays as one .npz, not packed."""
-        buffer = io.BytesIO()
-        np.savez(buffer, **arrays)
-        self.write(name, buffer.getvalue())
+        self.write(name, bytes_of_arrays(**arrays))
 
     def read_arrays(self, name: str) -> dict[str, Any]:
         """The arrays of an .npz."""
-        with np.load(io.BytesIO(self.read(name)), allow_pickle=False) as kept:
-            return dict(kept)
+        return arrays_of(self.read(name))
 
     def commit(self, record: str, files: dict[str, bytes], **facts: Any) -> dict[str, Any]:
         """Write files (name -> bytes), then the record that says they are whole; returns the record."""
@@ -145,10 +165,23 @@ class Store:
         if self._fs is None:
             fsspec = needed("fsspec", f"{self.root}: a place that is no folder")
             try:
-                self._fs = fsspec.core.url_to_fs(self.root)[0]
+                self._fs = fsspec.core.url_to_fs(self.root, use_listings_cache=False)[0]  # others write too
             except (ImportError, ValueError) as error:
                 raise InputError(f"{self.root}: {error}") from None
         return self._fs
+
+
+def bytes_of_arrays(**arrays: Any) -> bytes:
+    """NumPy arrays as one .npz, not packed."""
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def arrays_of(data: bytes) -> dict[str, Any]:
+    """The arrays of an .npz."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as kept:
+        return dict(kept)
 
 
 def _reason(error: Exception) -> str:

@@ -21,7 +21,7 @@ from ..surface.simplify import simplify
 from .glb import glb_bytes
 from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import Face, carve_of, faces_around, sight_of
-from .plan import Plan
+from .plan import Plan, folder_of
 from .store import Store
 
 FAR_TOTAL, FAR_LEAST, FAR_FEW, FAR_SHARE = 60_000, 24, 1_500, 0.06
@@ -40,7 +40,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     album = Album.of(views, seen, thickness) if faces else None
     del faces, seen, thickness
     made, facts = tile_mesh(raw, tile, album, known)
-    name, files = known.name(tile), {}
+    name, files = folder_of(tile), {}
     if len(made.faces):
         far = coarse(made, far_vertices(len(known.tiles), len(made.vertices)))
         files = {

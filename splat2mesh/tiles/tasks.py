@@ -87,6 +87,7 @@ class Cluster:
 
     def __init__(self, client: Any) -> None:
         self.client = client
+        self.runs = 0
 
     @property
     def workers(self) -> int:
@@ -95,22 +96,23 @@ class Cluster:
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield what became of each, as they come."""
+        from dask import delayed
         from dask.distributed import as_completed
 
-        futures: dict[str, Any] = {}
+        work, nodes = delayed(guarded, pure=False, traverse=False), {}
         for task in tasks:
-            waits = [futures[name] for name in task.after if name in futures]
-            futures[task.name] = self.client.submit(
-                guarded, task.name, task.function, task.arguments, *waits, key=f"{task.name}-{id(self):x}", pure=False
-            )
-        names = {future.key: name for name, future in futures.items()}
-        for future in as_completed(futures.values()):
-            name = names[future.key]
+            waits = [nodes[name] for name in task.after if name in nodes]
+            key = f"{task.name}-{id(self):x}-{self.runs}"
+            nodes[task.name] = work(task.name, task.function, task.arguments, *waits, dask_key_name=key)
+        self.runs += 1
+        futures = self.client.compute(list(nodes.values()), optimize_graph=False)
+        names = {future: name for future, name in zip(futures, nodes, strict=True)}
+        for future, found in as_completed(futures, with_results=True, raise_errors=False):
             if future.status == "finished":
-                yield future.result()
+                yield found
             else:
-                failure = future.exception()
-                yield Done(name, None, 0.0, 0.0, " ".join(f"{type(failure).__name__}: {failure}".split()))
+                _, failure, _ = found
+                yield Done(names[future], None, 0.0, 0.0, " ".join(f"{type(failure).__name__}: {failure}".split()))
 
 
 def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *before: Done) -> Done:

@@ -4,12 +4,14 @@ import json
 
 import numpy as np
 import pytest
+from buckets import bucket_server, copied, made_bucket, sent
 from cities import few_pixels, generated, meshed, sums
 
 from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
 from relight.tiles.city import relight_city
-from relight.tiles.local import city_of, local_scene, tile_mesh
+from relight.tiles.local import local_scene, tile_mesh
+from relight.tiles.shared import Shared, city_of, coarse_city
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
@@ -37,7 +39,7 @@ def relit(city):
 def test_each_tile_is_lit_as_in_the_whole_city(city, relit):
     store = Store(city)
     entries = [entry for entry in city_of(store)["tiles"] if entry["faces"]]
-    whole = Scene([tile_mesh(store, entry) for entry in entries])
+    whole = Scene([tile_mesh(store, entry["tile"]) for entry in entries])
     options = LightingOptions(bands=3, rays=256, effects="shadows")
     expected = Relighter(whole, options).shade(Environment.load("noon"))
     white = relight_city(city, "noon", Loop(), options, formats=("npy",), albedo="white", folder="relit/white")
@@ -54,6 +56,21 @@ def test_all_tiles_have_one_light_and_one_exposure(relit):
     for entry in (folder / "tiles").iterdir():
         kept = json.loads((entry / "relit.json").read_text())
         assert kept["bands"] == 3
+
+
+def test_what_the_tiles_share_comes_back_to_the_bit(relit):
+    folder, report = relit
+    shared = Shared.kept(Store(folder.parents[1]), "relit/a", report["light"]["sha256"])
+    sky = Environment.load("noon")
+    np.testing.assert_array_equal(shared.sky.radiance, sky.radiance)
+    assert (shared.sky.name, shared.sky.rotation_deg, shared.sky.formula) == (sky.name, 0.0, "noon")
+    expected = coarse_city(Store(folder.parents[1]), sky)
+    np.testing.assert_array_equal(shared.cores, expected.cores)
+    for kept, mesh in zip(shared.coarse, expected.coarse, strict=True):
+        for name in ("vertices", "normals", "faces", "colors_srgb"):
+            np.testing.assert_array_equal(getattr(kept, name), getattr(mesh, name))
+    with pytest.raises(InputError, match="has changed"):
+        Shared.kept(Store(folder.parents[1]), "relit/a", "0" * 64)
 
 
 def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
@@ -77,10 +94,19 @@ def test_a_run_that_goes_on_ends_in_the_same_bytes(city, relit):
     assert sums(folder) == before
 
 
+def test_a_city_in_a_bucket_has_the_same_bytes(city, relit, tmp_path):
+    with pytest.MonkeyPatch.context() as patch, bucket_server(patch):
+        url = f"{made_bucket('cities')}/small"
+        for name in ("plan.json", "city.json", "tiles", "splats"):
+            sent(city / name, f"{url}/{name}")
+        relight_city(url, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
+        assert sums(copied(f"{url}/relit/a", tmp_path / "copy")) == sums(relit[0])
+
+
 def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
     store = Store(city)
-    local = local_scene(store, city_of(store), 0, 5.0)
-    assert local.own == len(tile_mesh(store, city_of(store)["tiles"][0]).vertices)
+    local = local_scene(store, coarse_city(store, Environment.load("noon")), 0, 5.0)
+    assert local.own == len(tile_mesh(store, 0).vertices)
     assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
 
 

@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from buckets import bucket_server, copied, made_bucket, no_rights
 from cities import few_pixels, generated, meshed, sums
 
 from splat2mesh.base.errors import InputError, UnfinishedError
@@ -84,6 +85,20 @@ def test_an_interrupted_run_goes_on_and_ends_in_the_same_bytes(made, patch, sour
         file.write(b"x")
     meshed(source, tmp_path / "scene", resume=True)
     assert sums(tmp_path / "scene") == sums(made[0])
+
+
+def test_a_city_in_a_bucket_has_the_same_bytes_and_a_bucket_without_rights_is_one_line(
+    made, patch, source, tmp_path, capsys
+):
+    with pytest.MonkeyPatch.context() as inner, bucket_server(inner) as server:
+        url = f"{made_bucket('cities')}/small"
+        with no_rights(server, inner):
+            assert main([str(source), "-o", url, "--tiles"]) == 2
+            assert capsys.readouterr().err == f"error: cannot read {url}/plan.json: Forbidden\n"
+        assert main([str(source), "-o", "s3://none-such/small", "--tiles"]) == 2
+        assert capsys.readouterr().err.endswith("work/begun: The specified bucket does not exist\n")
+        meshed(source, url)
+        assert sums(copied(url, tmp_path / "copy")) == sums(made[0])
 
 
 def test_resume_needs_the_same_settings(made, patch, source):

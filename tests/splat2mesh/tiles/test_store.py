@@ -4,16 +4,25 @@ import pickle
 
 import numpy as np
 import pytest
+from buckets import bucket_server, made_bucket
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.tiles.store import Store
 
 
-@pytest.fixture(params=["folder", "memory"])
+@pytest.fixture(scope="module")
+def bucket():
+    with pytest.MonkeyPatch.context() as patch, bucket_server(patch):
+        yield made_bucket("stores")
+
+
+@pytest.fixture(params=["folder", "memory", "s3"])
 def store(request, tmp_path):
     if request.param == "memory":
         pytest.importorskip("fsspec")
         return Store(f"memory://{tmp_path.name}/city")
+    if request.param == "s3":
+        return Store(f"{request.getfixturevalue('bucket')}/{tmp_path.name}")
     return Store(tmp_path / "city")
 
 

@@ -1,0 +1,146 @@
+"""What all tiles of a relit city share, in one file that a process reads once: the lights, the exposure, and the whole
+city, coarse."""
+
+from functools import lru_cache
+from hashlib import sha256
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.meshfile import mesh_from_ply_bytes
+from splat2mesh.scene.scene import Scene
+from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
+
+from ..albedo.division import Prior
+from ..light.environment import Environment
+
+SKY, LIGHT = "sky.npz", "light.npz"
+"""Of a relit city's folder: the new light; and all that tiles share, the same for all of them."""
+
+
+class Shared(NamedTuple):
+    """What every task knows. T tiles.
+
+    cores: (T, 2, 2) lowest and highest x and z. coarse: their coarse meshes, None where a tile has no surface. sky:
+    the new light. capture: that of the capture, or None where none was told. prior: of the albedo, with `capture`.
+    """
+
+    scene_from_splat: NDArray[np.float64]
+    cores: NDArray[np.float64]
+    coarse: list[Mesh | None]
+    sky: Environment
+    capture: Environment | None = None
+    prior: Prior | None = None
+    exposure: float = 1.0
+
+    @classmethod
+    def kept(cls, store: Store, folder: str, key: str) -> "Shared":
+        """What a folder holds; key: its checksum, by which a process that has read it once knows it again."""
+        return _kept(store.root, folder, key)
+
+
+def city_of(store: Store) -> dict[str, Any]:
+    """The city.json of a folder."""
+    return store.read_json("city.json")
+
+
+def coarse_city(store: Store, sky: Environment) -> Shared:
+    """A city under a new light, before anything is told of that of its capture."""
+    city = city_of(store)
+    entries = city["tiles"]
+    return Shared(
+        np.array(city["scene_from_splat"]),
+        np.array([entry["core"] for entry in entries]).reshape(-1, 2, 2),
+        [mesh_from_ply_bytes(store.read(f"{e['name']}/far.ply")) if e["faces"] else None for e in entries],
+        sky,
+    )
+
+
+def scene_of(chunks: list[Mesh], shared: Shared) -> Scene:
+    """Meshes of a city as one Scene."""
+    matrix = shared.scene_from_splat
+    return Scene(chunks, scene_from_splat=matrix, source={"file": "a city"}, capture={"from": "both"})
+
+
+def joined_meshes(meshes: list[Mesh]) -> list[Mesh]:
+    """Meshes as a list of one, or of none."""
+    if not meshes:
+        return []
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return [
+        Mesh(
+            np.concatenate([mesh.vertices for mesh in meshes]),
+            np.concatenate([mesh.normals for mesh in meshes]),
+            np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+            np.concatenate([mesh.colors_srgb for mesh in meshes]),
+        )
+    ]
+
+
+def write_sky(store: Store, folder: str, sky: Environment) -> None:
+    """Keep the new light for the tasks."""
+    store.write_arrays(f"{folder}/{SKY}", **_of_sky(sky))
+
+
+def read_sky(store: Store, folder: str) -> Environment:
+    """The new light, to the bit."""
+    return _sky_from(store.read_arrays(f"{folder}/{SKY}"))
+
+
+def write_shared(store: Store, folder: str, shared: Shared) -> str:
+    """Keep a Shared; returns its key."""
+    full = [mesh for mesh in shared.coarse if mesh is not None]
+    arrays: dict[str, Any] = {name: getattr(shared, name) for name in ("scene_from_splat", "cores", "exposure")}
+    arrays |= _of_sky(shared.sky)
+    if shared.capture is not None and shared.prior is not None:
+        arrays |= {"capture": shared.capture.radiance}
+        arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
+    for name in ("vertices", "faces"):
+        counts = [0 if mesh is None else len(getattr(mesh, name)) for mesh in shared.coarse]
+        arrays[f"coarse_{name}_counts"] = np.array(counts)
+    for name in Mesh.__dataclass_fields__:
+        arrays[f"coarse_{name}"] = np.concatenate([getattr(mesh, name) for mesh in full])
+    data = bytes_of_arrays(**arrays)
+    store.write(f"{folder}/{LIGHT}", data)
+    return sha256(data).hexdigest()
+
+
+def _of_sky(sky):
+    return {"sky": sky.radiance, "sky_deg": sky.rotation_deg, "sky_name": sky.name, "sky_formula": sky.formula or ""}
+
+
+def _sky_from(kept):
+    sky = Environment(kept["sky"], str(kept["sky_name"]), float(kept["sky_deg"]))
+    sky.formula = str(kept["sky_formula"]) or None
+    return sky
+
+
+@lru_cache(1)
+def _kept(root: str, folder: str, key: str) -> Shared:
+    store, name = Store(root), f"{folder}/{LIGHT}"
+    data = store.read(name)
+    if sha256(data).hexdigest() != key:
+        raise InputError(f"{store.path(name)} has changed while it was worked on")
+    kept = arrays_of(data)
+    ends = {part: np.cumsum(kept[f"coarse_{part}_counts"]) for part in ("vertices", "faces")}
+    fields = list(Mesh.__dataclass_fields__)
+    split = {
+        name: np.split(kept[f"coarse_{name}"], ends["faces" if name == "faces" else "vertices"][:-1]) for name in fields
+    }
+    meshes = [Mesh(*parts) for parts in zip(*(split[name] for name in fields), strict=True)]
+    capture = prior = None
+    if "capture" in kept:
+        capture = Environment(kept["capture"], "the capture")
+        prior = Prior(kept["prior_albedo"], kept["prior_irradiance"])
+    return Shared(
+        kept["scene_from_splat"],
+        kept["cores"],
+        [mesh if len(mesh.faces) else None for mesh in meshes],
+        _sky_from(kept),
+        capture,
+        prior,
+        float(kept["exposure"]),
+    )

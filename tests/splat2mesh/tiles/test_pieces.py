@@ -1,0 +1,86 @@
+"""The files of a city behind a URL are those of the folder."""
+
+import json
+
+import numpy as np
+import pytest
+from sog_samples import palette_splats, sog_parts, store_folder
+from splat_samples import make_splats
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.splats.formats import write_inria_ply
+from splat2mesh.tiles.pieces import pieces_of, read_piece, size_of
+
+fsspec = pytest.importorskip("fsspec")
+
+
+def sent(folder):
+    """The URL of a copy of a folder."""
+    url = f"memory://{folder.name}_{folder.parent.name}"
+    fsspec.filesystem("memory").put(f"{folder}/", url.removeprefix("memory:/"), recursive=True)
+    return url
+
+
+def assert_same_pieces(folder, lod="auto"):
+    here, there = pieces_of(str(folder), lod), pieces_of(sent(folder), lod)
+    assert len(here) == len(there) > 0
+    for ours, theirs in zip(here, there, strict=True):
+        expected, found = read_piece(ours), read_piece(theirs)
+        for name in ("means", "scales", "quats_wxyz", "opacities", "sh"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert found.environment is expected.environment is None or found.environment.all()
+        assert size_of(theirs) > 0
+    return there
+
+
+@pytest.fixture
+def tiles(tmp_path):
+    (tmp_path / "tiles").mkdir()
+    for number, name in enumerate(("b.ply", "a.ply")):
+        write_inria_ply(tmp_path / "tiles" / name, make_splats(20 + number, 1))
+    (tmp_path / "tiles" / "notes.txt").write_text("no splats")
+    (tmp_path / "tiles" / "c").mkdir()
+    store_folder(tmp_path / "tiles" / "c", sog_parts(palette_splats(30, 0), 2))
+    return tmp_path / "tiles"
+
+
+def test_a_folder_of_tiles(tiles):
+    found = assert_same_pieces(tiles)
+    assert [piece.path.rsplit("/", 1)[1] for piece in found] == ["a.ply", "b.ply", "c"]
+
+
+def test_a_single_file(tiles):
+    url = f"{sent(tiles)}/a.ply"
+    (piece,) = pieces_of(url)
+    assert len(read_piece(piece)) == 21 and size_of(piece) == (tiles / "a.ply").stat().st_size
+
+
+def test_a_streamed_capture(tmp_path):
+    folder = tmp_path / "streamed"
+    for name, count in {"0_0": 40, "0_1": 30, "1_0": 20, "env": 10}.items():
+        (folder / name).mkdir(parents=True)
+        store_folder(folder / name, sog_parts(palette_splats(count, 0), 2))
+    bound = {"min": [0, 0, 0], "max": [1, 1, 1]}
+    lods = [{"0": (0, 40), "1": (2, 20)}, {"0": (1, 30)}]
+    lods = [{level: {"file": f, "offset": 0, "count": n} for level, (f, n) in each.items()} for each in lods]
+    meta = {"lodLevels": 2, "filenames": [f"{name}/meta.json" for name in ("0_0", "0_1", "1_0")]}
+    meta |= {"environment": "env/meta.json"}
+    meta |= {"tree": {"bound": bound, "children": [{"bound": bound, "lods": each} for each in lods]}}
+    (folder / "lod-meta.json").write_text(json.dumps(meta))
+    assert len(assert_same_pieces(folder)) == 3
+    assert len(assert_same_pieces(folder, 1)) == 2
+    with pytest.raises(InputError, match="`lod` 5"):
+        pieces_of(sent(folder), 5)
+
+
+def test_what_is_not_there_is_told(tiles):
+    url = sent(tiles)
+    with pytest.raises(InputError, match="no such file"):
+        pieces_of(f"{url}/none.ply")
+    with pytest.raises(InputError, match="`lod` 1"):
+        pieces_of(url, 1)
+    empty = tiles.parent / "other"
+    empty.mkdir()
+    (empty / "notes.txt").write_text("no splats")
+    with pytest.raises(InputError, match="no splat file"):
+        pieces_of(sent(empty))
