@@ -256,8 +256,7 @@ class Job:
     @property
     def _level(self) -> float:
         """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
-        capture, mean = self.appearance.capture, self.environment.mean_luminance
-        return float(capture["brightness"] / mean) if capture and mean > 0.0 else 1.0
+        return level_of(self.appearance, self.environment)
 
     def _shading(self, light: Environment) -> Shading:
         if self.room:
@@ -319,10 +318,12 @@ class Job:
         exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
         return self._as_captured(exposure, self.environment)
 
-    def exposure_of(self, light: Environment, radiance: NDArray[np.float32]) -> float:
-        """The same for one other light."""
+    def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
+        """The same for one other light. radiance: None in a room whose exposure is known."""
         if self.exposure_ev is not None:
             return 2.0**self.exposure_ev
+        if radiance is None:
+            return level_of(self.appearance, light)
         return self._as_captured(auto_exposure(radiance), light)
 
     def _as_captured(self, exposure: float, light: Environment) -> float:
@@ -330,6 +331,12 @@ class Job:
         if capture is None or not mean > 0.0:
             return exposure
         return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))
+
+
+def level_of(look: Appearance, light: Environment) -> float:
+    """Captured units per unit of a light's radiance, for it to be as bright as that of the capture was."""
+    capture, mean = look.capture, light.mean_luminance
+    return float(capture["brightness"] / mean) if capture and mean > 0.0 else 1.0
 
 
 def light_of(source: AnyLight) -> Environment:

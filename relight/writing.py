@@ -136,9 +136,8 @@ class Writer:
         live = engines = None
         if splats is not None and {"live", "web"} & set(job.formats):
             others = [light_of(each) for each in (*self._lights, *BUILTIN)]
-            known = look._replace(kept=True) if look.room else look  # what is live knows no lamps
-            wishes = job.exposure_of, job.wishes.tolerance, self._sky, seed
-            live = LiveFiles(relighter, known, splats[0], others, *wishes)
+            wishes = job.exposure_of, job.wishes.tolerance, self._sky, seed, job.room
+            live = LiveFiles(relighter, look, splats[0], others, *wishes)
         if self._live_mesh or {*FOR_ENGINES} & {*job.formats}:
             engines = EngineFiles(relighter, look, job.formats, splats, self._live_mesh, self._harmonics, self._sky)
         more = self._texture_size, seed, self._sky, live, engines

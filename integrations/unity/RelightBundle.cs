@@ -14,7 +14,7 @@ namespace Relight
     public sealed class Light
     {
         public string Name;
-        public float Exposure;
+        public float Exposure, Lamps;
         public double[][] Rest, Whole, SunDirections, SunWeights;
     }
 
@@ -24,7 +24,7 @@ namespace Relight
         public const int Version = 1;
         const double C0 = 0.28209479177387814;
 
-        public readonly int Count, Clusters, Weights, Direct, Spread;
+        public readonly int Count, Clusters, Weights, Direct, Spread, Numbers;
         public readonly List<Light> Lights = new List<Light>();
         public readonly byte[] Rows, Kinds;
         readonly float[] basis;
@@ -44,13 +44,14 @@ namespace Relight
             Weights = (int)(double)sizes["weights"];
             Direct = (int)(double)sizes["direct"];
             Spread = (int)(double)sizes["spread"];
+            Numbers = Direct + Spread + (int)(double)sizes["lamps"];
             Check(Path.Combine(folder, splat), splat, (List<object>)meta["splats"]);
             Rows = File.ReadAllBytes(Path.Combine(folder, "transfer.bin"));
             var surface = File.ReadAllBytes(Path.Combine(folder, "surface.bin"));
             if (Rows.Length != Count * (2 + Weights) || surface.Length != 8 * Count)
                 throw new InvalidDataException($"{folder}: the bundle is cut short");
             Kinds = new byte[Count];
-            for (int i = 0; i < Count; i++) Kinds[i] = surface[8 * i + 7];
+            for (int i = 0; i < Count; i++) Kinds[i] = (byte)(surface[8 * i + 7] & 3);
             basis = ReadBasis(File.ReadAllBytes(Path.Combine(folder, "basis.bin")));
             mean = Json.Rows(meta["mean"]);
             foreach (Dictionary<string, object> each in (List<object>)meta["lights"])
@@ -60,6 +61,7 @@ namespace Relight
                 {
                     Name = (string)each["name"],
                     Exposure = (float)(double)each["exposure"],
+                    Lamps = (float)(double)each["lamps"],
                     Rest = Json.Rows(each["rest"]),
                     Whole = Json.Rows(each["whole"]),
                     SunDirections = suns.ConvertAll(s => Json.Row(((Dictionary<string, object>)s)["direction"])).ToArray(),
@@ -88,7 +90,7 @@ namespace Relight
 
         float[] ReadBasis(byte[] data)
         {
-            int numbers = 3 * (Direct + Spread), parts = Clusters * (1 + Weights);
+            int numbers = 3 * Numbers, parts = Clusters * (1 + Weights);
             var result = new float[parts * numbers];
             int means = 4 * parts, components = means + 2 * Clusters * numbers;
             for (int part = 0; part < parts; part++)
@@ -103,7 +105,8 @@ namespace Relight
             return result;
         }
 
-        // Direct and spread coefficients of a light, turned about the vertical and exposed, colours last.
+        // Direct and spread coefficients of a light, turned about the vertical and exposed, and what lamps are multiplied
+        // by; colours last.
         public float[] Vector(Light light, float degrees, float exposure)
         {
             var straight = new double[Direct, 3];
@@ -114,7 +117,7 @@ namespace Relight
                 for (int j = 0; j < Direct; j++)
                     for (int i = 0; i < 3; i++) straight[j, i] += values[j] * light.SunWeights[s][i];
             }
-            var vector = new float[3 * (Direct + Spread)];
+            var vector = new float[3 * Numbers];
             for (int j = 0; j < Direct + Spread; j++)
             {
                 int k = j < Direct ? j : j - Direct, l = (int)Math.Sqrt(k), m = k - l * (l + 1);
@@ -124,6 +127,7 @@ namespace Relight
                         ? cos * straight[k, i] - sin * straight[k - 2 * m, i]
                         : cos * light.Whole[k][i] - sin * light.Whole[k - 2 * m][i]));
             }
+            for (int j = 3 * (Direct + Spread); j < vector.Length; j++) vector[j] = light.Lamps * exposure / light.Exposure;
             return vector;
         }
 
@@ -194,7 +198,7 @@ namespace Relight
         public float[] MeanGain(float[] vector)
         {
             var k = new double[3];
-            for (int j = 0; j < Spread; j++) for (int i = 0; i < 3; i++) k[i] += mean[j][i] * vector[3 * (Direct + j) + i];
+            for (int j = 0; j < mean.Length; j++) for (int i = 0; i < 3; i++) k[i] += mean[j][i] * vector[3 * (Direct + j) + i];
             return Array.ConvertAll(k, each => (float)Math.Pow(Math.Max(each, 1), 1 / 2.4));
         }
     }

@@ -17,8 +17,8 @@ export async function readBundle(folder, splat = "splat.compressed.ply", get = f
     if (!entry) throw new Error(`${splat}: the bundle names ${meta.splats.map((each) => each.file).join(", ")}`);
     const bytes = await get(`${folder}/${splat}`);
     await check(bytes, entry, meta.count);
-    const { clusters, weights, direct, spread } = meta.basis;
-    const numbers = 3 * (direct + spread), parts = clusters * (1 + weights), data = await get(`${folder}/basis.bin`);
+    const { clusters, weights, direct, spread, lamps } = meta.basis;
+    const numbers = 3 * (direct + spread + lamps), parts = clusters * (1 + weights), data = await get(`${folder}/basis.bin`);
     const scales = new Float32Array(data.slice(0, 4 * parts).buffer);
     const means = new Int16Array(data.slice(4 * parts, 4 * parts + 2 * clusters * numbers).buffer);
     const components = new Int8Array(data.slice(4 * parts + 2 * clusters * numbers).buffer);
@@ -51,7 +51,7 @@ export async function check(bytes, entry, count) {
 function packed(transfer, surface, count, size) {
     if (transfer.length !== count * size || surface.length !== 8 * count) throw new Error("the bundle is cut short");
     const bytes = transfer.slice();
-    for (let i = 0; i < count; i++) bytes[i * size + 1] |= surface[8 * i + 7] << 6;
+    for (let i = 0; i < count; i++) bytes[i * size + 1] |= (surface[8 * i + 7] & 3) << 6;
     return new Uint32Array(bytes.buffer);
 }
 
@@ -75,15 +75,16 @@ export function harmonics([x, y, z], bands) {
     return values;
 }
 
-// What a light of live.json is to the basis: direct and spread coefficients end to end, turned and exposed, colours last.
+// What a light of live.json is to the basis: direct and spread coefficients end to end, turned and exposed, and what lamps
+// are multiplied by; colours last.
 export function lightVector(bundle, light, degrees = 0, exposure = light.exposure) {
-    const { direct, spread } = bundle.meta.basis;
+    const { direct, spread, lamps } = bundle.meta.basis;
     const straight = light.rest.slice(0, direct).map((row) => [...row]);
     for (const sun of light.suns) {
         const values = harmonics(sun.direction, Math.round(Math.sqrt(direct)));
         straight.forEach((row, j) => row.forEach((_, i) => { row[i] += values[j] * sun.weight[i]; }));
     }
-    const vector = new Float32Array(3 * (direct + spread)), angle = degrees * Math.PI / 180;
+    const vector = new Float32Array(3 * (direct + spread + lamps)), angle = degrees * Math.PI / 180;
     [[straight, direct, 0], [light.whole, spread, direct]].forEach(([rows, count, first]) => {
         for (let j = 0; j < count; j++) {
             const l = Math.floor(Math.sqrt(j)), m = j - l * (l + 1);
@@ -91,7 +92,7 @@ export function lightVector(bundle, light, degrees = 0, exposure = light.exposur
             for (let i = 0; i < 3; i++) vector[3 * (first + j) + i] = (c * rows[j][i] - s * rows[j - 2 * m][i]) * exposure;
         }
     });
-    return vector;
+    return vector.fill(light.lamps * exposure / light.exposure, 3 * (direct + spread));
 }
 
 // The table that every splat looks up: RGBA floats, 1 + weights colours for each cluster.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
+from ..transfer.settings import Settings
 from .appearance import Appearance
 from .relighter import Relighter, Shading
 
@@ -31,12 +32,13 @@ class RelitRoom:
     look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
     environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
     steady: whether no environment changes anything: the room stays as captured, or has neither window nor opening.
-    lamps_found: how many.
+    lamps_found: how many. lamp_factor: what their light is multiplied by.
     """
 
     def __init__(self, look: Appearance, relighter: Relighter, level: float) -> None:
         self._look, self._relighter, self._level = look, relighter, np.float32(level)
-        self._factor = np.float32(relighter.options.lamp_factor)
+        self.lamp_factor = relighter.options.lamp_factor
+        self._factor = np.float32(self.lamp_factor)
         self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
         self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
@@ -68,17 +70,42 @@ class RelitRoom:
             return self.lit.shading(environment, look.albedo)
         shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
         after = self._level * shaded.radiance + self._factor * room.by_lamps
-        before = self._model(shaded.settings)
-        if not self._shut or self._opened:
-            before, after = (self._even_light(radiance) for radiance in (before, after))
-        soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
-        usual = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
-        change = (after + soft * usual.astype(np.float32)) / (before + soft)
-        radiance = look.captured * np.minimum(change, np.float32(MOST))
+        after, usual, below = self._compared(after, shaded.settings)
+        radiance = look.captured * np.minimum((after + usual) / below, np.float32(MOST))
         glowing = room.glow.any(axis=1)
         if glowing.any():
             radiance[glowing] = after[glowing] + self._factor * room.glow[glowing]
         return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
+
+    def changes(
+        self, after: NDArray[np.float32], settings: Settings
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(own, usual), (V, 3) float32 both: the captured colours under light by which the model sends out `after`
+        (V, 3) in all, times their own change, and times what the scene as a whole changes by, as far as that counts
+        where little was modelled. Lamps pass on what they get, and have no usual change. Both are linear in `after`.
+
+        settings: those by which `after` was computed, and the light of the capture is.
+        """
+        look = self._look
+        after, usual, below = self._compared(after, settings)
+        own, usual = look.captured * after / below, look.captured * usual / below
+        glowing = look.room.glow.any(axis=1)
+        own[glowing], usual[glowing] = after[glowing], 0.0
+        return own, usual
+
+    def lamps(self, settings: Settings) -> NDArray[np.float32]:
+        """(V, 3) float32: the captured colours under the light of the lamps alone, as they were captured."""
+        own, usual = self.changes(self._look.room.by_lamps, settings)
+        return own + usual + self._look.room.glow
+
+    def _compared(self, after, settings):
+        """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with."""
+        before = self._model(settings)
+        if not self._shut or self._opened:
+            after = self._even_light(after)
+        soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
+        usual = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
+        return after, soft * usual.astype(np.float32), before + soft
 
     def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
         """(albedo (V, 3), radiance (V, 3) of what the lamps light) by which a session shows it: what it shades with,
@@ -102,11 +129,13 @@ class RelitRoom:
         return Evenness(self._relighter.occluder)
 
     def _model(self, settings):
-        """(V, 3) what the model says that was captured, by these settings."""
+        """(V, 3) what the model says that was captured, by these settings, as even as what is compared with it."""
         room = self._look.room
-        if self._shut:
-            return room.by_lamps
         if self._before is None or self._before[0] != settings:
-            outside = self._relighter.shading(room.environment, room.albedo, settings).radiance
-            self._before = settings, outside + room.by_lamps
+            before = room.by_lamps
+            if not self._shut:
+                before = before + self._relighter.shading(room.environment, room.albedo, settings).radiance
+            if not self._shut or self._opened:
+                before = self._even_light(before)
+            self._before = settings, before
         return self._before[1]

@@ -65,6 +65,7 @@ def described(live, splats):
             "weights": weights,
             "direct": BANDS**2,
             "spread": SPREAD_BANDS**2,
+            "lamps": 1,
         },
         "surface": {
             "file": "surface.bin",
@@ -75,6 +76,7 @@ def described(live, splats):
         },
         "mean": live.mean.tolist(),
         "brightness": live.brightness,
+        "lamps": live.lamps,
         "lights": [
             {
                 "name": light.name,
@@ -83,6 +85,7 @@ def described(live, splats):
                 "height": IMAGE[0],
                 "exposure": light.exposure,
                 "mean": light.mean,
+                "lamps": light.lamps,
                 "rest": light.rest.tolist(),
                 "whole": light.whole[: SPREAD_BANDS**2].tolist(),
                 "suns": [

@@ -47,8 +47,8 @@ CHOICES = tuple(Choice(clusters, weights) for weights in (2, 6, 14) for clusters
 """4, 8 and 16 bytes a row: what a shader reads in whole texels."""
 
 
-COMPONENT = 348
-"""Bytes of a component: 116 coefficients in three colours."""
+COMPONENT = 351
+"""Bytes of a component: 117 coefficients in three colours."""
 
 
 class Compressed(NamedTuple):

@@ -10,7 +10,7 @@ from ..light.sun_split import DEFAULT_TOLERANCE, pooled, split
 from ..light.suns import Suns
 from ..sh import harmonics
 from .harmonics import about_y, evaluate
-from .response import BANDS, SPREAD_BANDS
+from .response import BANDS, LAMPS, SPREAD_BANDS
 
 IMAGE = (64, 128)
 """Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
@@ -30,7 +30,7 @@ LEAST_SUN = 0.1
 class Light(NamedTuple):
     """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
-    mean: its mean luminance. name: as it is shown.
+    mean: its mean luminance. lamps: factor on those of a room beside it. name: as it is shown.
     """
 
     name: str
@@ -40,9 +40,10 @@ class Light(NamedTuple):
     suns: Suns
     exposure: float
     mean: float
+    lamps: float = 0.0
 
 
-def light_of(environment, exposure):
+def light_of(environment, exposure, lamps=0.0):
     """The Light of an Environment, as turned."""
     suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)[1]
     suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
@@ -56,7 +57,8 @@ def light_of(environment, exposure):
         image = np.roll(image, -low, axis=1) * (1.0 - share) + np.roll(image, -low - 1, axis=1) * share
     whole = about_y(environment.sh(BANDS))
     rest, mean = whole - about_y(suns.sh(BANDS)), environment.mean_luminance
-    return Light(environment.name, image.astype(np.float32), rest, whole, suns, float(exposure), mean)
+    image = image.astype(np.float32)
+    return Light(environment.name, image, rest, whole, suns, float(exposure), mean, float(lamps))
 
 
 def _joined(suns):
@@ -74,28 +76,31 @@ def _joined(suns):
     return Suns(np.array(directions), np.array(weights)) if directions else suns
 
 
-def capture_light(response, shares):
+def capture_light(response, shares, lamps=0.0):
     """The Light of the capture day, by least squares: that which leaves every vertex as it is. None where none does.
 
-    response: Response. shares: (V,) weights of the vertices. Harmonics alone; the sky is what they look like.
+    response: Response. shares: (V,) weights of the vertices. lamps: factor that is shown beside it; the capture has 1.
+    Harmonics alone; the sky is what they look like.
     """
     few, direct = SPREAD_BANDS**2, BANDS**2
     degree, _ = harmonics.degrees_and_orders(BANDS)
     light = np.zeros((direct, 3))
     for c in range(3):
         values = response.values[:, :direct, c].astype(np.float64)
-        values[:, :few] += response.values[:, direct:, c]
+        values[:, :few] += response.values[:, direct:LAMPS, c]
         normal = (values * shares[:, None]).T @ values / shares.sum()
         held = (1.0 + degree) ** 4 * 1e-5 * np.trace(normal)  # what no vertex tells stays small
         held[0] = 0.0
-        light[:, c] = np.linalg.solve(normal + np.diag(held), (values * shares[:, None]).sum(axis=0) / shares.sum())
+        left = shares * (1.0 - response.values[:, LAMPS, c])
+        light[:, c] = np.linalg.solve(normal + np.diag(held), values.T @ left / shares.sum())
     if not (np.isfinite(light).all() and light[0].min() > 0.0):
         return None
     from ..light.projections import texel_directions
 
     image = np.maximum(evaluate(texel_directions(*IMAGE).reshape(-1, 3), BANDS) @ light, 0.0)
     mean = float(light[0] @ [0.2126, 0.7152, 0.0722]) / np.sqrt(4.0 * np.pi)
-    return Light("capture", image.reshape(*IMAGE, 3).astype(np.float32), light, light, Suns.none(), 1.0, mean)
+    image = image.reshape(*IMAGE, 3).astype(np.float32)
+    return Light("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
 
 
 def rgbe(image):

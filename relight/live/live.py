@@ -15,7 +15,7 @@ from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from .compression import choices_for, cluster_centers, compress, principal
 from .lights import capture_light, light_of
-from .response import BANDS, COEFFICIENTS, SPREAD_BANDS, light_vector, response_of
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 
 TOLERANCE = 0.04
@@ -39,7 +39,7 @@ class Live(NamedTuple):
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
-    degrees, where to look from first, scene frame.
+    degrees, where to look from first, scene frame. lamps: factor on the lamps of a room, None where there are none.
     """
 
     splats: Splats
@@ -58,17 +58,20 @@ class Live(NamedTuple):
     middle: np.ndarray
     source: dict
     camera: dict
+    lamps: float | None = None
 
 
-def live_of(relighter, appearance, splats, environments, settings, tolerance=None, sky="new", seed=0):
+def live_of(relighter, appearance, splats, environments, settings, tolerance=None, sky="new", seed=0, room=None):
     """The Live of a scene.
 
     relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
-    display value per radiance). settings: Settings whose rays and bounces are used, in 10 bands. tolerance: relative
-    error that the bytes may add. sky: of `splats.SKIES`.
+    display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are used, in 10 bands. tolerance: relative
+    error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom that the scene is, or None.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
+    lit = relighter if room is None else room.lit
+    lamps = room.lamp_factor if room is not None and room.lamps_found else None
     if not len(splats):
         raise InputError("there are no splats to light")
     kinds = np.full(len(splats), LIT, np.uint8)
@@ -81,17 +84,19 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         kinds[scene.background_splats] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
-        response = response_of(relighter, appearance, settings._replace(bands=BANDS), shares)
+        known = room if room is not None and appearance.room is not None and not appearance.kept else None
+        response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)
         lights = [light_of(*each) for each in environments]
-        captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()))
+        captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
         lights += [captured] if captured is not None and not appearance.kept else []
     with relighter.stages.stage("spread"):
         reduced, restore = _reduced(binding, response, appearance, shares, splats)
     with relighter.stages.stage("compress"):
         found, errors = _compressed(reduced, restore, lights, TOLERANCE if tolerance is None else tolerance, seed)
     with relighter.stages.stage("surface"):
-        surface = surfaces(binding, splats.means, scene, response.own, kinds)
-        vertices, faces = decimate(scene.vertices.astype(np.float64), scene.faces, PROXY_VERTICES)
+        foliage = lit.precomputed.foliage if settings.volume else None
+        surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
+        vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
     means, scales, components = _as_bytes(found, restore)
     transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
     rows = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
@@ -115,6 +120,7 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
         camera=_first_view(scene, vertices),
+        lamps=lamps,
     )
 
 
@@ -135,8 +141,9 @@ def _reduced(binding, response, appearance, shares, splats):
     Columns weigh as much as usual lights hold of their band, rows as much as an error shows: in the derivative of
     g (c + .055), g = k^(1/2.4).
     """
-    column = np.repeat(_usual_bands(), 3)
+    column = np.repeat(_usual_bands(appearance), 3)
     even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
+    even = even * _brightness(appearance) + response.values[:, LAMPS]
     flat = response.values.reshape(len(response.values), -1)
     counts = shares * _visible_error(even, appearance.captured)
     mean, directions = principal(flat * column.astype(np.float32), np.maximum(counts, 1e-9 * counts.max()), DIRECTIONS)
@@ -157,8 +164,13 @@ def _visible_error(ratio, color, opacity=1.0):
     return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
 
 
-def _usual_bands():
-    """Root mean square coefficient in each band of the built-in lights, (COEFFICIENTS,)."""
+def _brightness(appearance):
+    """Captured units per unit of the radiance of a light whose mean is 1."""
+    return 1.0 if appearance.capture is None else float(appearance.capture["brightness"])
+
+
+def _usual_bands(appearance):
+    """Root mean square coefficient in each band of the built-in lights, as exposed, and of lamps: (COEFFICIENTS,)."""
     from ..light import skies
 
     degree, _ = harmonics.degrees_and_orders(BANDS)
@@ -166,8 +178,8 @@ def _usual_bands():
     for draw in skies.BUILTIN.values():
         light = harmonics.project_latlong(draw(), BANDS)
         power += np.bincount(degree, np.square(light).mean(axis=1)) / (2 * np.arange(BANDS) + 1)
-    usual = np.sqrt(power / len(skies.BUILTIN))[degree]
-    return np.concatenate([usual, usual[: SPREAD_BANDS**2]])
+    usual = _brightness(appearance) * np.sqrt(power / len(skies.BUILTIN))[degree]
+    return np.concatenate([usual, usual[: SPREAD_BANDS**2], [1.0]])
 
 
 def _compressed(rows, restore, lights, tolerance, seed):
@@ -176,7 +188,7 @@ def _compressed(rows, restore, lights, tolerance, seed):
     from .harmonics import turned
 
     turns = [
-        light_vector(turned(light.rest, a), turned(light.whole, a)) * light.exposure
+        light_vector(light.exposure * turned(light.rest, a), light.exposure * turned(light.whole, a), light.lamps)
         for light in lights
         for a in ANGLES_DEG
     ]

@@ -20,6 +20,15 @@ PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
+_LOW_PASS = (
+    ("cov[0][0] + 0.3;", "cov[0][0] + 1.2;"),
+    ("cov[1][1] + 0.3;", "cov[1][1] + 1.2;"),
+    ("aRaw + 0.3;", "aRaw + 1.2;"),
+    ("cRaw + 0.3;", "cRaw + 1.2;"),
+)
+"""What a splat is widened by on screen: 0.3 of a squared pixel, as in training. The viewer adds that to the square of
+half pixels, a fourth of it, so that its pictures are sharper than the splat: 37 dB from ours, 45 with this."""
+
 _TEMPLATE = """<!doctype html>
 <html lang="en">
 <head>
@@ -83,6 +92,8 @@ def _packed(content):
 def _script():
     """The viewer and what lights it as one module; names of ours in a block of their own."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
+    for theirs, ours in _LOW_PASS:
+        viewer = viewer.replace(theirs, ours)
     library = [_text(name) for name in ("light.js", "splats.js", "shadow.js", "live.js")]
     names = [
         name

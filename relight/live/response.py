@@ -1,9 +1,11 @@
 """What the light of every vertex becomes under any light: the light ratio of relit splats as a linear map of the light.
 
-ratio_c = exposure * (sum_j direct_jc rest_jc + sum_j spread_jc whole_jc + own_c * suns_c): `rest` and `whole` are the
-light's coefficients about +y without and with its suns, `suns` what they bring onto a white surface. `direct` is light
-that arrives straight, `spread` what other surfaces pass on and the share that the whole scene's change has: both vary
-slowly with direction, so that suns need no shadows of their own there.
+ratio_c = exposure * (sum_j direct_jc rest_jc + sum_j spread_jc whole_jc + own_c * suns_c) + lamps * steady_c: `rest`
+and `whole` are the light's coefficients about +y without and with its suns, `suns` what they bring onto a white
+surface, `lamps` the factor on the lamps of a room. `direct` is light that arrives straight, `spread` what other
+surfaces pass on and the share that the whole scene's change has: both vary slowly with direction, so that suns need no
+shadows of their own there. In a room all but suns comes by its windows, however often it was passed on: there
+`direct` has what is passed on beyond the bands of `spread`.
 """
 
 from typing import NamedTuple
@@ -19,12 +21,16 @@ from .harmonics import POLAR
 BANDS, SPREAD_BANDS = 10, 4
 """Bands of light that arrives straight and of light passed on: of what bounces on a tabletop 4 bands leave .2%."""
 
-COEFFICIENTS = BANDS**2 + SPREAD_BANDS**2
+LAMPS = BANDS**2 + SPREAD_BANDS**2
+"""The place of what lamps give, behind the coefficients of light."""
+
+COEFFICIENTS = LAMPS + 1
 
 
 class Response(NamedTuple):
-    """values: (V, COEFFICIENTS, 3) float32, direct then spread. own: (V, 3) float32, light ratio per light on a white
-    surface: one over the irradiance of the capture, softened. mean: (SPREAD_BANDS^2, 3) the light ratio of the scene.
+    """values: (V, COEFFICIENTS, 3) float32, direct, spread, steady. own: (V, 3) float32, light ratio per light on a
+    white surface: one over the irradiance of the capture, softened. mean: (SPREAD_BANDS^2 + 1, 3) the light ratio of
+    the scene, by light and by lamps.
     """
 
     values: np.ndarray
@@ -32,42 +38,72 @@ class Response(NamedTuple):
     mean: np.ndarray
 
 
-def response_of(relighter, appearance, settings, shares):
+def response_of(relighter, appearance, settings, shares, room=None):
     """The Response of a scene's vertices.
 
     relighter: Relighter. appearance: its Appearance. settings: Settings with BANDS bands. shares: (V,) areas, the
-    weights of vertices in the mean.
+    weights of vertices in the mean. room: RelitRoom, where the scene is a closed room whose light was told.
     """
-    straight = relighter.precomputed.transfer(settings)[0][:, : BANDS**2]
     captured, before = appearance.captured, appearance.irradiance
     own, usual = linear_parts(captured, before)
     if appearance.trust is not None:  # as `drawn_to_none`, of which this is the linear part
         trust = appearance.trust[:, None].astype(np.float64)
         own, usual = own * trust, usual * trust + 1.0 - trust
-    albedo = appearance.albedo
-    albedo = np.ones(captured.shape, np.float32) if albedo is None else albedo
-    few = SPREAD_BANDS**2
-    received = np.repeat(straight[:, :few, None], 3, axis=2)
-    seen = albedo / np.maximum(albedo, np.float32(LEAST_ALBEDO))  # darker surfaces are divided by that, as relit splats
-    received *= seen[:, None]
-    passed_on = np.zeros_like(received)
-    if settings.bounce_rays:
-        matrix = relighter.precomputed.interreflection(settings.bounce_rays, straight)
-        total, _ = transfer_with_bounces(straight[:, :few], albedo, matrix, settings.bounce_tolerance)
-        total /= np.maximum(albedo, np.float32(LEAST_ALBEDO))[:, None]
-        passed_on, received = total - received, total
-    mean = np.einsum("v,vkc->kc", shares, received, dtype=np.float64) / np.maximum(shares @ before, 1e-12)
-    passed_on *= own[:, None].astype(np.float32)
-    passed_on += (usual[:, None] * mean).astype(np.float32)
+    weight = shares / np.maximum(shares @ before, 1e-12)[:, None]  # (3, V): of vertices in the light ratio of the scene
+    albedo = np.ones(captured.shape, np.float32) if appearance.albedo is None else appearance.albedo
+    bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # what relit splats divide by
     values = np.zeros((len(before), COEFFICIENTS, 3), np.float32)
-    own = (own * seen).astype(np.float32)
-    about = harmonics.rotation_matrix(POLAR, BANDS).astype(np.float32)
-    values[:, : BANDS**2] = (straight @ about.T)[:, :, None] * own[:, None]
-    about = harmonics.rotation_matrix(POLAR, SPREAD_BANDS).astype(np.float32)
-    values[:, BANDS**2 :] = np.einsum("jk,vkc->vjc", about, passed_on)
-    return Response(values, own, harmonics.rotation_matrix(POLAR, SPREAD_BANDS) @ mean)
+    mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
+    lamps = np.zeros_like(captured)
+    seen = (albedo / bright).astype(np.float32)
+    if room is None or not room.steady:
+        straight = relighter.precomputed.transfer(settings)[0][:, : BANDS**2]
+        few = SPREAD_BANDS**2 if room is None else BANDS**2
+        sent = _sent(relighter, straight[:, :few], albedo, settings)
+        for j in range(BANDS**2):
+            local = straight[:, j, None] * (seen if room is None else albedo)
+            if room is not None:
+                local = room.changes(local, settings)[0] / bright
+            local = own * local
+            values[:, j] = local
+            if j >= few:
+                continue
+            whole = sent[:, j] if room is None else np.add(*room.changes(sent[:, j], settings))
+            whole = whole / bright
+            usually = np.einsum("cv,vc->c", weight, whole, dtype=np.float64)
+            whole = own * whole + usual * usually
+            if j < SPREAD_BANDS**2:
+                mean[j] = usually
+                values[:, BANDS**2 + j] = whole - local
+            else:
+                values[:, j] = whole
+        for first, bands in ((0, BANDS), (BANDS**2, SPREAD_BANDS)):
+            part = slice(first, first + bands**2)
+            values[:, part] = _about_y(values[:, part], bands)
+        mean[:-1] = harmonics.rotation_matrix(POLAR, SPREAD_BANDS) @ mean[:-1]
+    if room is not None:
+        lamps = room.lamps(settings) / bright
+        mean[-1] = np.einsum("cv,vc->c", weight, lamps, dtype=np.float64)
+        values[:, LAMPS] = own * lamps + usual * mean[-1]
+        seen = room.changes(albedo, settings)[0] / bright if not room.steady else np.zeros_like(seen)
+    return Response(values, (own * seen).astype(np.float32), mean)
 
 
-def light_vector(rest, whole):
-    """(COEFFICIENTS, 3) that the values are multiplied with: coefficients about +y without suns, and with them."""
-    return np.concatenate([rest[: BANDS**2], whole[: SPREAD_BANDS**2]])
+def _sent(relighter, straight, albedo, settings):
+    """What every vertex sends out, (V, K, 3), for each coefficient of light that arrives straight (V, K)."""
+    if not settings.bounce_rays:
+        return straight[:, :, None] * albedo[:, None]
+    matrix = relighter.precomputed.interreflection(settings.bounce_rays, straight)
+    return transfer_with_bounces(straight, albedo, matrix, settings.bounce_tolerance)[0]
+
+
+def _about_y(values, bands):
+    """Values (V, K, 3) of coefficients in our basis as those of coefficients about +y."""
+    about = harmonics.rotation_matrix(POLAR, bands).astype(np.float32)
+    return np.einsum("jk,vkc->vjc", about, values, optimize=True)
+
+
+def light_vector(rest, whole, lamps=0.0):
+    """(COEFFICIENTS, 3) that the values are multiplied with: coefficients about +y without suns, and with them, and
+    the factor on lamps."""
+    return np.concatenate([rest[: BANDS**2], whole[: SPREAD_BANDS**2], np.full((1, 3), lamps)])

@@ -11,6 +11,9 @@ UNLIT, LIT, SKY = 0, 1, 2
 OWN_STEPS = 32.0
 """Steps a stop of the light ratio per light: 2.2% each, over four stops to either side."""
 
+VOLUME_STEPS = 63
+"""Steps of how far a splat is leaves or grass, in the six high bits of its kind."""
+
 _BATCH = 1 << 16
 
 
@@ -40,10 +43,11 @@ def from_octahedral(packed):
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def surfaces(binding, means, scene, own, kinds):
+def surfaces(binding, means, scene, own, kinds, foliage=None):
     """The Surfaces of N splats.
 
     binding: Binding. means: (N, 3) centres, splat frame. own: (V, 3) of `response.Response`. kinds: (N,) uint8.
+    foliage: `transfer.volume.Foliage` where leaves and grass are volumes, or None.
     """
     lit = binding.lit
     normals = binding.spread(scene.normals.astype(np.float32))
@@ -68,4 +72,9 @@ def surfaces(binding, means, scene, own, kinds):
     rows[:, 4:7] = np.clip(np.rint(np.log2(ratio / middle) * OWN_STEPS) + 128, 0, 255)
     packed[lit] = rows
     packed[:, 7] = kinds
+    if foliage is not None:
+        volume = np.zeros((len(own), 1), np.float32)
+        volume[foliage.rows] = foliage.share
+        steps = np.rint(VOLUME_STEPS * np.clip(binding.spread(volume)[:, 0], 0.0, 1.0)).astype(np.uint8)
+        packed[lit, 7] |= steps << 2
     return Surfaces(packed, step, middle.astype(np.float64))

@@ -14,6 +14,7 @@ from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, SUN_TOLE
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
+    from ..engine.relit_room import RelitRoom
     from ..light.environment import Environment
 
 
@@ -21,7 +22,8 @@ class LiveFiles:
     """Writes live.json with its files, and the page.
 
     splats: those of the scene. others: lights beside the one shown first. exposure_of: function of a light and the
-    radiance (V, 3) of the vertices in it, display value per radiance. tolerance: relative error that the bytes may add.
+    radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance. tolerance: relative error that the bytes may add.
+    room: the RelitRoom that the scene is, or None.
     """
 
     def __init__(
@@ -30,13 +32,15 @@ class LiveFiles:
         appearance: "Appearance",
         splats: Splats,
         others: "Sequence[Environment]",
-        exposure_of: "Callable[[Environment, NDArray[np.float32]], float]",
+        exposure_of: "Callable[[Environment, NDArray[np.float32] | None], float]",
         tolerance: float | None = None,
         sky: str = "new",
         seed: int = 0,
+        room: "RelitRoom | None" = None,
     ) -> None:
         self._relighter, self._appearance, self._splats, self._others = relighter, appearance, splats, others
         self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
+        self._room = room
         self._live: Any = None
 
     def write(
@@ -52,7 +56,7 @@ class LiveFiles:
 
         live = self._prepared(light)
         unturned = light.rotated(-light.rotation_deg)
-        live = live._replace(lights=[light_of(unturned, exposure), *live.lights])
+        live = live._replace(lights=[light_of(unturned, exposure, self._lamps(light, exposure)), *live.lights])
         names = []
         with self._relighter.stages.stage("write"):
             if "live" in kinds:
@@ -71,10 +75,12 @@ class LiveFiles:
             others = {each.name: each for each in self._others if each.name != light.name}
             settings = self._settings(light)
             albedo, traced = self._appearance.albedo, settings._replace(sun_tolerance=SUN_TOLERANCE)
+            told = self._room is not None and self._room.exposure is not None  # then it is the capture's
             lights = []
             for each in others.values():
-                radiance = self._relighter.shading(each, albedo, traced).radiance
-                lights.append((each, self._exposure_of(each, radiance)))
+                radiance = None if told else self._lit.shading(each, albedo, traced).radiance
+                exposure = self._exposure_of(each, radiance)
+                lights.append((each, exposure, self._lamps(each, exposure)))
             self._live = live_of(
                 self._relighter,
                 self._appearance,
@@ -84,13 +90,29 @@ class LiveFiles:
                 self._tolerance,
                 self._sky,
                 self._seed,
+                self._room,
             )
         return self._live
 
+    @property
+    def _lit(self) -> "Relighter":
+        """The Relighter of the scene as it is lit."""
+        return self._relighter if self._room is None else self._room.lit
+
+    def _lamps(self, light: "Environment", exposure: float) -> float:
+        """What the light of a room's lamps is multiplied by, at an exposure of a light beside it."""
+        capture, room = self._appearance.capture, self._room
+        if room is None or not room.lamps_found or capture is None:
+            return 0.0
+        mean = light.mean_luminance
+        return room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)
+
     def _settings(self, light: "Environment") -> Settings:
         """As the light that is shown first was planned; others are unknown, so what bounces is not left out."""
-        settings = self._relighter.shading(light, self._appearance.albedo).settings
         options = self._relighter.options
+        if self._room is not None and self._room.steady:
+            return options.unplanned
+        settings = self._lit.shading(light, self._appearance.albedo).settings
         if settings.rays and BOUNCES in options.chosen_effects and not settings.bounce_rays:
             if self._appearance.albedo is not None:
                 settings = settings._replace(bounce_rays=BOUNCE_RAYS, bounce_tolerance=BOUNCE_TOLERANCE)

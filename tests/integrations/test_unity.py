@@ -48,7 +48,7 @@ def test_the_buffers_hold_the_splat_in_the_new_light(program, tmp_path):
     colors, harmonics = rows(colors, 4), rows(harmonics, 3).reshape(-1, 3, 3)
     names = reader()
     light = soft_suns(meta["lights"][1])
-    light |= {"exposure": light["exposure"] * 2**0.5}
+    light |= {key: light[key] * 2**0.5 for key in ("exposure", "lamps")}
     change = names["change"](names["read"](tmp_path), light, np.radians(30.0))
     number = np.arange(len(splats))
     dc = np.stack([0.01 * number, -0.01 * number, np.full(len(splats), 0.5)], axis=1)  # as the stub's asset has them
@@ -57,6 +57,7 @@ def test_the_buffers_hold_the_splat_in_the_new_light(program, tmp_path):
     np.testing.assert_allclose(colors[:, :3], expected, atol=2e-3 * np.abs(expected).max())
     assert (colors[:, 3] == 0.25).all()
     whole = names["turned"](light["whole"], np.radians(30.0)) * light["exposure"]
+    whole = np.concatenate([whole, np.full((1, 3), light["lamps"])])
     most = np.maximum(np.einsum("kc,kc->c", meta["mean"], whole), 1.0) ** (1 / 2.4)
     factor = np.where((kinds == 1)[:, None], np.minimum(gains, most), 1.0)
     expected = np.repeat(factor[:, None] * [0.1, 0.2, 0.3], 3, axis=1)
@@ -110,6 +111,7 @@ def test_the_onnx_model_computes_the_same(tmp_path):
     bundle = names["read"](tmp_path)
     light, basis = meta["lights"][0], bundle[3]
     vector = np.concatenate([light["rest"], light["whole"]]) * light["exposure"]
+    vector = np.concatenate([vector, np.full((1, 3), light["lamps"])])
     session = onnxruntime.InferenceSession(UNITY / "relight_splat.onnx", providers=["CPUExecutionProvider"])
     given = {
         "cluster": bundle[1].astype(np.int32),

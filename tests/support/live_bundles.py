@@ -41,9 +41,11 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
     surface = rng.integers(0, 256, (count, 8)).astype(np.uint8)
     surface[:, 7] = np.arange(count) % 10 == 3
     surface[:, 7] = np.where(np.arange(count) % 10 == 7, 2, 1 - surface[:, 7])
+    kinds = surface[:, 7].copy()
+    surface[:, 7] |= rng.integers(0, 64, count).astype(np.uint8) << 2
     (folder / "surface.bin").write_bytes(surface.tobytes())
-    numbers = DIRECT + SPREAD
-    fall = (1.0 + np.sqrt(np.r_[np.arange(DIRECT), np.arange(SPREAD)]).astype(int)) ** -1.5
+    numbers = DIRECT + SPREAD + 1
+    fall = (1.0 + np.sqrt(np.r_[np.arange(DIRECT), np.arange(SPREAD), 0]).astype(int)) ** -1.5
     means = np.rint(32767 * rng.uniform(-0.3, 1.0, (clusters, numbers, 3)) * fall[:, None]).astype("<i2")
     components = np.rint(127 * rng.uniform(-1, 1, (clusters, weights, numbers, 3)) * fall[:, None]).astype(np.int8)
     scales = np.concatenate([np.full((clusters, 1), 1e-5), np.full((clusters, weights), 2e-6)], axis=1)
@@ -59,7 +61,7 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         rest, whole = rng.normal(size=(DIRECT, 3)), rng.normal(size=(SPREAD, 3))
         rest[0], whole[0] = 4.0, 5.0
         lights.append(
-            {"name": f"light {number}", "file": f"lights/{number}.rgbe", "exposure": 0.6, "mean": 1.0}
+            {"name": f"light {number}", "file": f"lights/{number}.rgbe", "exposure": 0.6, "mean": 1.0, "lamps": 0.2 * number}
             | {"rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
         )
     frame = [[0.0, 1, 0, 0.5], [0, 0, -1, 0.25], [-1, 0, 0, -2], [0, 0, 0, 1]]
@@ -71,14 +73,15 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         "splats": entries,
         "frame": {"scene_from_splat": frame, "up": "+y", "middle": [0.1, 0.2, 0.3]},
         "transfer": {"weights": weights},
-        "basis": {"clusters": clusters, "weights": weights, "direct": DIRECT, "spread": SPREAD},
+        "basis": {"clusters": clusters, "weights": weights, "direct": DIRECT, "spread": SPREAD, "lamps": 1},
         "surface": {"lift": 0.01, "own": [1.0, 1.0, 1.0], "own_steps": 32.0},
-        "mean": rng.uniform(0, 0.2, (SPREAD, 3)).tolist(),
+        "mean": rng.uniform(0, 0.2, (SPREAD + 1, 3)).tolist(),
         "brightness": None,
+        "lamps": 0.2,
         "lights": lights,
     }
     (folder / "live.json").write_text(json.dumps(meta), encoding="utf-8")
-    return meta, splats, surface[:, 7]
+    return meta, splats, kinds
 
 
 def soft_suns(light):

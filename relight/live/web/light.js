@@ -221,7 +221,7 @@ export function lightFrom(name, image) {
     const values = harmonics(direction, BANDS);
     for (let i = 0; i < DIRECT; i++) for (let k = 0; k < 3; k++) rest[3 * i + k] -= values[i] * weight[k];
   }
-  return { name, image, whole: whole.subarray(0, SPREAD * 3), rest, suns, mean: meanLuminance(image), exposure: 1 };
+  return { name, image, whole: whole.subarray(0, SPREAD * 3), rest, suns, mean: meanLuminance(image), exposure: 1, lamps: 0 };
 }
 
 // A light of live.json, its numbers in one row and its image read.

@@ -4,7 +4,7 @@
 import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
 import { readCompressed } from "./splats.js";
 
-const COEFFICIENTS = DIRECT + SPREAD;
+const LAMPS = DIRECT + SPREAD, COEFFICIENTS = LAMPS + 1;
 export const UNLIT = 0;
 export const LIT = 1;
 export const SKY = 2;
@@ -49,9 +49,8 @@ export async function checkSplat(bytes, entry) {
 
 // ---- colours
 
-// What each cluster makes of a light: (C, 1 + W, 3). sun: how strong its suns are, 1 as they are.
-export function lightTable(bundle, light, angle, exposure, sun = 1) {
-  const { clusters, weights, scales, means, components } = bundle;
+// What each cluster makes of a light: (C, 1 + W, 3). sun: how strong its suns are, 1 as they are. lamps: of a room, beside it.
+export function lightTable(bundle, light, angle, exposure, sun = 1, lamps = light.lamps * exposure / light.exposure) {
   const vector = new Float32Array(COEFFICIENTS * 3), whole = Float64Array.from(light.whole);
   if (sun !== 1) {
     for (const { direction, weight } of light.suns) {
@@ -62,6 +61,11 @@ export function lightTable(bundle, light, angle, exposure, sun = 1) {
   vector.set(turned(light.rest, angle));
   vector.set(turned(whole, angle), DIRECT * 3);
   for (let i = 0; i < vector.length; i++) vector[i] *= exposure;
+  vector.fill(lamps, LAMPS * 3);
+  return tableOf(bundle, vector);
+}
+
+function tableOf({ clusters, weights, scales, means, components }, vector) {
   const table = new Float32Array(clusters * (1 + weights) * 3);
   for (let cluster = 0, entry = 0; cluster < clusters; cluster++) {
     for (let w = 0; w <= weights; w++, entry++) {
@@ -111,7 +115,8 @@ function changesOfSix(count, transfer, signed, t, ratio) {
   }
 }
 
-// What suns need of every splat, once: normals and places in the scene frame, tables of its bytes.
+// What suns need of every splat, once: normals and places in the scene frame, tables of its bytes, and which are how far
+// leaves or grass.
 export function surfaceOf(bundle) {
   const { count, surface, splats, meta } = bundle, signed = new Int8Array(surface.buffer, surface.byteOffset, surface.length);
   const normals = new Float32Array(count * 3), places = new Float32Array(count * 3), frame = meta.frame.scene_from_splat;
@@ -126,7 +131,8 @@ export function surfaceOf(bundle) {
     }
   }
   const own = [0, 1, 2].map((k) => Float32Array.from({ length: 256 }, (_, byte) => meta.surface.own[k] * 2 ** ((byte - 128) / meta.surface.own_steps)));
-  return { normals, places, own };
+  const volume = Float32Array.from({ length: count }, (_, n) => (surface[8 * n + 7] >> 2) / 63);
+  return { normals, places, own, volume, thick: Uint32Array.from(volume.keys()).filter((n) => volume[n] > 0) };
 }
 
 // Add suns to the changes. suns: [{direction, weight}], turned, of which each has the Shadow of the same index, or null.
@@ -135,6 +141,7 @@ export function addSuns(bundle, surface, suns, shadows, exposure, ratio) {
     const share = surface.share ??= new Float32Array(bundle.count), [wr, wg, wb] = weight.map((value) => value * exposure / Math.PI);
     faceSun(bundle, surface, direction, share);
     if (shadows[index]) shadows[index].hide(surface.places, surface.normals, share);
+    throughLeaves(bundle, surface, direction, weight, exposure, share, ratio);
     const { count, surface: bytes } = bundle, [red, green, blue] = surface.own;
     for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
       const light = share[n];
@@ -146,12 +153,30 @@ export function addSuns(bundle, surface, suns, shadows, exposure, ratio) {
   });
 }
 
+// Add what gets of a sun through leaves and grass to those, which have no normal: the share that they are such has it by
+// its harmonics, as smooth as the way through them is; the rest stays a surface.
+function throughLeaves(bundle, { volume, thick }, direction, weight, exposure, share, ratio) {
+  if (!thick.length) return;
+  const { weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3, vector = new Float32Array(COEFFICIENTS * 3);
+  harmonics(direction, BANDS).forEach((value, i) => weight.forEach((strength, k) => { vector[3 * i + k] = value * strength * exposure; }));
+  const table = tableOf(bundle, vector), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
+  for (const n of thick) {
+    const at = n * row, first = (transfer[at] | transfer[at + 1] << 8) * step;
+    share[n] *= 1 - volume[n];
+    for (let k = 0; k < 3; k++) {
+      let light = table[first + k];
+      for (let w = 1; w <= weights; w++) light += signed[at + 1 + w] * table[first + 3 * w + k];
+      if (light > 0) ratio[3 * n + k] += volume[n] * light;
+    }
+  }
+}
+
 // How much each splat faces a sun: the mean of max(0, n.d) over normals that agree as much as its own do.
 function faceSun({ count, surface: bytes }, { normals }, [dx, dy, dz], share) {
   for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
     const r = bytes[at + 2] / 255, x = r * (normals[i] * dx + normals[i + 1] * dy + normals[i + 2] * dz);
     const facing = 0.5 * (x + Math.sqrt(x * x + 0.25 * (1 - r) * (1 - r)));
-    share[n] = bytes[at + 7] === LIT && facing > 1e-3 ? facing : 0;
+    share[n] = (bytes[at + 7] & 3) === LIT && facing > 1e-3 ? facing : 0;
   }
 }
 
@@ -160,9 +185,9 @@ export function albedoChanges(bundle, surface, ratio) {
 }
 
 // How much the scene as a whole brightens, for the part of colours that depends on the view: (3) gains of 1 at least.
-export function usualGain(bundle, light, angle, exposure) {
-  const whole = turned(light.whole, angle), sum = [0, 0, 0];
-  bundle.meta.mean.forEach((row, i) => row.forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; }));
+export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure) {
+  const whole = turned(light.whole, angle), sum = bundle.meta.mean[SPREAD].map((value) => lamps * value);
+  for (let i = 0; i < SPREAD; i++) bundle.meta.mean[i].forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; });
   return sum.map((value) => Math.max(value, 1) ** (1 / 2.4));
 }
 
@@ -185,7 +210,7 @@ export function gains(bundle, ratio, out) {
   const { count, splats: { colors }, surface } = bundle, table = gainTable ??= gainsByBits(), most = table.length - 1;
   const bits = new Int32Array(ratio.buffer, ratio.byteOffset, ratio.length), lit = LINEAR; // negative numbers have negative bits
   for (let n = 0, i = 0, to = 0, at = 7; n < count; n++, i += 3, to += 4, at += 8) {
-    if (surface[at] !== LIT) {
+    if ((surface[at] & 3) !== LIT) {
       out[to] = out[to + 1] = out[to + 2] = GAIN_UNIT;
       out[to + 3] = 0;
       continue;
@@ -226,7 +251,7 @@ export function showSky(bundle, light, angle, exposure, out) {
 function skyRows({ count, surface, splats, meta }) {
   const rows = [], directions = [], { scene_from_splat: frame, middle } = meta.frame;
   for (let n = 0; n < count; n++) {
-    if (surface[8 * n + 7] !== SKY) continue;
+    if ((surface[8 * n + 7] & 3) !== SKY) continue;
     const away = [0, 1, 2].map((k) => splats.means[3 * n + k] - middle[k]);
     rows.push(n);
     directions.push(...frame.slice(0, 3).map((row) => row[0] * away[0] + row[1] * away[1] + row[2] * away[2]));
@@ -238,11 +263,12 @@ function skyRows({ count, surface, splats, meta }) {
 export function exposureOf(bundle, light, ratio) {
   const shown = [], step = Math.max(1, Math.floor(bundle.count / 20000));
   for (let n = 0; n < bundle.count; n += step) {
-    if (bundle.surface[8 * n + 7] !== LIT) continue;
+    if ((bundle.surface[8 * n + 7] & 3) !== LIT) continue;
     shown.push(Math.max(...[0, 1, 2].map((k) => ratio[3 * n + k] * LINEAR[bundle.splats.colors[3 * n + k]])));
   }
   shown.sort((a, b) => a - b);
   const bright = shown.length ? shown[Math.floor(0.98 * (shown.length - 1))] : 1, auto = bright > 0 ? 0.8 / bright : 1;
   if (bundle.meta.brightness === null || !(light.mean > 0)) return auto;
+  if (bundle.meta.lamps !== null) return bundle.meta.brightness / light.mean;
   return Math.min(Math.max(bundle.meta.brightness / light.mean, auto / 2), auto * 2);
 }

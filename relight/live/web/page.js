@@ -8,6 +8,7 @@ const PANEL = `
 <label>Sun <input id="r-sun" type="range" min="0" max="3" step="0.05"><output></output></label>
 <label>Sun from <input id="r-azimuth" type="range" min="-180" max="180" step="1"><output></output></label>
 <label>Sun height <input id="r-height" type="range" min="2" max="90" step="1"><output></output></label>
+<label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
 <div class="row"><button id="r-load">Load .hdr</button><button id="r-save">Save relit .ply</button></div>
@@ -67,7 +68,7 @@ async function readFiles({ files, packed }) {
 class Session {
   constructor(bundle, proxy, lights, stage, data, tell) {
     Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
-    this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
     this.gains = new Uint16Array(bundle.count * 4);
@@ -79,11 +80,12 @@ class Session {
   }
 
   begin(query) {
-    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
     if (query.has("nopanel")) element("relight").style.display = "none";
+    if (this.bundle.meta.lamps === null) element("r-lamps").parentElement.style.display = "none";
     this.listen();
     this.set({});
   }
@@ -117,19 +119,19 @@ class Session {
 
   draw() {
     const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
-    const exposure = light.exposure * 2 ** state.exposure, began = performance.now();
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, began = performance.now();
     if (state.view === "captured") gains.set(this.plain);
     else {
       if (state.view === "albedo") Live.albedoChanges(bundle, this.surface, ratio);
       else {
-        Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1), ratio);
+        Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1, lamps), ratio);
         const suns = this.suns();
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
       }
       Live.gains(bundle, ratio, gains);
       if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains);
     }
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure) : [1, 1, 1];
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps) : [1, 1, 1];
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" ? light.image : null, turn, exposure);
     this.compare.set(state.compare, state.line);
@@ -137,6 +139,12 @@ class Session {
     element("relight-line").style.left = `${100 * state.line}%`;
     if (!state.compare) stage.show(gains, this.most);
     this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // What the light of lamps is multiplied by beside a light: its own number, moved as the slider is.
+  lamps(light) {
+    const { lamps } = this.bundle.meta;
+    return lamps ? light.lamps * this.state.lamps / lamps : this.state.lamps;
   }
 
   // The shadow map of a sun, kept while it stands still.
@@ -155,6 +163,7 @@ class Session {
     Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), this.ratio);
     Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
     light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
+    light.lamps = this.bundle.meta.lamps ?? 0;
     this.lights.push(light);
     this.set({ light: this.lights.length - 1 });
   }
@@ -170,7 +179,7 @@ class Session {
     const { direction: [x, y, z] } = lights[state.light].suns[0] ?? { direction: [0.5, 0.7, 0.5] };
     const height = state.height ?? Math.asin(y / Math.hypot(x, y, z)) / RADIANS;
     const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
-      azimuth: [state.azimuth, `${Math.round(state.azimuth)}\u00b0`], height: [height, `${Math.round(height)}\u00b0`] };
+      azimuth: [state.azimuth, `${Math.round(state.azimuth)}\u00b0`], height: [height, `${Math.round(height)}\u00b0`], lamps: [state.lamps, `x ${state.lamps.toFixed(2)}`] };
     for (const [key, [value, text]] of Object.entries(shown)) {
       element(`r-${key}`).value = value;
       element(`r-${key}`).nextElementSibling.textContent = text;
@@ -182,7 +191,7 @@ class Session {
 
   listen() {
     const { state, stage } = this;
-    for (const key of ["turn", "exposure", "sun", "azimuth", "height"]) element(`r-${key}`).oninput = ({ target }) => this.set({ [key]: +target.value });
+    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps"]) element(`r-${key}`).oninput = ({ target }) => this.set({ [key]: +target.value });
     element("r-light").onchange = ({ target }) => this.set({ light: +target.value });
     for (const button of document.querySelectorAll("#relight [data-view]")) button.onclick = () => this.set({ view: button.dataset.view });
     element("r-compare").onclick = () => this.set({ compare: !state.compare });

@@ -41,7 +41,8 @@ def lit(folder, **wish):
 def expected_change(live, number, angle_deg):
     """By the arrays themselves, without files."""
     light = live.lights[number]
-    vector = light_vector(turned(light.rest, angle_deg), turned(light.whole, angle_deg)) * light.exposure
+    rest, whole = (light.exposure * turned(each, angle_deg) for each in (light.rest, light.whole))
+    vector = light_vector(rest, whole, light.lamps)
     means = live.means * live.scales[:, 0, None, None]
     components = live.components * live.scales[:, 1:, None, None]
     cluster = live.transfer[:, :2].copy().view("<u2")[:, 0]
