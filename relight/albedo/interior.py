@@ -70,9 +70,13 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     if found is None:
         line += f"{problem}, so that it stays as captured"
         return f"{line} (`opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
-    lamps = len(found["lamps"])
-    line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} found" + ", windows let the new light in" * bool(
-        found["windows"]
-    )
+    lamps, windows = len(found["lamps"]), bool(found["windows"])
+    line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
+    if not windows:
+        line += "and no window found, so that no new light enters"
+    else:
+        line += "found, windows let the new light in"
+    if lamps and windows:
+        line += f"; that they are as bright as a median albedo of {found['assumed_albedo']:g} makes them is assumed"
     dims = "`lamps` off or a factor dims them, " * bool(lamps)
-    return f"{line} ({dims}`opened` ceiling lets more light in)"
+    return f"{line} ({dims}`opened` ceiling lets {'more light' if windows else 'the new light'} in)"

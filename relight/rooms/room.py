@@ -167,7 +167,10 @@ def _lit(captured, interreflection, outside, areas, seen, emitters):
 
 
 def _told(frame, found, places, solved):
-    """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained."""
+    """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained.
+
+    assumed_albedo: the median that how bright all of them are together was taken from; the room does not tell it.
+    """
     lamp_facts = [
         {
             "place": np.round(lamp.place * frame.diagonal + frame.center, 3).tolist(),
@@ -186,6 +189,7 @@ def _told(frame, found, places, solved):
             "excess": np.round(solved.radiance[-1], 3).tolist(),
         }
     gains = {"agreement_gain": round(solved.gain, 3), "median_albedo": round(solved.albedo, 3)}
+    gains["assumed_albedo"] = strengths.USUAL_ALBEDO
     return {"lamps": lamp_facts, "windows": windows, **gains}
 
 
