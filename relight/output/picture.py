@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
     from ..light.environment import Environment
+    from ..texture.atlas import Atlas
 
 FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
@@ -35,7 +36,8 @@ NEAR = 0.002
 class Picture:
     """A camera before a scene. What does not depend on the light is found once.
 
-    The splats, where there are any, are drawn as any viewer draws them, else the mesh. An object throws its shadow on
+    The splats, where there are any, are drawn as any viewer draws them, else the mesh, in its texture or by its
+    vertices. An object throws its shadow on
     the ground below it; a place has its own ground. camera, width, height, samples: as of `Preview`.
     """
 
@@ -69,7 +71,13 @@ class Picture:
         self, radiance: NDArray, environment: "Environment", exposure: float, inset: bool = True
     ) -> NDArray:
         """The same of the mesh: radiance (V, 3), linear."""
-        color, alpha = self.mesh.layer(radiance, exposure)
+        return self._of_layer(*self.mesh.layer(radiance, exposure), environment, exposure, inset)
+
+    def of_texture(self, atlas: "Atlas", image: NDArray, environment: "Environment", exposure: float) -> NDArray:
+        """The same of the mesh in a texture: image (size, size, 3) uint8 sRGB, in the light of the environment."""
+        return self._of_layer(*self.mesh.texture_layer(atlas, image), environment, exposure, True)
+
+    def _of_layer(self, color, alpha, environment, exposure, inset):
         back = self._behind(environment, exposure)
         image = srgb_from_linear(color) if alpha.all() else _over(color, alpha, back)
         return self._finished(image, environment, exposure, inset)

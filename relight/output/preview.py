@@ -1,5 +1,6 @@
 """Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
-from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 
 from ..light.tonemap import compress_highlights
 from .mesh_files import check_radiance
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
     from ..light.environment import Environment
+    from ..texture.atlas import Atlas
 
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
@@ -84,14 +86,39 @@ class Preview:
         """The scene alone: display-linear colour (H, W, 3) float32, premultiplied, and how much of each pixel it
         covers, (H, W) float32."""
         shown = compress_highlights(check_radiance(self._scene, radiance) * np.float32(exposure))
+        return self._layer(lambda faces, weights: np.einsum("pk,pkc->pc", weights, shown[self._faces[faces]]))
+
+    def texture_layer(self, atlas: "Atlas", image: NDArray) -> tuple[NDArray, NDArray]:
+        """The same of the scene in its texture: image (size, size, 3) uint8 sRGB, as `Baked.relit` makes it."""
+        texels = linear_from_srgb(image.astype(np.float32) / np.float32(255.0))
+
+        def color(faces: NDArray, weights: NDArray) -> NDArray:
+            uv = np.einsum("pk,pkc->pc", weights, atlas.uv[atlas.faces[faces]])
+            return bilinear(texels, uv * np.float32(atlas.size) - np.float32(0.5))
+
+        return self._layer(color)
+
+    def _layer(self, color: Callable[[NDArray, NDArray], NDArray]) -> tuple[NDArray, NDArray]:
+        """A layer of what the rays hit: `color` of faces (P,) at barycentric weights (P, 3), (P, 3) linear."""
         image = np.zeros((self.view.height, self.view.width, 4), np.float32)
         for rows, _, hit, faces, weights in self._passes:
             layer = np.zeros((len(hit), 4), np.float32)
-            layer[hit, :3] = np.einsum("pk,pkc->pc", weights, shown[self._faces[faces]])
+            layer[hit, :3] = color(faces, weights)
             layer[hit, 3] = 1.0
             image[rows] += layer.reshape(image[rows].shape)
         image /= np.float32(self._samples)
         return image[..., :3], image[..., 3]
+
+
+def bilinear(image: NDArray, places: NDArray) -> NDArray:
+    """Values (P, C) of an image (H, W, C) at places (P, 2), column and row; pixel centres are whole numbers."""
+    height, width = image.shape[:2]
+    column, row = np.clip(places, 0.0, [width - 1, height - 1]).astype(np.float32).T
+    left, top = np.minimum(column.astype(np.int32), width - 2), np.minimum(row.astype(np.int32), height - 2)
+    right, low = (column - left)[:, None], (row - top)[:, None]
+    above = image[top, left] * (1.0 - right) + image[top, left + 1] * right
+    below = image[top + 1, left] * (1.0 - right) + image[top + 1, left + 1] * right
+    return above * (1.0 - low) + below * low
 
 
 def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:

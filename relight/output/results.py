@@ -98,17 +98,21 @@ class Results:
             with self._stages.stage("preview"):
                 self._drawn_last = self._drawn(relit, light, radiance, exposure)
                 mesh_files.write_png(folder / FILES["png"], self._drawn_last)
-            told["preview"] = {"shows": "mesh" if relit is None else "splat", "camera": self._picture.camera}
+            shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
+            told["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, told
 
     def _drawn(self, relit, light, radiance, exposure):
-        """The picture, (H, W, 3) uint8: of the relit splats where there are any, else of the mesh."""
+        """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         from .picture import Picture
 
         self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
-        if relit is None:
-            return self._picture.of_vertices(radiance, light, exposure)
-        return self._picture.of_splats(relit, light, exposure)
+        if relit is not None:
+            return self._picture.of_splats(relit, light, exposure)
+        if self._texture is not None:
+            image = self._relit_texture(radiance, exposure)
+            return self._picture.of_texture(self._texture.atlas, image, light, exposure)
+        return self._picture.of_vertices(radiance, light, exposure)
 
     def add_to_sheet(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> None:
         """Keep the picture of a light that was just written, in half its size, for the sheet."""
@@ -220,13 +224,17 @@ class Results:
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-            picture = self._texture.relit(appearance.received(radiance, exposure), exposure)
+            picture = self._relit_texture(radiance, exposure)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
             write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)
             if "transfer" in self._baked:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names
+
+    def _relit_texture(self, radiance, exposure):
+        """The texture under a light, (size, size, 3) uint8 sRGB."""
+        return self._texture.relit(self._appearance.received(radiance, exposure), exposure)
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

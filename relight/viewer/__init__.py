@@ -155,7 +155,8 @@ def record_turntable(
 
 
 def _session(scene, environment, options, albedos, folder, exposure, state, cache, lamps=None):
-    from .session import Session, choices_of
+    from .session import Session
+    from .state import choices_of
 
     session = Session(
         as_scene(scene), choices_of(environment, folder), options, albedos, exposure, cache=cache, lamps=lamps

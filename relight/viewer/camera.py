@@ -15,10 +15,10 @@ NEAREST, FARTHEST = 1e-3, 50.0  # distances to the target, over the scene's diag
 TOO_NEAR = 0.1
 """Distance of a target from the eye, over the diagonal, that can only be a direction."""
 
-ROOM = 1.2
-"""Distance of an eye outside the scene, over that of a picture without bars above and below."""
-
 PICTURE_ASPECT = 4.0 / 3.0  # for which the cameras of scenes are made
+
+WIDEST_DEG = 100.0
+"""Field of view beyond which a window distorts too much."""
 
 _AHEAD_COSINE = math.cos(math.radians(5.0))
 
@@ -53,15 +53,28 @@ class Orbit:
             target = eye - distance * away
         else:
             target = np.array(camera["target"], float)
-            distance *= ROOM
         elevation = math.degrees(math.asin(np.clip(away[1], -1.0, 1.0)))
         azimuth = math.degrees(math.atan2(away[0], away[2]))
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
 
-    def in_window(self, aspect):
-        """The same view from so far that a window of this aspect, width over height, shows all of a picture."""
-        return replace(self, distance=self.distance * max(1.0, aspect / PICTURE_ASPECT))
+    def in_window(self, aspect, bars=(0.0, 0.0), within=False):
+        """The same view in a window of which a part is free: there all of a picture of PICTURE_ASPECT is seen.
+
+        aspect: of the window, width over height. bars: shares of its height that are covered above and below. within:
+        whether the eye stands in the scene; it stays there, and sees a wider angle. Else it goes farther away.
+        """
+        top, bottom = bars
+        free = 1.0 - top - bottom
+        wide = math.tan(math.radians(self.fov_deg) / 2.0)
+        factor = max(1.0, aspect / PICTURE_ASPECT / free)
+        lower = wide * factor / aspect * (bottom - top)  # over the distance: the middle of what is free lies higher
+        if within:
+            fov = min(2.0 * math.degrees(math.atan(factor * wide)), WIDEST_DEG)
+            tilted = replace(self, fov_deg=fov).dragged(0.0, -math.degrees(math.atan(lower)) / ORBIT_DEG)
+            return replace(tilted, target=tuple(self.eye - self.distance * tilted.axes[2]))
+        shift = -lower * self.distance * self.axes[1]
+        return replace(self, distance=factor * self.distance, target=tuple(np.array(self.target) + shift))
 
     @property
     def axes(self):

@@ -60,7 +60,9 @@ def _step(field, step):
 
 def _next(field, step):
     def act(window):
-        window.session.change(**{field: window.session.step_choice(field, step)})
+        names = window.session.choices[field]
+        place = names.index(getattr(window.session.state, field)) + step
+        window.session.change(**{field: names[place % len(names)]})
 
     return act
 

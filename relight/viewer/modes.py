@@ -12,7 +12,7 @@ from ..sh.normals import unit_normals
 PLAIN = 96
 """Grey of a surface while its colours are computed."""
 
-SCALES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
+SCALES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Ends of the error scale: the first that holds the 98th percentile."""
 
 DARKEST = 0.01
@@ -20,11 +20,11 @@ DARKEST = 0.01
 have none."""
 
 _MAP = np.array(
-    [(20, 22, 34), (42, 39, 92), (92, 47, 121), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
+    [(44, 47, 72), (66, 52, 112), (104, 54, 128), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
      (250, 244, 180)],
     np.float32,
 )  # fmt: skip
-"""Colours of errors from small to large, of steadily growing lightness."""
+"""Colours of errors from none to large, of steadily growing lightness; that of none is lighter than the backdrop."""
 
 _CHUNKS = np.array(
     [(108, 142, 191), (214, 152, 92), (122, 168, 116), (196, 110, 112), (148, 126, 178), (158, 134, 112),
@@ -110,8 +110,8 @@ def error_scale(session):
 def map_colors(
     values,  # (N,) 0..1, clipped
 ):
-    """Colours of the error scale, (N, 3) uint8."""
-    place = np.clip(values, 0.0, 1.0) * (len(_MAP) - 1)
+    """Colours of the error scale, (N, 3) uint8. They follow the square root: most errors are small."""
+    place = np.sqrt(np.clip(values, 0.0, 1.0)) * (len(_MAP) - 1)
     below = np.minimum(place.astype(int), len(_MAP) - 2)
     share = (place - below)[:, None]
     return (_MAP[below] * (1.0 - share) + _MAP[below + 1] * share + 0.5).astype(np.uint8)

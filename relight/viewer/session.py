@@ -1,4 +1,4 @@
-"""The state of an interactive session and its light, without windows.
+"""An interactive session without windows: what a person has set, and its light.
 
 A new light shows at once: the transfer that the window holds is multiplied by the new coefficients, and bounced light
 is added in few bands. Suns and bounces in full, errors and references follow from the worker
@@ -6,20 +6,20 @@ is added in few bands. Suns and bounces in full, errors and references follow fr
 """
 
 import time
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from splat2mesh.base.errors import InputError
 
-from ..light import skies
-from ..light.environment import Environment, turned_about_y
+from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import Wish, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
+from .state import RANGES, State, checked
 from .worker import Process
 
 REST_SECONDS = 0.15
@@ -30,39 +30,13 @@ TURN_DEG_PER_SECOND = 36.0
 START_TOLERANCE = 0.02
 """Where none is asked for."""
 
-RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
-"""Ranges of the sliders. Angles wrap around, other values are clipped."""
-
-
-@dataclass(frozen=True)
-class State:
-    """Everything a person can set except the camera.
-
-    environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
-    exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
-    width. sky: the light shows behind the scene. turning: the light turns by itself.
-    """
-
-    environment: str
-    albedo: str
-    mode: str = "relit"
-    angle_deg: float = 0.0
-    exposure_ev: float = 0.0
-    tolerance: float = 0.02
-    effects: frozenset = frozenset(EFFECTS)
-    split: bool = False
-    split_at: float = 0.5
-    sky: bool = True
-    help: bool = False
-    panel: bool = True
-    turning: bool = False
-
 
 class Session:
     """One scene, a list of lights, and what a person has set.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
-    progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
+    choices: names to choose from, of "environment", "albedo" and "mode". progress: (label, fraction or None) of the
+    work under way, or None. message: what there is to tell, or "".
     revision: grows with everything that may change the picture.
     """
 
@@ -86,6 +60,7 @@ class Session:
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
         self.lamps = dict(lamps or {})
         self.environments = dict(environments)
+        self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
         self.available = options.chosen_effects
         if not RANGES["tolerance"][0] <= tolerance <= RANGES["tolerance"][1]:
             low, high = RANGES["tolerance"]
@@ -106,7 +81,7 @@ class Session:
 
     def change(self, **changes):
         """Set fields of the state; values outside their range are brought into it. Raises InputError for names."""
-        changes = {name: self._checked(name, value) for name, value in changes.items()}
+        changes = {name: checked(name, value, self.choices) for name, value in changes.items()}
         state = replace(self.state, **changes)
         if state == self.state:
             return
@@ -261,24 +236,6 @@ class Session:
         radiance = self.radiance()
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
-    def step_choice(self, name, step):
-        """The name `step` places on in the list of "environment", "albedo" or "mode", around its end."""
-        names = list({"environment": self.environments, "albedo": self.albedos, "mode": MODES}[name])
-        return names[(names.index(getattr(self.state, name)) + step) % len(names)]
-
-    def _checked(self, name, value):
-        choices = {"environment": self.environments, "albedo": self.albedos, "mode": MODES}
-        if name in choices and value not in choices[name]:
-            raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
-        if name in RANGES and name != "tolerance":
-            low, high = RANGES[name]
-            if not np.isfinite(value):
-                raise InputError(f"{name} must be a finite number, found {value}")
-            return float(value) % high if name == "angle_deg" else float(min(max(value, low), high))
-        if name == "tolerance":
-            return float(f"{min(max(value, RANGES[name][0]), RANGES[name][1]):.2g}")  # each value is a plan of its own
-        return frozenset(value) if name == "effects" else value
-
     def _ask(self):
         wish = self.wish
         if wish != self._asked:
@@ -342,27 +299,3 @@ class Session:
         if self._memory.get(name, (None,))[0] != key:
             self._memory[name] = key, compute()
         return self._memory[name][1]
-
-
-def choices_of(environment, folder=None):
-    """The lights of a session: a dict of name -> Environment or path, the given one first.
-
-    environment: an Environment, or what `Environment.load` takes. folder: its .exr and .hdr files follow; the built-in
-    lights come last. Raises InputError for an environment that cannot be read and for a folder that is none.
-    """
-    from pathlib import Path
-
-    if not isinstance(environment, Environment):
-        environment = Environment.load(environment)
-    choices = {environment.name: environment}
-    if folder is not None:
-        if not Path(folder).is_dir():
-            raise InputError(f"{folder}: expected a folder of .exr and .hdr files; no such folder")
-        files = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in (".exr", ".hdr"))
-        if not files:
-            raise InputError(f"{folder}: holds no .exr or .hdr file")
-        for path in files:
-            choices.setdefault(path.stem, path)
-    for name in skies.BUILTIN:
-        choices.setdefault(name, name)
-    return choices

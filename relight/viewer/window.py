@@ -38,7 +38,7 @@ class Window:
         pyvista = load_pyvista(off_screen)
         from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
-        from .panel import Panel
+        from .panel import Panel, bars_of
         from .stage import Stage
 
         self.session = session
@@ -48,7 +48,8 @@ class Window:
         self.plotter.camera_set = True  # or the first picture would look from somewhere else
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
-        self._home = self.orbit = orbit.in_window(size[0] / size[1])
+        bars = bars_of(size) if session.state.panel else (0.0, 0.0)
+        self._home = self.orbit = orbit.in_window(size[0] / size[1], bars, session.scene.is_place)
         self._open, self._recording, self._drag = True, None, None
         self._drawn, self._sky, self._resting = None, None, False
         self._software = self._seen_from = None

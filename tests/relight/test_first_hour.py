@@ -189,6 +189,13 @@ def test_the_cache_has_a_cap_and_what_was_used_last_stays(tmp_path, monkeypatch)
     assert cache.size_bytes == 0 and Cache().size_bytes == 0
 
 
+def test_a_mesh_without_a_splat_is_shown_in_the_texture_that_is_baked(here, capsys):
+    mesh = "ball/chunks/0000.ply"
+    arguments = mesh, "--bake", "texture", "--texture-size", "64", "--format", "png", "-o", "out", *FAST
+    assert run(capsys, *arguments)[0] == 0
+    assert json.loads((here / "out" / "report.json").read_text())["preview"]["shows"] == "texture"
+
+
 def test_texels_are_baked_once_for_all_lights(here, capsys, monkeypatch):
     arguments = "ball", "--bake", "texture", "--texture-size", "64", "--format", "npy", *FAST
     assert main([*arguments, "--env", "noon", "-q"]) == 0

@@ -4,7 +4,8 @@ import numpy as np
 import open3d as o3d
 
 from relight import Environment
-from relight.viewer.session import Session, choices_of
+from relight.viewer.session import Session
+from relight.viewer.state import choices_of
 from relight.viewer.worker import Inline
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

@@ -12,6 +12,7 @@ from relight.output.catcher import Catcher, _gathered, _spread
 from relight.output.inset import add_inset
 from relight.output.picture import Picture
 from relight.output.sheet import sheet
+from relight.texture import bake
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
@@ -55,6 +56,29 @@ def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
     assert {inside, plain} <= set(image.ravel().tolist())
     between = (image > plain) & (image < inside)
     assert 0 < between.mean() < 0.1
+
+
+def test_a_texture_shows_what_the_vertices_show_and_what_lies_between_them():
+    scene = ball_on_plate()
+    shown = Picture(scene, FRONT, *SIZE)
+    baked = bake(scene, size=256)
+    radiance = scene.colors_linear
+    image = baked.relit(np.ones_like(radiance), 1.0)
+    vertices = shown.of_vertices(radiance, EVEN, 1.0).astype(int)
+    texture = shown.of_texture(baked.atlas, image, EVEN, 1.0).astype(int)
+    off = np.abs(texture - vertices).max(axis=2)
+    assert np.median(off) <= 1 and (off <= 6).mean() > 0.98  # bytes of texels, and folds between their charts
+    # A texel alone, which no vertex knows, is seen where its face is.
+    dark = np.zeros_like(image)
+    center = np.array([0.0, 0.1, 0.8])  # of the ball towards the camera
+    points = np.einsum("tk,tkc->tc", baked.atlas.weights, scene.vertices[scene.faces[baked.atlas.face]])
+    near = baked.atlas.texels[np.linalg.norm(points - center, axis=1) < 0.15]
+    dark.reshape(-1, 3)[near] = 255
+    lit = shown.of_texture(baked.atlas, dark, Environment(np.zeros((16, 32, 3))), 1.0)[..., 0] > 200
+    lit[:, :40] = lit[:, 120:] = False  # the inset
+    rows, columns = np.nonzero(lit)
+    expected = shown.view.project(center[None])[0][0]
+    assert 5 < lit.sum() < 400 and np.abs([columns.mean() - expected[0], rows.mean() - expected[1]]).max() < 3
 
 
 def test_nothing_hides_light_from_far_ground_and_a_body_on_it_hides_most_below_it():

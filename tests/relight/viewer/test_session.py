@@ -11,11 +11,12 @@ from relight import Environment, Relighter
 from relight.light.tonemap import tone_map
 from relight.transfer.occluder import Occluder
 from relight.viewer import quick
-from relight.viewer.camera import Orbit
+from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, Lighting, _gathered, keys
 from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
-from relight.viewer.session import RANGES, Session, choices_of
+from relight.viewer.session import Session
+from relight.viewer.state import RANGES, choices_of
 from relight.viewer.worker import Inline, Process
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
@@ -306,6 +307,25 @@ def test_from_within_a_scene_the_camera_turns_about_what_it_sees():
     camera = {"eye": [0.0, 0.0, 0.0], "target": [0.0, 0.0, -0.01], "up": [0.0, 1.0, 0.0], "fov_deg": 60.0}
     orbit = Orbit.of(camera, wall, 5.0)
     assert np.allclose(orbit.target, [0.0, 0.0, -4.0]) and np.allclose(orbit.eye, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("within", [False, True])
+@pytest.mark.parametrize("aspect", [0.8, 4 / 3, 2.2])
+def test_a_picture_fits_into_what_the_panel_leaves_free(within, aspect):
+    camera = {"eye": [1.0, 2.0, 3.0], "target": [0.0, 0.5, 0.0], "up": [0.0, 1.0, 0.0], "fov_deg": 40.0}
+    orbit = Orbit.of(camera, np.zeros((1, 3)), 1.0)
+    window = orbit.in_window(aspect, (0.1, 0.3), within)
+    wide = np.tan(np.radians(20.0))
+    corners = [x * wide * orbit.axes[0] + y * wide / PICTURE_ASPECT * orbit.axes[1] for x in (-1, 1) for y in (-1, 1)]
+    pictured = np.array([orbit.target, *(orbit.target + orbit.distance * corner for corner in corners)])
+    x, y, depth = ((pictured - window.eye) @ window.axes.T).T
+    half = np.tan(np.radians(window.fov_deg / 2.0))
+    across, above = x / -depth / half, y / -depth / half * aspect
+    assert np.abs(across).max() <= 1.03
+    low, high = 2 * 0.3 - 1, 1 - 2 * 0.1
+    assert above[0] == pytest.approx((low + high) / 2, abs=1e-6)
+    assert low - 0.03 <= above.min() and above.max() <= high + 0.03  # a tilt bends the corners a little
+    assert np.allclose(window.eye, orbit.eye) == within
 
 
 def test_without_a_process_the_same_messages_come(scene):

@@ -16,8 +16,9 @@ from relight.light.projections import texel_directions
 from relight.output.preview import Preview
 from relight.viewer.controls import CONTROLS, MOUSE, SLIDERS, key_name
 from relight.viewer.panel import Panel
-from relight.viewer.session import Session, choices_of
+from relight.viewer.session import Session
 from relight.viewer.stage import BACKDROP
+from relight.viewer.state import choices_of
 from relight.viewer.window import Window
 from relight.viewer.worker import Inline
 

@@ -1,0 +1,149 @@
+"""Rectangles and texts over a VTK scene, in units that grow with the window.
+
+Two kinds of VTK actors draw them, one for all rectangles and one for each text, so that they look and work the same in
+a window, off screen and in a browser.
+"""
+
+from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
+from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+from vtkmodules.vtkRenderingCore import (
+    vtkActor2D,
+    vtkCoordinate,
+    vtkPolyDataMapper2D,
+    vtkTextActor,
+    vtkTextProperty,
+    vtkTextRenderer,
+)
+
+NORMAL, SMALL = 13, 12
+"""Sizes of texts in units."""
+
+_LEAST_SIZE = 6  # pixels of a text
+_DPI = 72  # a point is a pixel
+_WIDTHS_KEPT = 2000
+
+
+class Canvas:
+    """Clear it, put rectangles and texts on it, then show it.
+
+    boxes: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as shown. scale: pixels in a unit.
+    """
+
+    def __init__(self, renderer):
+        self._renderer, self._texts, self._drawn = renderer, [], None
+        self._points, self._quads, self._colors = vtkPoints(), vtkCellArray(), vtkUnsignedCharArray()
+        self._colors.SetNumberOfComponents(4)
+        shapes = vtkPolyData()
+        shapes.SetPoints(self._points)
+        shapes.SetPolys(self._quads)
+        shapes.GetCellData().SetScalars(self._colors)
+        self._mapper = vtkPolyDataMapper2D()
+        self._mapper.SetInputData(shapes)
+        pixels = vtkCoordinate()
+        pixels.SetCoordinateSystemToDisplay()
+        self._mapper.SetTransformCoordinate(pixels)
+        self._shapes = vtkActor2D()
+        self._shapes.SetMapper(self._mapper)
+        renderer.AddViewProp(self._shapes)
+        self._measure = vtkTextRenderer.GetInstance()
+        self._widths = {}
+        self.boxes, self.scale = {}, 1.0
+        self.clear(1.0)
+
+    def hide(self):
+        """Show nothing of it, until `show` is called again."""
+        self._shapes.VisibilityOff()
+        for actor, _ in self._texts:
+            actor.VisibilityOff()
+        self._drawn = None
+
+    def clear(self, scale):
+        """Begin anew with units of so many pixels."""
+        self._rectangles, self._written, self.scale = [], [], scale
+
+    def rectangle(self, left, base, width, height, color):
+        """color: (4,) bytes."""
+        self._rectangles.append((*(self.scale * n for n in (left, base, left + width, base + height)), color))
+
+    def text(self, left, base, string, color, size=NORMAL, bold=False):
+        """color: (3,) bytes."""
+        place = round(self.scale * left), round(self.scale * base)
+        self._written.append((string, place, color, self._pixels(size), bold))
+
+    def width(self, string, size=NORMAL):
+        """Width of a text in units."""
+        return self._extent(string, self._pixels(size), False)[1] / self.scale
+
+    def fitted(self, string, room):
+        """The small text, cut short where it is wider than `room` units."""
+        stem = string
+        while stem and self.width(string, SMALL) > room:
+            stem = stem[:-3].rstrip()
+            string = stem + "..." if stem else ""
+        return string
+
+    def show(self):
+        """Hand rectangles and texts to VTK; returns whether they differ from what is shown.
+
+        Texts keep their actors, which draw themselves anew when they change.
+        """
+        drawing = self._rectangles, self._written
+        if drawing == self._drawn:
+            return False
+        self._drawn = drawing
+        self._shapes.VisibilityOn()
+        self._points.Reset()
+        self._quads.Reset()
+        self._colors.Reset()
+        for left, low, right, high, color in self._rectangles:
+            first = self._points.GetNumberOfPoints()
+            for corner in ((left, low), (right, low), (right, high), (left, high)):
+                self._points.InsertNextPoint(*corner, 0.0)
+            self._quads.InsertNextCell(4, range(first, first + 4))
+            self._colors.InsertNextTuple4(*color)
+        for part in (self._points, self._quads, self._colors, self._mapper.GetInput()):
+            part.Modified()
+        while len(self._texts) < len(self._written):
+            actor = vtkTextActor()
+            actor.SetLayerNumber(1)
+            self._renderer.AddViewProp(actor)
+            self._texts.append([actor, None])
+        self.boxes = {}
+        for index, entry in enumerate(self._texts):
+            actor, before = entry
+            now = self._written[index] if index < len(self._written) else None
+            actor.SetVisibility(now is not None)
+            if now is None:
+                continue
+            string, (x, y), color, size, bold = now
+            if now != before:
+                actor.SetInput(string)
+                actor.SetTextProperty(_text_property(color, size, bold))
+                actor.SetDisplayPosition(x, y)
+                entry[1] = now
+            left, wide, low, tall = self._extent(string, size, bold)
+            self.boxes[string, x, y] = x + left, y + low, wide, tall
+        return True
+
+    def _pixels(self, size):
+        return max(_LEAST_SIZE, round(self.scale * size))
+
+    def _extent(self, string, size, bold):
+        """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""
+        key = string, size, bold
+        if key not in self._widths:
+            if len(self._widths) > _WIDTHS_KEPT:
+                self._widths.clear()
+            properties, box = _text_property((0, 0, 0), size, bold), [0, 0, 0, 0]
+            self._measure.GetBoundingBox(properties, string, box, _DPI)
+            self._widths[key] = box[0], box[1] - box[0] + 1, box[2], box[3] - box[2] + 1
+        return self._widths[key]
+
+
+def _text_property(color, size, bold):
+    properties = vtkTextProperty()
+    properties.SetFontFamilyToArial()
+    properties.SetFontSize(size)
+    properties.SetColor(*(channel / 255.0 for channel in color))
+    properties.SetBold(bold)
+    return properties

@@ -1,0 +1,79 @@
+"""What a person can set in a session: names, ranges, and the lights there are to choose from."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+
+from ..light import skies
+from ..light.environment import Environment
+from ..planning.effects import EFFECTS
+
+RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
+"""Ranges of the sliders. Angles wrap around, other values are clipped."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything a person can set except the camera.
+
+    environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
+    exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
+    width. sky: the light shows behind the scene. turning: the light turns by itself.
+    """
+
+    environment: str
+    albedo: str
+    mode: str = "relit"
+    angle_deg: float = 0.0
+    exposure_ev: float = 0.0
+    tolerance: float = 0.02
+    effects: frozenset = frozenset(EFFECTS)
+    split: bool = False
+    split_at: float = 0.5
+    sky: bool = True
+    help: bool = False
+    panel: bool = True
+    turning: bool = False
+
+
+def checked(name, value, choices):
+    """The value that a field of the State takes when `value` is asked for. choices: dict of field -> its names.
+
+    Raises InputError for a name that is none of them and for a number that is not finite.
+    """
+    if name in choices and value not in choices[name]:
+        raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
+    if name not in RANGES:
+        return frozenset(value) if name == "effects" else value
+    low, high = RANGES[name]
+    if not np.isfinite(value):
+        raise InputError(f"{name} must be a finite number, found {value}")
+    if name == "angle_deg":
+        return float(value) % high
+    value = float(min(max(value, low), high))
+    return float(f"{value:.2g}") if name == "tolerance" else value  # each tolerance is a plan of its own
+
+
+def choices_of(environment, folder=None):
+    """The lights of a session: a dict of name -> Environment or path, the given one first.
+
+    environment: an Environment, or what `Environment.load` takes. folder: its .exr and .hdr files follow; the built-in
+    lights come last. Raises InputError for an environment that cannot be read and for a folder that is none.
+    """
+    if not isinstance(environment, Environment):
+        environment = Environment.load(environment)
+    choices = {environment.name: environment}
+    if folder is not None:
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: expected a folder of .exr and .hdr files; no such folder")
+        files = sorted(path for path in Path(folder).iterdir() if path.suffix.lower() in (".exr", ".hdr"))
+        if not files:
+            raise InputError(f"{folder}: holds no .exr or .hdr file")
+        for path in files:
+            choices.setdefault(path.stem, path)
+    for name in skies.BUILTIN:
+        choices.setdefault(name, name)
+    return choices
