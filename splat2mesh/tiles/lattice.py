@@ -123,9 +123,10 @@ def _unit(vectors):
 
 def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The edges at which a face of a tile meets one of another: (E, 2) vertices, smaller first, and (E,) the other."""
-    count = max(len(raw.points), 1)
+    count, seam = max(len(raw.points), 1), seam_of(raw, tile)
     starts, ends = raw.faces.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).ravel().astype(np.int64)
-    key, owner = np.minimum(starts, ends) * count + np.maximum(starts, ends), np.repeat(raw.owner, 3)
+    near = np.flatnonzero(seam[starts] & seam[ends])
+    key, owner = np.minimum(starts, ends)[near] * count + np.maximum(starts, ends)[near], raw.owner[near // 3]
     mine = each_once(key[owner == tile])
     shared = np.searchsorted(mine, key, side="right") > np.searchsorted(mine, key)
     other = (owner != tile) & (owner >= 0) & shared
