@@ -11,7 +11,7 @@ import pytest
 def bucket_server(patch):
     """A server that grants everything, its address in the environment; yields its URL. patch: a MonkeyPatch."""
     pytest.importorskip("s3fs", reason="buckets need s3fs")
-    server = pytest.importorskip("moto.server", reason="buckets need moto[s3,server]")
+    server = pytest.importorskip("moto.server", reason="buckets need moto[s3] and flask-cors")
     requests = pytest.importorskip("requests")
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
