@@ -97,16 +97,21 @@ def relight_city(
         told = took["light"].result
         store.write_json(f"{folder}/light.json", told)
     dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
-    tasks = []
+    tasks, kept = [], {}
+    if resume:
+        names = {f"{folder}/{entry['name']}/relit.json" for entry in city["tiles"]}
+        names |= {f"{folder}/far/{number:05d}.json" for number in range(len(dealt))}
+        run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
+        kept = {name: took[f"check {name}"].result for name in names}
     for tile, entry in enumerate(city["tiles"]):
-        if store.committed(f"{folder}/{entry['name']}/relit.json") is None:
+        if kept.get(f"{folder}/{entry['name']}/relit.json") is None:
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
             wishes = (told["sha256"], options, albedo, tuple(formats))
             tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
     if "splat" in formats:
         eye = np.append((np.array(plan.low) + plan.high) / 2, 1.0) @ np.linalg.inv(plan.rotation).T
         for number, counts in enumerate(dealt):
-            if "-1" in counts and store.committed(f"{folder}/far/{number:05d}.json") is None:
+            if "-1" in counts and kept.get(f"{folder}/far/{number:05d}.json") is None:
                 far = (store, folder, told["sha256"], number, eye[:3].tolist(), sky)
                 tasks.append(Task(f"far {number}", relit_far, far))
     lost = run("tiles", tasks)

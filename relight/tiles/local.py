@@ -15,6 +15,10 @@ from .shared import Shared, joined_meshes, scene_of
 NEAR = 1.0
 """How far around its core a tile sees its neighbours as they are, in distances between stations."""
 
+LOWEST = 0.005
+"""Elevation, in radians, below which nothing of a distant tile reaches and it is left out: the coarse scene of a tile
+stays as large as it is, however large the city. From there a wall gets 0.6% of its light under an even sky."""
+
 
 class Local(NamedTuple):
     """A tile among its surroundings. scene: its own mesh is the first chunk, what lies near it the next ones, the
@@ -35,8 +39,11 @@ def local_scene(store: Store, shared: Shared, tile: int, distance: float) -> Loc
     box = shared.cores[tile] + np.array([[-distance], [distance]])
     touching = (shared.cores[:, 0] < box[1]).all(axis=1) & (shared.cores[:, 1] > box[0]).all(axis=1)
     chunks, far = [tile_mesh(store, tile)], []
+    apart = np.maximum(shared.cores[:, 0] - shared.cores[tile, 1], shared.cores[tile, 0] - shared.cores[:, 1])
+    apart = np.linalg.norm(np.maximum(apart, 0.0), axis=1)
+    lowest = chunks[0].vertices[:, 1].min()
     for other, distant in enumerate(shared.coarse):
-        if other == tile or distant is None:
+        if other == tile or distant is None or distant.vertices[:, 1].max() - lowest < LOWEST * apart[other]:
             continue
         if touching[other]:
             part = _part(tile_mesh(store, other), box, inside=True)

@@ -14,7 +14,10 @@ from splat2mesh.tiles.tasks import Cluster, Done, Task
 
 WORKERS = """
 import asyncio, sys
+import dask
 from distributed import Worker
+
+dask.config.set({"distributed.worker.profile.enabled": False})  # what workers take is not told
 
 async def main(address, count):
     workers = [await Worker(address, nthreads=1, dashboard=False, silence_logs=50) for _ in range(count)]

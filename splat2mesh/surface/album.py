@@ -84,8 +84,14 @@ class Album:
         colors = np.full((len(points), 3), np.nan, np.float32)
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
         arrays = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread, self.thickness
-        _look_up(points.astype(np.float64), normals.astype(np.float64), *arrays, colors, thickness, pixel)
+        points, normals = points.astype(np.float64), normals.astype(np.float64)
+        _look_up(points, normals, *arrays, self._deepest(), colors, thickness, pixel)
         return colors, thickness, pixel
+
+    def _deepest(self):
+        """(M,) float64, z behind which no point shows in each picture."""
+        behind = self.depth + np.maximum(TOLERANCE * self.depth.astype(np.float64), self.spread)
+        return np.maximum.reduceat(np.nan_to_num(behind, nan=0.0), self.starts) * (1 + 1e-9)
 
 
 def filled_in(colors, points):
@@ -102,7 +108,20 @@ def filled_in(colors, points):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _look_up(
-    points, normals, poses, lenses, sizes, starts, colors, depth, spread, thickness, out_color, out_thickness, out_pixel
+    points,
+    normals,
+    poses,
+    lenses,
+    sizes,
+    starts,
+    colors,
+    depth,
+    spread,
+    thickness,
+    deepest,
+    out_color,
+    out_thickness,
+    out_pixel,
 ):
     for i in numba.prange(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -110,7 +129,7 @@ def _look_up(
         for m in range(len(poses)):
             p = poses[m]
             cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-            if cz <= 0:
+            if cz <= 0 or cz > deepest[m]:
                 continue
             cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
             cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]

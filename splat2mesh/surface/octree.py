@@ -19,6 +19,9 @@ LEVELS = 16
 
 EMPTY = -1
 
+FIRST_TABLE = 1 << 20
+"""Slots of the table of requested cells, which doubles as they become more: 8 MB."""
+
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
@@ -95,14 +98,21 @@ def requested_cells(sights, steps, origin, finest, narrow, wide, most):
     sights: as `adaptive.Sight`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
     finest: side of the smallest cell. narrow, wide: cells to mark on either side of the surface, least and most.
     """
-    size = 1 << int(np.ceil(np.log2(2.1 * most)))
-    table, count = np.full(size, EMPTY, np.int64), 0
+    largest = 1 << int(np.ceil(np.log2(2.1 * most)))
+    table, count = np.full(min(FIRST_TABLE, largest), EMPTY, np.int64), 0
     for sight, step in zip(sights, steps, strict=True):
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]
         arrays = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
-        count = _mark(table, count, rays, *arrays, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS)
-        if count < 0 or count > most:
+        arrays = *arrays, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS
+        while (found := _mark(table, count, rays, *arrays)) < 0:
+            if len(table) >= largest:
+                return None
+            held = table[table != EMPTY]
+            table = np.full(2 * len(table), EMPTY, np.int64)
+            count = _insert_all(table, held, 0)
+        count = found
+        if count > most:
             return None
     return np.sort(table[table != EMPTY])
 
@@ -119,14 +129,20 @@ def leaves_of(requested):
     ancestors = [np.zeros(0, np.int64)]
     for level in range(1, LEVELS):
         below = np.concatenate([by_level[level - 1], ancestors[level - 1]])
-        ancestors.append(np.unique(_parents(below)))
+        ancestors.append(each_once(_parents(below)))
     leaves, nodes = [], np.zeros(0, np.int64)
     for level in range(LEVELS - 1, -1, -1):
-        nodes = np.unique(np.concatenate([by_level[level], nodes]))
+        nodes = each_once(np.concatenate([by_level[level], nodes]))
         internal = np.isin(nodes, ancestors[level], assume_unique=True)
         leaves.append(nodes[~internal])
         nodes = _children(nodes[internal])
     return np.sort(np.concatenate(leaves))
+
+
+def each_once(keys):
+    """Sorted keys, each once: as np.unique, whose hashing takes thirty times as long on these."""
+    keys = np.sort(keys)
+    return keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
 
 @_function

@@ -79,7 +79,7 @@ def convert_city(
     sources = _dealt(steps, plan, key)
     if plan.fog == 0.0:
         key, plan = _probed(steps, plan, key, sources)
-    records = _meshed(steps, plan, key, sources)
+    records = _meshed(steps, plan, key, sources, resume)
     return _finished(steps, plan, records, source)
 
 
@@ -177,11 +177,14 @@ def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
     return key, Plan.kept(steps.store, key)
 
 
-def _meshed(steps: _Steps, plan: Plan, key: str, sources) -> list[dict[str, Any]]:
+def _meshed(steps: _Steps, plan: Plan, key: str, sources, resumed: bool) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
     store, count = steps.store, len(plan.tiles)
-    records = [store.committed(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
-    tasks: list[Task] = []
+    records: list[dict[str, Any] | None] = [None] * count
+    if resumed:  # checksums of all that is there, which workers can share
+        tasks = [Task(f"check {tile}", store.committed, (f"{folder_of(tile)}/mesh.json",)) for tile in range(count)]
+        records = steps.need("check", tasks)
+    tasks = []
     looked: set[int] = set()
     waiting = dict.fromkeys(range(count), 0)
     for tile in range(count):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
-from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
+from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, each_once, leaves_of, requested_cells
 from .plan import LEVELS, RING, Plan
 
 MOST_CELLS = 24_000_000
@@ -123,10 +123,12 @@ def _unit(vectors):
 
 def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The edges at which a face of a tile meets one of another: (E, 2) vertices, smaller first, and (E,) the other."""
-    count = max(len(raw.points), 1)
+    count, seam = max(len(raw.points), 1), seam_of(raw, tile)
     starts, ends = raw.faces.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).ravel().astype(np.int64)
-    key, owner = np.minimum(starts, ends) * count + np.maximum(starts, ends), np.repeat(raw.owner, 3)
-    mine = np.unique(key[owner == tile])
-    other = (owner != tile) & (owner >= 0) & np.isin(key, mine)
+    near = np.flatnonzero(seam[starts] & seam[ends])
+    key, owner = np.minimum(starts, ends)[near] * count + np.maximum(starts, ends)[near], raw.owner[near // 3]
+    mine = each_once(key[owner == tile])
+    shared = np.searchsorted(mine, key, side="right") > np.searchsorted(mine, key)
+    other = (owner != tile) & (owner >= 0) & shared
     pairs = np.unique(np.stack([key[other], owner[other]], axis=1), axis=0)
     return np.stack([pairs[:, 0] // count, pairs[:, 0] % count], axis=1), pairs[:, 1]

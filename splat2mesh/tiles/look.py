@@ -24,6 +24,9 @@ DILATION, FOGS, LEVELS = 0.35, (0.06, 0.16), (0.6, 0.45)
 PROBES, PROBE_PIXELS = 8, 96
 """Stations of a tile by which the fog is measured, and their pixels."""
 
+EXTENT = 3.0
+"""How far a splat reaches, in units of its largest scale: its opacity is 1/90 there."""
+
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -54,23 +57,30 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
     splats, stations = _prepared(store, known, tile, sources)
     views, near = around(stations, known.pixels, UP)
     poses: list[Any] = []
+    bounds: list[Any] = []
     kept: dict[str, list[Any]] = {name: [] for name in ("depth", "normal", "spread", "thickness", "color")}
-    for view, plane in zip(views, near, strict=True):
-        seen = field_depth(splats, view, float(plane), known.level)
+    sizes = splats.scales.max(axis=1, initial=0.0)
+    for number, (view, plane) in enumerate(zip(views, near, strict=True)):
+        if number % 6 == 0:  # views of one station
+            away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
+            reached = splats.take(np.flatnonzero(away <= known.reach + EXTENT * sizes))
+        seen = field_depth(reached, view, float(plane), known.level)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)
         if not np.isfinite(depth).any():
             continue
         poses.append(view.camera_from_world)
+        bounds.append(_bounds_of(view, depth))
         kept["depth"].append(depth)
         kept["normal"].append(seen.normal.astype(np.float16))
         kept["spread"].append(seen.spread.astype(np.float32))
         kept["thickness"].append(thickness_of(seen, view).astype(np.float32))
         kept["color"].append(np.clip(np.round(255 * np.nan_to_num(seen.color)), 0, 255).astype(np.uint8))
-    arrays = {name: np.array(values) for name, values in kept.items()}
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in kept.items()}
     focal = views[0].fx if views else 1.0
-    store.write_arrays(f"work/sights/{tile:05d}.npz", poses=np.array(poses).reshape(-1, 4, 4), focal=focal, **arrays)
+    arrays |= {"poses": np.array(poses).reshape(-1, 4, 4), "bounds": np.array(bounds).reshape(-1, 2, 2), "focal": focal}
+    store.write_arrays(f"work/sights/{tile:05d}.npz", **arrays)
     facts = {"stations": len(stations), "views": len(poses), "splats": len(splats)}
     store.write_json(f"work/sights/{tile:05d}.json", facts)
     return facts
@@ -96,12 +106,13 @@ def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
     found = []
     for other in plan.seers(tile):
         kept = store.read_arrays(f"work/sights/{other:05d}.npz")
-        for row, pose in enumerate(kept["poses"]):
+        touching = (kept["bounds"][:, 0] < high).all(axis=1) & (kept["bounds"][:, 1] >= low).all(axis=1)
+        for row in np.flatnonzero(touching):
             size = kept["depth"].shape[1]
             focal = float(kept["focal"])
-            view = View(size, size, focal, focal, size / 2, size / 2, pose)
+            view = View(size, size, focal, focal, size / 2, size / 2, kept["poses"][row])
             depth = kept["depth"][row]
-            points = (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
+            points = _ground_of(view, depth)
             with np.errstate(invalid="ignore"):
                 if not ((points >= low) & (points < high)).all(axis=-1).any():
                     continue
@@ -113,12 +124,23 @@ def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
     return found
 
 
+def _ground_of(view, depth):
+    """(H, W, 2) x and z of what a view sees."""
+    return (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
+
+
+def _bounds_of(view, depth):
+    """(2, 2) lowest and highest x and z of what a view sees."""
+    points = _ground_of(view, depth).reshape(-1, 2)
+    return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
+
+
 def sight_of(face: Face, plan: Plan, tile: int) -> Sight:
     """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
     INFLUENCE, and pixels that cannot reach the ring are left out."""
     sight = Sight.of(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
     low, high = _range(plan, tile)
-    points = (face.view.center + face.view.ray_directions() * face.seen.depth[..., None])[..., [0, 2]]
+    points = _ground_of(face.view, face.seen.depth)
     with np.errstate(invalid="ignore"):
         step = np.minimum(sight.step, np.float32(plan.block))
         spread = np.minimum(sight.spread, np.float32(plan.block))

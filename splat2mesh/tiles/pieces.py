@@ -26,7 +26,7 @@ PIECE_ROWS = 500_000
 
 
 class Piece(NamedTuple):
-    """Part of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for the whole file.
+    """Part of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for all.
 
     environment: whether it is the far surroundings that a streamed SOG keeps apart.
     """
@@ -38,8 +38,8 @@ class Piece(NamedTuple):
 
 
 def pieces_of(path: str, lod: Any = "auto") -> list[Piece]:
-    """The pieces of a city, in the order of its files. path: as `parts_of`, or a URL of fsspec. lod: level of a streamed
-    SOG; auto is the finest here.
+    """The pieces of a city, in the order of its files. path: as `parts_of`, or a URL of fsspec. lod: level of a
+    streamed SOG; auto is the finest here.
 
     Raises InputError as `parts_of` does.
     """

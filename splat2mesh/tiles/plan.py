@@ -179,15 +179,16 @@ def cut(
     if max(np.abs(first).max(), np.abs(last).max()) * 2**LEVELS >= HALF - 2**LEVELS:
         raise InputError(f"the city spans {np.max(high - low):g} units in cells of {block / 2**LEVELS:g}: too many")
     least = max(3 * RING, math.ceil(halo / block / 4))
-    pending, done = [[int(first[0]), int(first[1]), int(last[0]), int(last[1])]], []
+    whole = [int(first[0]), int(first[1]), int(last[0]), int(last[1])]
+    pending, done = [(whole, np.arange(len(places)))], []
     while pending:
-        x0, z0, x1, z1 = pending.pop()
+        (x0, z0, x1, z1), rows = pending.pop()
         box = np.array([[x0, z0], [x1, z1]]) * block
-        near = ((places >= box[0] - halo) & (places < box[1] + halo)).all(axis=1)
-        own = ((places >= box[0]) & (places < box[1])).all(axis=1)
+        rows = rows[((places[rows] >= box[0] - halo) & (places[rows] < box[1] + halo)).all(axis=1)]
+        own = rows[((places[rows] >= box[0]) & (places[rows] < box[1])).all(axis=1)]
         axis = 0 if x1 - x0 >= z1 - z0 else 1
         start, stop = ((x0, x1), (z0, z1))[axis]
-        if weights[near].sum() <= most or stop - start < 2 * least:
+        if weights[rows].sum() <= most or stop - start < 2 * least:
             done.append(([x0, z0, x1, z1], round(float(weights[own].sum()))))
             continue
         where = np.sort(places[own, axis])
@@ -196,5 +197,5 @@ def cut(
         halves = (
             ([x0, z0, middle, z1], [middle, z0, x1, z1]) if axis == 0 else ([x0, z0, x1, middle], [x0, middle, x1, z1])
         )
-        pending += [halves[1], halves[0]]
+        pending += [(halves[1], rows), (halves[0], rows)]
     return [tile for tile, _ in done], [count for _, count in done]

@@ -62,8 +62,9 @@ def stations_of(
     clearance = distance_transform_edt(~taken)
     free = np.asarray(clearance >= CLEAR_CELLS)
     parts = np.asarray(label(free)[0])
-    sky = np.unique(parts[:, -1][parts[:, -1] > 0])
-    free &= np.isin(parts, sky)
+    sky = np.zeros(parts.max() + 1, bool)
+    sky[parts[:, -1]] = True
+    free &= sky[parts]  # what is no part is not free
     found = []
     for column in _columns(core, spacing):
         found += _in_column(column, low, cell, clearance, free, taken, spacing)

@@ -119,6 +119,8 @@ def _borders(raw, tile, kept, faces, points):
     edges = number[edges]
     count = len(points)
     starts, ends = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    fixed = (kept[starts] >= 0) & (kept[ends] >= 0)
+    starts, ends = starts[fixed], ends[fixed]
     there = np.isin(
         edges.min(axis=1) * count + edges.max(axis=1), np.minimum(starts, ends) * count + np.maximum(starts, ends)
     ) & (edges.min(axis=1, initial=0) >= 0)

@@ -19,8 +19,8 @@ from .store import Store
 SAMPLE = 1_000_000
 """Splats by which a city is planned, over all pieces."""
 
-LEAST_SAMPLE = 2_000
-"""Of a piece."""
+LEAST_SAMPLE = 200
+"""Of a piece, however many there are."""
 
 PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""

@@ -11,7 +11,8 @@ import pytest
 def bucket_server(patch):
     """A server that grants everything, its address in the environment; yields its URL. patch: a MonkeyPatch."""
     pytest.importorskip("s3fs", reason="buckets need s3fs")
-    server = pytest.importorskip("moto.server", reason="buckets need moto[s3,server]")
+    server = pytest.importorskip("moto.server", reason="buckets need moto[s3] and flask-cors")
+    requests = pytest.importorskip("requests")
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
     running = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0, verbose=False)
     running.start()
@@ -21,10 +22,20 @@ def bucket_server(patch):
         patch.setenv(f"AWS_{name}", value)
     patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
     patch.setenv("NO_PROXY", "127.0.0.1")
+    _forget()
     try:
         yield url
     finally:
+        requests.post(f"{url}/moto-api/reset", timeout=10)
         running.stop()
+        _forget()
+
+
+def _forget():
+    """Let fsspec connect anew: it keeps connections by everything but the environment."""
+    import fsspec
+
+    fsspec.get_filesystem_class("s3").clear_instance_cache()
 
 
 def made_bucket(name):
@@ -39,7 +50,6 @@ def made_bucket(name):
 def no_rights(url, patch):
     """A user of the server who may do nothing."""
     import boto3
-    import fsspec
     import requests
 
     user = boto3.client("iam", endpoint_url=url)
@@ -48,13 +58,13 @@ def no_rights(url, patch):
     with patch.context() as inner:
         inner.setenv("AWS_ACCESS_KEY_ID", key["AccessKeyId"])
         inner.setenv("AWS_SECRET_ACCESS_KEY", key["SecretAccessKey"])
-        fsspec.filesystem("s3").clear_instance_cache()
+        _forget()
         requests.post(f"{url}/moto-api/reset-auth", data=b"0", timeout=10)
         try:
             yield
         finally:
             requests.post(f"{url}/moto-api/reset-auth", data=b"inf", timeout=10)
-            fsspec.filesystem("s3").clear_instance_cache()
+            _forget()
 
 
 def copied(url, folder):

@@ -110,6 +110,16 @@ def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
     assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
 
 
+def test_what_lies_below_the_horizon_is_left_out(city):
+    store = Store(city)
+    shared = coarse_city(store, Environment.load("noon"))
+    cores = shared.cores.copy()
+    cores[1:] += 1e5
+    assert len(local_scene(store, shared._replace(cores=cores), 0, 5.0).scene.chunks) == 1
+    cores[1:] -= 9.99e4
+    assert len(local_scene(store, shared._replace(cores=cores), 0, 5.0).scene.chunks) == 2
+
+
 def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):
     with pytest.raises(InputError, match="exists already"):
         relight_city(city, "noon", Loop(), OPTIONS, folder="relit/a")
