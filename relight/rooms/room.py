@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from splat2mesh.scene.color import luminance, srgb_from_linear
 from splat2mesh.scene.scene import Scene
@@ -93,7 +94,7 @@ def room_of(
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
         places = strengths.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
-        colors = [lamp.color for lamp in found] + [np.ones(3)] * places.windows
+        colors = [lamp.color for lamp in found]
         solved = strengths.solve(places, np.array(colors).reshape(-1, 3))
         if solved is None:
             return None, "neither a lamp nor a window was found in it"
@@ -104,9 +105,9 @@ def room_of(
     reason = _unlikely(solved)
     if reason:
         return None, reason
-    environment = _capture_light(sky, solved.radiance[-1] if places.windows else None)
+    environment = _capture_light(sky, places.patches, solved.patches)
     outside, brightness = np.zeros_like(captured), 1.0
-    if places.windows:
+    if len(places.patches):
         outside, weight = _direct(occluder, transfer, environment), np.where(seen, areas, 0.0)
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     lit = _lit(captured, interreflection, outside, areas, seen, list(zip(found, lights, solved.radiance, strict=False)))
@@ -182,11 +183,12 @@ def _told(frame, found, places, solved):
         for k, lamp in enumerate(found)
     ]
     windows = None
-    if places.windows:
+    if len(places.patches):
         windows = {
             "evidence": round(float(solved.evidence[-1]), 3),
             "share_of_light": round(float(solved.share[-1]) + solved.share_known, 3),
-            "excess": np.round(solved.radiance[-1], 3).tolist(),
+            "excess": np.round(solved.patches.mean(axis=0), 3).tolist(),
+            "patches": len(solved.patches),
         }
     gains = {"agreement_gain": round(solved.gain, 3), "median_albedo": round(solved.albedo, 3)}
     gains["assumed_albedo"] = strengths.USUAL_ALBEDO
@@ -203,11 +205,11 @@ def _direct(occluder, transfer, environment):
     return np.maximum(direct, np.float32(0.0), out=direct)
 
 
-def _capture_light(sky, excess):
-    """The Environment that came through the windows."""
-    if excess is None:
+def _capture_light(sky, patches, excess):
+    """The Environment that came through the windows: what was seen of it, and the excess (W, 3) of its patches."""
+    if not len(patches):
         return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     known, unknown = strengths.sky_parts(sky, directions, image=True)
-    radiance = (known + unknown * excess).reshape(HEIGHT, WIDTH, 3).astype(np.float32)
-    return Environment(radiance, "windows")
+    radiance = known + unknown * excess[cKDTree(patches).query(directions)[1]]
+    return Environment(radiance.reshape(HEIGHT, WIDTH, 3).astype(np.float32), "windows")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
@@ -19,8 +20,11 @@ from ..albedo.skylight import GROUND, SkyParts
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.occluder import Occluder
 
-PLACES, DIRECTIONS = 2500, 512
-"""Places on the surface, and directions in which each looks for windows and for what the others send."""
+PLACES, DIRECTIONS = 2500, 2048
+"""Places on the surface, and directions in which each looks for windows: 4.5 degrees apart."""
+
+HITS = 4
+"""Of so many directions one tells what the others send."""
 
 USUAL_ALBEDO = 0.4
 """Median albedo, in luminance, of what is seen in a room, where nothing says more: white walls .7, wood .2."""
@@ -29,6 +33,14 @@ SPREAD, COLOR = 0.7, 0.07
 """Of the prior: log brightness of an emitter against the others, and its log colour against that it was captured in, of
 a clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other,
 and with the lamp off the room turned blue."""
+
+PATCH_SPREAD, PATCH_COLOR, PATCH_REACH_DEG = 1.2, 0.25, 15.0
+"""The same for parts of the sky in the windows against the whole of it, and how far they are alike: a sun, clipped as
+the sky around it, is another light, and its colour is its own."""
+
+CELLS, MOST_PATCHES = 400, 24
+"""Cells of the sphere, 10 degrees wide, that make the patches of a sky in windows, and how many of those at most: the
+ones that bring most light; what lies in others goes to the nearest."""
 
 STRENGTH = 2e-3
 """Of the prior on how emitters differ, against a mean over pairs of places."""
@@ -50,26 +62,34 @@ DARK, SATURATED = 0.002, 0.97
 
 class Places(NamedTuple):
     """N places of a room. vertices: (N,) indices. known: (N, 3) light of the sky that was seen unclipped. emitters:
-    (E, N, 3) of each emitter at strength 1; with `windows` the last is what is not known of the sky. bounce: (N, 3)
-    what other surfaces send. pairs, weights: of `samples.neighbor_pairs`. log_captured: (N, 3)."""
+    (E, N, 3) of each emitter at strength 1; the last W are what is not known of the sky, in patches about `patches`
+    (W, 3), unit directions. bounce: (N, 3) what other surfaces send. pairs, weights: of `samples.neighbor_pairs`.
+    log_captured: (N, 3)."""
 
     vertices: NDArray[np.int64]
     known: NDArray[np.float64]
     emitters: NDArray[np.float64]
-    windows: bool
+    patches: NDArray[np.float64]
     bounce: NDArray[np.float64]
     pairs: NDArray[np.int64]
     weights: NDArray[np.float64]
     log_captured: NDArray[np.float64]
 
+    @property
+    def lamps(self) -> int:
+        """How many of the emitters are lamps; they come first."""
+        return len(self.emitters) - len(self.patches)
+
 
 class Strengths(NamedTuple):
-    """radiance: (E, 3) of each emitter, unit of the captured colours. evidence: (E,) in [0, 1], how far the room, not
-    the prior, decides each. gain: by how much neighbours agree better in albedo than in captured colour, as a part of
-    the robust cost. albedo: median over the places, in luminance. share: (E,) of all light that places receive, and
-    share_known, that of the sky that was seen unclipped."""
+    """radiance: (L, 3) of each lamp, and patches: (W, 3) of each patch of the sky, unit of the captured colours.
+    evidence: (L + 1,) in [0, 1], or (L,) without windows, how far the room, not the prior, decides each lamp and the
+    windows as a whole. gain: by how much neighbours agree better in albedo than in captured colour, as a part of
+    the robust cost. albedo: median over the places, in luminance. share: as `evidence`, of all light that places
+    receive, and share_known, that of the sky that was seen unclipped."""
 
     radiance: NDArray[np.float64]
+    patches: NDArray[np.float64]
     evidence: NDArray[np.float64]
     gain: float
     albedo: float
@@ -108,17 +128,21 @@ def places_of(
     unlit = captured.copy()
     for rows in lamps:
         unlit[rows] = 0.0
-    free, bounce = _looks(occluder, normals, vertices, directions, unlit)
+    free = _free(occluder, normals, vertices, directions)
+    bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
-    known, windows = np.zeros((len(vertices), 3)), bool(len(vertices)) and float(free.sum(axis=1).mean()) > LEAST_OPEN
-    if windows:
+    known, patches = np.zeros((len(vertices), 3)), np.zeros((0, 3))
+    if len(vertices) and float(free.sum(axis=1).mean()) > LEAST_OPEN:
         known_part, unknown_part = sky_parts(sky, directions)
         known = free @ known_part
-        emitters.append(free @ unknown_part)
+        patches, owner = _patches(directions, free.sum(axis=0) * unknown_part.mean(axis=1))
+        for number in range(len(patches)):
+            some = np.flatnonzero(owner == number)
+            emitters.append(free[:, some] @ unknown_part[some])
     pairs, weights = samples.neighbor_pairs(occluder.origins[vertices].astype(np.float64))
     stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
     logs = np.log(captured[vertices].astype(np.float64))
-    return Places(vertices, known, stacked, windows, bounce, pairs, weights, logs)
+    return Places(vertices, known, stacked, patches, bounce, pairs, weights, logs)
 
 
 def sky_parts(
@@ -137,18 +161,18 @@ def sky_parts(
 
 
 def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
-    """The Strengths of the emitters, whose captured colours are (E, 3); None where they tell nothing."""
-    light, count = _Emitters(places), len(places.emitters)
+    """The Strengths of the emitters, whose lamps' captured colours are (L, 3); None where they tell nothing."""
+    light, count, lamps = _Emitters(places), len(places.emitters), places.lamps
     if not count or len(places.vertices) < 64 or not places.emitters.any(axis=(1, 2)).all():
         return None
-    tint = np.maximum(colors, 0.05)
+    tint = np.maximum(np.concatenate([colors, np.ones((count - lamps, 3))]), 0.05)
     start = np.log(tint / luminance(tint)[:, None])
     bright = luminance(np.exp(places.log_captured))
 
     def albedo(theta: NDArray[np.float64], level: float) -> NDArray[np.float64]:
         return bright / luminance(light(theta + level)[0])
 
-    prior = _prior(count)
+    prior = _prior(places)
     for _ in range(ROUNDS):
         low, high = -5.0, 8.0
         for _ in range(30):  # halves the range each time
@@ -162,22 +186,47 @@ def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
     scale = fit.SCALES[-1]
     before = _cost(places, places.log_captured, scale)
     after = _cost(places, places.log_captured - np.log(received), scale)
-    evidence = np.array([fit.evidence(found, _prior(count, 1.0), _brightness(count, k)) for k in range(count)])
-    share = np.array([luminance(radiance[k] * places.emitters[k]).mean() for k in range(count)])
+    groups = [[k] for k in range(lamps)] + [list(range(lamps, count))] * (count > lamps)
+    loose = _prior(places, 1.0)
+    evidence = np.array([fit.evidence(found, loose, _brightness(count, group)) for group in groups])
+    brought = luminance(radiance[:, None] * places.emitters).mean(axis=1)
     return Strengths(
-        radiance,
+        radiance[:lamps],
+        radiance[lamps:],
         evidence,
         1.0 - after / max(before, 1e-30),
         float(np.median(bright / luminance(received))),
-        share / luminance(received).mean(),
+        np.array([brought[group].sum() for group in groups]) / luminance(received).mean(),
         float(luminance(places.known).mean() / luminance(received).mean()),
     )
 
 
-def _looks(occluder, smooth, vertices, directions, captured):
-    """Free directions (N, K) float32, weighted by cosine to sum to the visible fraction, and the light (N, 3) float64
-    that the others send. Backs of faces are black."""
+def _patches(directions, brought):
+    """Centres (W, 3) of the patches, and which of them each direction (K, 3) is in. brought: (K,) light of each."""
+    cells = fibonacci_sphere(CELLS)
+    cell = cKDTree(cells).query(directions)[1]
+    total = np.bincount(cell, brought, CELLS)
+    kept = np.sort(np.argsort(-total, kind="stable")[:MOST_PATCHES])
+    kept = kept[total[kept] > 0.0]
+    return cells[kept], cKDTree(cells[kept]).query(directions)[1] if len(kept) else np.zeros(len(directions), int)
+
+
+def _free(occluder, smooth, vertices, directions):
+    """Free directions (N, K) float32, weighted by cosine to sum to the visible fraction."""
     free = np.zeros((len(vertices), len(directions)), np.float32)
+    toward = np.ascontiguousarray(directions, np.float32)
+    for start in range(0, len(vertices), samples.BATCH):
+        some = vertices[start : start + samples.BATCH]
+        cosine = smooth[some] @ toward.T
+        place, direction = np.nonzero(cosine > 0.0)
+        blocked = occluder.occluded(np.hstack([occluder.origins[some][place], toward[direction]]))
+        weight = cosine[place, direction] * np.float32(4.0 / len(directions))
+        free[start + place, direction] = np.where(blocked, np.float32(0.0), weight)
+    return free
+
+
+def _sent(occluder, smooth, vertices, directions, captured):
+    """Light (N, 3) float64 that other surfaces send. Backs of faces are black."""
     bounce = np.zeros((len(vertices), 3))
     toward = np.ascontiguousarray(directions, np.float32)
     for start in range(0, len(vertices), samples.BATCH):
@@ -187,7 +236,6 @@ def _looks(occluder, smooth, vertices, directions, captured):
         rays = np.hstack([occluder.origins[some][place], toward[direction]])
         _, faces, uv, normals = occluder.first_hits(rays)
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
-        free[start + place, direction] = np.where(faces < 0, weight, np.float32(0.0))
         corners = occluder.faces[np.maximum(faces, 0)]
         outward = occluder.normals[corners].sum(axis=1)
         facing = np.einsum("ij,ij->i", normals, outward) * np.einsum("ij,ij->i", normals, toward[direction])
@@ -196,23 +244,34 @@ def _looks(occluder, smooth, vertices, directions, captured):
         seen = np.einsum("rk,rkc->rc", shares, captured[corners])
         for color in range(3):
             bounce[start : start + len(some), color] = np.bincount(place, seen[:, color], len(some))
-    return free, bounce
+    return bounce
 
 
-def _prior(count, stiff=STIFF):
+def _prior(places, stiff=STIFF):
     """(3 E, 3 E), colours outermost, in units of `fit.STRENGTH`."""
+    count, lamps = len(places.emitters), places.lamps
+    apart = np.degrees(np.arccos(np.clip(places.patches @ places.patches.T, -1.0, 1.0)))
+    alike = np.exp(-0.5 * (apart / PATCH_REACH_DEG) ** 2)
+
+    def precision(whole, part):
+        spread = whole**2 * np.eye(count)
+        spread[lamps:, lamps:] = whole**2 + part**2 * (alike + 0.01 * np.eye(count - lamps))
+        return np.linalg.inv(spread)
+
+    common = np.ones(count)
+    common[lamps:] /= max(count - lamps, 1)
+    common /= np.linalg.norm(common)
     gray = np.full((3, 3), 1.0 / 3.0)
-    common = np.full((count, count), 1.0 / count)
-    bright = np.eye(count) + (stiff - 1.0) * common
-    parts = np.kron(gray / SPREAD**2, bright) + np.kron((np.eye(3) - gray) / COLOR**2, np.eye(count))
+    bright = precision(SPREAD, PATCH_SPREAD) + (stiff - 1.0) / SPREAD**2 * np.outer(common, common)
+    parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, precision(COLOR, PATCH_COLOR))
     return parts * (STRENGTH / fit.STRENGTH)
 
 
-def _brightness(count, k):
-    """(3 E, 1) unit column: the brightness of emitter k."""
+def _brightness(count, group):
+    """(3 E, 1) unit column: the brightness of a group of the emitters."""
     column = np.zeros((3, count))
-    column[:, k] = 1.0 / np.sqrt(3.0)
-    return column.reshape(-1, 1)
+    column[:, group] = 1.0
+    return (column / np.linalg.norm(column)).reshape(-1, 1)
 
 
 def _cost(places, logs, scale):

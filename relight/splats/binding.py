@@ -66,9 +66,7 @@ class Binding:
         self.surface = Surface(scene)
         self.shown = shown = splats if not unlit else splats.take(self.lit)
         self.places = Places(self.surface, shown)
-        measured = scene.measured
-        volume = np.zeros(len(self._captured), np.float32) if measured is None else measured.foliage
-        self._wide = Neighborhoods(self.surface.points, self.surface.of_vertices(volume[:, None])[:, 0])
+        self._wide = Neighborhoods(self.surface.points, self.surface.of_vertices(scene.foliage[:, None])[:, 0])
         self._near = 0.005 * self.surface.diagonal
         # Far Gaussians stand between the scene and virtual eyes that no camera of the capture had.
         self._drawn = (self.places.far < 0.5) & (shown.opacities >= INVISIBLE_OPACITY)

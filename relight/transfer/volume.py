@@ -73,10 +73,10 @@ class Foliage:
     @classmethod
     def of_scene(cls, scene):
         """That of a Scene, or None where it has no leaves or grass, or its folder does not say how thick they are."""
-        measured = scene.measured
-        if measured is None or measured.depth is None or not (measured.foliage > FEW).any():
+        depth, foliage = None if scene.measured is None else scene.measured.depth, scene.foliage
+        if depth is None or not (foliage > FEW).any():
             return None
-        return cls(scene.vertices, settled(scene.vertices, measured.foliage, measured.depth), measured.depth)
+        return cls(scene.vertices, settled(scene.vertices, foliage, depth), depth)
 
     @property
     def solid(self):

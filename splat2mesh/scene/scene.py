@@ -90,6 +90,14 @@ class Scene:
         return self.capture.get("from") in ("inside", "both")
 
     @property
+    def foliage(self) -> NDArray[np.float32]:
+        """(V,) float32 in [0, 1]: how far each vertex is of leaves or grass. All 0 where that was not measured, and in
+        a room, where what lies as leaves do is furniture: of a trained parlour a third would be leaves."""
+        if self.measured is None or self.capture.get("from") == "inside":
+            return np.zeros(self.vertex_count, np.float32)
+        return self.measured.foliage
+
+    @property
     def vertex_count(self) -> int:
         """V, over all chunks."""
         return sum(len(chunk.vertices) for chunk in self.chunks)
