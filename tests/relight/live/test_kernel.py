@@ -43,8 +43,10 @@ def expected_change(live, number, angle_deg):
     light = live.lights[number]
     rest, whole = (light.exposure * turned(each, angle_deg) for each in (light.rest, light.whole))
     vector = light_vector(rest, whole, light.lamps)
-    means = live.means * live.scales[:, 0, None, None]
-    components = live.components * live.scales[:, 1:, None, None]
+    basis = live.basis
+    directions = basis.directions * basis.direction_scales[:, None, None]
+    means = directions[0] + np.einsum("cd,dkx->ckx", basis.means * basis.scales[:, :1], directions[1:])
+    components = np.einsum("cwd,dkx->cwkx", basis.components * basis.scales[:, 1:, None], directions[1:])
     cluster = live.transfer[:, :2].copy().view("<u2")[:, 0]
     weights = live.transfer[:, 2:].view(np.int8)
     table = np.einsum("ckx,kx->cx", means, vector), np.einsum("cwkx,kx->cwx", components, vector)
