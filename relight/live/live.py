@@ -62,7 +62,8 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
 
     relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
     display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are
-    used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom that the scene is, or None.
+    used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom
+    that the scene is, or None.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
@@ -156,7 +157,7 @@ def _turned_vectors(lights):
 
 def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
     """The first of `choices_for` the rows within the tolerance, else the best; and what each that was tried takes and
-    leaves, a list of dicts. truth: (S, T, 3), the light ratio of `every` so many rows under lights of vectors (T, K, 3).
+    leaves, a list of dicts. truth: (S, T, 3), light ratio of `every` so many rows under lights of vectors (T, K, 3).
     """
     base, small = basis.colors(vectors)
     size = np.sqrt(np.square(truth).mean(axis=(0, 2)))

@@ -14,9 +14,10 @@ from relight.rooms.seen import seen_from
 from relight.transfer.occluder import Frame, Occluder
 from scenes.radiosity import light
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
+from splat2mesh.scene.color import luminance
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
+
 
 def relit(scene, **wishes):
     job = Job(
