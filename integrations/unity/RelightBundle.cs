@@ -24,10 +24,10 @@ namespace Relight
         public const int Version = 1;
         const double C0 = 0.28209479177387814;
 
-        public readonly int Count, Clusters, Weights, Direct, Spread, Numbers;
+        public readonly int Count, Clusters, Weights, Direct, Spread, Numbers, Directions;
         public readonly List<Light> Lights = new List<Light>();
         public readonly byte[] Rows, Kinds;
-        readonly float[] basis;
+        readonly float[] basis, directions;
         readonly double[][] mean;
 
         // Reads a folder and refuses, in one line, a splat that is not of it. The splat is the one that the engine shows.
@@ -45,6 +45,7 @@ namespace Relight
             Direct = (int)(double)sizes["direct"];
             Spread = (int)(double)sizes["spread"];
             Numbers = Direct + Spread + (int)(double)sizes["lamps"];
+            Directions = (int)(double)sizes["directions"];
             Check(Path.Combine(folder, splat), splat, (List<object>)meta["splats"]);
             Rows = File.ReadAllBytes(Path.Combine(folder, "transfer.bin"));
             var surface = File.ReadAllBytes(Path.Combine(folder, "surface.bin"));
@@ -52,7 +53,9 @@ namespace Relight
                 throw new InvalidDataException($"{folder}: the bundle is cut short");
             Kinds = new byte[Count];
             for (int i = 0; i < Count; i++) Kinds[i] = (byte)(surface[8 * i + 7] & 3);
-            basis = ReadBasis(File.ReadAllBytes(Path.Combine(folder, "basis.bin")));
+            var data = File.ReadAllBytes(Path.Combine(folder, "basis.bin"));
+            directions = ReadDirections(data);
+            basis = ReadBasis(data, (1 + Directions) * (4 + 6 * Numbers));
             mean = Json.Rows(meta["mean"]);
             foreach (Dictionary<string, object> each in (List<object>)meta["lights"])
             {
@@ -88,14 +91,25 @@ namespace Relight
             throw new InvalidDataException($"{name}: the bundle does not name this splat");
         }
 
-        float[] ReadBasis(byte[] data)
+        // The mean of all responses and the directions in which they differ, colours last.
+        float[] ReadDirections(byte[] data)
         {
-            int numbers = 3 * Numbers, parts = Clusters * (1 + Weights);
+            var result = new float[(1 + Directions) * 3 * Numbers];
+            for (int i = 0; i < result.Length; i++)
+                result[i] = BitConverter.ToSingle(data, 4 * (i / (3 * Numbers)))
+                    * BitConverter.ToInt16(data, 4 * (1 + Directions) + 2 * i);
+            return result;
+        }
+
+        // The mean and the components of every cluster along those directions.
+        float[] ReadBasis(byte[] data, int start)
+        {
+            int numbers = Directions, parts = Clusters * (1 + Weights);
             var result = new float[parts * numbers];
-            int means = 4 * parts, components = means + 2 * Clusters * numbers;
+            int means = start + 4 * parts, components = means + 2 * Clusters * numbers;
             for (int part = 0; part < parts; part++)
             {
-                float scale = BitConverter.ToSingle(data, 4 * part);
+                float scale = BitConverter.ToSingle(data, start + 4 * part);
                 int c = part / (1 + Weights), w = part % (1 + Weights);
                 for (int i = 0; i < numbers; i++)
                     result[part * numbers + i] = scale * (w == 0
@@ -162,10 +176,16 @@ namespace Relight
         // The table that every splat looks up: 1 + weights colours for each cluster.
         public float[] Table(float[] vector)
         {
+            var colors = new float[3 * (1 + Directions)];
+            for (int d = 0, at = 0; d <= Directions; d++)
+                for (int j = 0; j < vector.Length; j++, at++) colors[3 * d + j % 3] += directions[at] * vector[j];
             var table = new float[3 * Clusters * (1 + Weights)];
             for (int part = 0, at = 0; part < table.Length; part += 3)
-                for (int j = 0; j < vector.Length; j += 3, at += 3)
-                    for (int i = 0; i < 3; i++) table[part + i] += basis[at + i] * vector[j + i];
+            {
+                if (part / 3 % (1 + Weights) == 0) Array.Copy(colors, 0, table, part, 3);
+                for (int d = 1; d <= Directions; d++, at++)
+                    for (int i = 0; i < 3; i++) table[part + i] += basis[at] * colors[3 * d + i];
+            }
             return table;
         }
 

@@ -17,22 +17,28 @@ export async function readBundle(folder, splat = "splat.compressed.ply", get = f
     if (!entry) throw new Error(`${splat}: the bundle names ${meta.splats.map((each) => each.file).join(", ")}`);
     const bytes = await get(`${folder}/${splat}`);
     await check(bytes, entry, meta.count);
-    const { clusters, weights, direct, spread, lamps } = meta.basis;
-    const numbers = 3 * (direct + spread + lamps), parts = clusters * (1 + weights), data = await get(`${folder}/basis.bin`);
-    const scales = new Float32Array(data.slice(0, 4 * parts).buffer);
-    const means = new Int16Array(data.slice(4 * parts, 4 * parts + 2 * clusters * numbers).buffer);
-    const components = new Int8Array(data.slice(4 * parts + 2 * clusters * numbers).buffer);
-    const basis = new Float32Array(parts * numbers);
-    for (let c = 0; c < clusters; c++) {
-        for (let part = 0; part <= weights; part++) {
-            const at = (c * (1 + weights) + part) * numbers, scale = scales[c * (1 + weights) + part];
-            const from = part ? (c * weights + part - 1) * numbers : c * numbers, source = part ? components : means;
-            for (let i = 0; i < numbers; i++) basis[at + i] = scale * source[from + i];
-        }
-    }
+    const { clusters, weights } = meta.basis, basis = basisOf(await get(`${folder}/basis.bin`), meta.basis);
     const words = (2 + weights) / 4;
     const rows = packed(await get(`${folder}/transfer.bin`), await get(`${folder}/surface.bin`), meta.count, 2 + weights);
     return { meta, count: meta.count, clusters, weights, words, rows, basis, folder, splat: { file: splat, bytes } };
+}
+
+// basis.bin: the directions in which responses differ, of which clusters have means and components.
+function basisOf(bytes, { clusters, weights, directions, direct, spread, lamps }) {
+    let at = 0;
+    const take = (Type, count) => {
+        const part = new Type(bytes.slice(at, at + count * Type.BYTES_PER_ELEMENT).buffer);
+        at += part.byteLength;
+        return part;
+    };
+    return {
+        directions, numbers: 3 * (direct + spread + lamps),
+        directionScales: take(Float32Array, 1 + directions),
+        coefficients: take(Int16Array, (1 + directions) * 3 * (direct + spread + lamps)),
+        scales: take(Float32Array, clusters * (1 + weights)),
+        means: take(Int16Array, clusters * directions),
+        components: take(Int8Array, clusters * weights * directions),
+    };
 }
 
 // Refuses a splat that is not the bundle's: its SHA-256 or its count differs.
@@ -96,16 +102,20 @@ export function lightVector(bundle, light, degrees = 0, exposure = light.exposur
 }
 
 // The table that every splat looks up: RGBA floats, 1 + weights colours for each cluster.
-export function lightTable(bundle, vector) {
-    const parts = bundle.clusters * (1 + bundle.weights), numbers = vector.length, table = new Float32Array(4 * parts);
-    for (let part = 0; part < parts; part++) {
-        let red = 0, green = 0, blue = 0;
-        for (let i = 0, at = part * numbers; i < numbers; i += 3, at += 3) {
-            red += bundle.basis[at] * vector[i];
-            green += bundle.basis[at + 1] * vector[i + 1];
-            blue += bundle.basis[at + 2] * vector[i + 2];
+export function lightTable({ clusters, weights, basis }, vector) {
+    const { directions, numbers, coefficients, directionScales, scales, means, components } = basis;
+    const colors = new Float32Array(3 * (1 + directions)), table = new Float32Array(4 * clusters * (1 + weights));
+    for (let i = 0; i < coefficients.length; i++) {
+        const d = Math.floor(i / numbers);
+        colors[3 * d + i % 3] += directionScales[d] * coefficients[i] * vector[i % numbers];
+    }
+    for (let c = 0, part = 0; c < clusters; c++) {
+        for (let w = 0; w <= weights; w++, part++) {
+            const values = w ? components : means, from = (w ? c * weights + w - 1 : c) * directions;
+            const sum = [0, 0, 0];
+            for (let d = 0; d < directions; d++) for (let i = 0; i < 3; i++) sum[i] += values[from + d] * colors[3 * (1 + d) + i];
+            table.set([...sum.map((value, i) => scales[part] * value + (w ? 0 : colors[i])), 1], 4 * part);
         }
-        table.set([red, green, blue, 1], 4 * part);
     }
     return table;
 }

@@ -23,7 +23,7 @@ def write_bundle(folder, live, exact=True):
     kinds = ["compressed.ply"] + ["ply"] * exact
     for kind in kinds:
         write_splats(folder / f"splat.{kind}", live.splats, kind)
-    contents = {"transfer.bin": live.transfer, "surface.bin": live.surfaces.packed, "basis.bin": basis_bytes(live)}
+    contents = {"transfer.bin": live.transfer, "surface.bin": live.surfaces.packed, "basis.bin": live.basis.tobytes()}
     for name, content in contents.items():
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.tobytes())
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
@@ -42,7 +42,7 @@ def write_bundle(folder, live, exact=True):
 
 def described(live, splats):
     """What live.json says: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
-    clusters, weights = live.components.shape[:2]
+    clusters, weights, directions = live.basis.components.shape
     return {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -63,6 +63,7 @@ def described(live, splats):
             "file": "basis.bin",
             "clusters": clusters,
             "weights": weights,
+            "directions": directions,
             "direct": BANDS**2,
             "spread": SPREAD_BANDS**2,
             "lamps": 1,
@@ -99,11 +100,6 @@ def described(live, splats):
         ],
         "proxy": {"file": "proxy.glb", "vertices": len(live.proxy[0]), "faces": len(live.proxy[1])},
     }
-
-
-def basis_bytes(live):
-    """scales (C, 1 + W) float32, means (C, K, 3) int16, components (C, W, K, 3) int8, little-endian, end to end."""
-    return live.scales.astype("<f4").tobytes() + live.means.astype("<i2").tobytes() + live.components.tobytes()
 
 
 def light_files(live):

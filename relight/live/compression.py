@@ -19,7 +19,7 @@ TRAINED_ON = 2**15
 ROUNDS = 8
 """Of k-means; those that follow lower the error by less than 1% each."""
 
-LEAST_ROWS = 256
+LEAST_ROWS = 64
 """Rows a cluster: of fewer its own components take more bytes than they save."""
 
 CANDIDATES = 4
@@ -47,8 +47,8 @@ CHOICES = tuple(Choice(clusters, weights) for weights in (2, 6, 14) for clusters
 """4, 8 and 16 bytes a row: what a shader reads in whole texels."""
 
 
-COMPONENT = 351
-"""Bytes of a component: 117 coefficients in three colours."""
+COMPONENT = 52
+"""Bytes of a component, and of its scale."""
 
 
 class Compressed(NamedTuple):

@@ -10,19 +10,17 @@ from splat2mesh.scene.color import luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 from splat2mesh.surface.decimate import decimate
 
-from ..sh import harmonics
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
-from .compression import choices_for, cluster_centers, compress, principal
+from .basis import Packed, packed, reduced, usual_moment
+from .compression import choices_for, cluster_centers, compress
+from .harmonics import turned
 from .lights import capture_light, light_of
-from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector, response_of
+from .response import BANDS, LAMPS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 
 TOLERANCE = 0.04
 """Relative error of the light that the bytes may add, where none is asked for: 1.7% of a display value."""
-
-DIRECTIONS = 48
-"""Numbers that a response is worked with before it is compressed; what they leave out is a tenth of what bytes do."""
 
 PROXY_VERTICES = 50_000
 """Of the mesh that hides suns, stops a walker and catches shadows: 1.8 MB."""
@@ -35,7 +33,7 @@ _BATCH = 1 << 16
 
 class Live(NamedTuple):
     """splats: Splats, in the order of the bundle. order: (N,) their rows in the source. transfer: (N, 2 + W) uint8.
-    scales, means, components: the basis, see `bundle`. surfaces: Surfaces. lights: list of Light. mean: of Response.
+    basis: Packed. surfaces: Surfaces. lights: list of Light. mean: of Response.
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
@@ -45,9 +43,7 @@ class Live(NamedTuple):
     splats: Splats
     order: np.ndarray
     transfer: np.ndarray
-    means: np.ndarray
-    components: np.ndarray
-    scales: np.ndarray
+    basis: Packed
     surfaces: Surfaces
     lights: list
     mean: np.ndarray
@@ -65,8 +61,9 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
     """The Live of a scene.
 
     relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
-    display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are used, in 10 bands. tolerance: relative
-    error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom that the scene is, or None.
+    display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are
+    used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom
+    that the scene is, or None.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
@@ -89,27 +86,34 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         lights = [light_of(*each) for each in environments]
         captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
         lights += [captured] if captured is not None and not appearance.kept else []
+        vectors = _turned_vectors(lights)
+        truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
     with relighter.stages.stage("spread"):
-        reduced, restore = _reduced(binding, response, appearance, shares, splats)
+        brightness = 1.0 if appearance.capture is None else float(appearance.capture["brightness"])
+        even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
+        even = np.maximum(brightness * even + response.values[:, LAMPS], np.float32(1e-3))
+        counts = shares * _visible_error(even, appearance.captured)
+        rows, basis = reduced(response.values, counts, usual_moment(brightness))
+        rows, counts = _rows_and_counts(binding, rows, even, splats)
+        every = slice(None, None, -(-len(rows) // _BATCH))
+        truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
     with relighter.stages.stage("compress"):
-        found, errors = _compressed(reduced, restore, lights, TOLERANCE if tolerance is None else tolerance, seed)
+        allowed = TOLERANCE if tolerance is None else tolerance
+        found, errors = _compressed(rows, counts, basis, vectors, truth, every, allowed, seed)
     with relighter.stages.stage("surface"):
         foliage = lit.precomputed.foliage if settings.volume else None
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
         vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
-    means, scales, components = _as_bytes(found, restore)
     transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
-    rows = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
-    transfer[binding.lit] = rows
+    bytes_ = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
+    transfer[binding.lit] = bytes_
     capture = appearance.capture
     near = splats.means[binding.lit & (kinds != SKY)]
     return Live(
         splats=splats.take(order),
         order=order,
         transfer=transfer[order],
-        means=means,
-        components=components,
-        scales=scales,
+        basis=packed(basis, found),
         surfaces=surface._replace(packed=surface.packed[order]),
         lights=lights,
         mean=response.mean,
@@ -124,38 +128,15 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
     )
 
 
-class _Restore(NamedTuple):
-    """From reduced rows (N, D) back to responses: mean + rows @ directions, (COEFFICIENTS * 3) long."""
+def _rows_and_counts(binding, rows, even, splats):
+    """Rows (N, D) float32 of the lit splats from those of the vertices, and how much an error of each shows, (N,).
 
-    mean: np.ndarray
-    directions: np.ndarray
-    counts: np.ndarray
-
-    def of(self, rows):
-        return (rows @ self.directions.astype(np.float32)).reshape(*rows.shape[:-1], COEFFICIENTS, 3)
-
-
-def _reduced(binding, response, appearance, shares, splats):
-    """Rows (N, D) float32 of the lit splats, and how they become responses again.
-
-    Columns weigh as much as usual lights hold of their band, rows as much as an error shows: in the derivative of
-    g (c + .055), g = k^(1/2.4).
+    even: (V, 3) light ratio under a constant sky.
     """
-    column = np.repeat(_usual_bands(appearance), 3)
-    even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
-    even = even * _brightness(appearance) + response.values[:, LAMPS]
-    flat = response.values.reshape(len(response.values), -1)
-    counts = shares * _visible_error(even, appearance.captured)
-    mean, directions = principal(flat * column.astype(np.float32), np.maximum(counts, 1e-9 * counts.max()), DIRECTIONS)
-    reduced = np.zeros((len(flat), len(directions)), np.float32)
-    for start in range(0, len(flat), _BATCH):
-        part = slice(start, start + _BATCH)
-        reduced[part] = (flat[part] * column - mean) @ directions.T
-    rows = np.concatenate([binding.spread(part) for part in np.array_split(reduced, 4, axis=1)], axis=1)
-    even = np.maximum(binding.spread(even), np.float32(1e-3))
+    rows = np.concatenate([binding.spread(part) for part in np.array_split(rows, 4, axis=1)], axis=1)
     lit = splats if binding.lit.all() else splats.take(binding.lit)
-    counts = _visible_error(even, np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0), lit.opacities)
-    return rows, _Restore(mean / column, directions / column, counts.astype(np.float32))
+    color = np.clip(SH_C0 * lit.sh[:, 0] + 0.5, 0.0, 1.0)
+    return rows, _visible_error(binding.spread(even), color, lit.opacities).astype(np.float32)
 
 
 def _visible_error(ratio, color, opacity=1.0):
@@ -164,47 +145,29 @@ def _visible_error(ratio, color, opacity=1.0):
     return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
 
 
-def _brightness(appearance):
-    """Captured units per unit of the radiance of a light whose mean is 1."""
-    return 1.0 if appearance.capture is None else float(appearance.capture["brightness"])
+def _turned_vectors(lights):
+    """The vectors of lights at ANGLES_DEG, (T, COEFFICIENTS, 3) float32."""
+    vectors = []
+    for light in lights:
+        for angle in ANGLES_DEG:
+            rest, whole = (light.exposure * turned(each, angle) for each in (light.rest, light.whole))
+            vectors.append(light_vector(rest, whole, light.lamps))
+    return np.stack(vectors).astype(np.float32)
 
 
-def _usual_bands(appearance):
-    """Root mean square coefficient in each band of the built-in lights, as exposed, and of lamps: (COEFFICIENTS,)."""
-    from ..light import skies
-
-    degree, _ = harmonics.degrees_and_orders(BANDS)
-    power = np.zeros(BANDS)
-    for draw in skies.BUILTIN.values():
-        light = harmonics.project_latlong(draw(), BANDS)
-        power += np.bincount(degree, np.square(light).mean(axis=1)) / (2 * np.arange(BANDS) + 1)
-    usual = _brightness(appearance) * np.sqrt(power / len(skies.BUILTIN))[degree]
-    return np.concatenate([usual, usual[: SPREAD_BANDS**2], [1.0]])
-
-
-def _compressed(rows, restore, lights, tolerance, seed):
+def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
     """The first of `choices_for` the rows within the tolerance, else the best; and what each that was tried takes and
-    leaves, a list of dicts."""
-    from .harmonics import turned
-
-    turns = [
-        light_vector(light.exposure * turned(light.rest, a), light.exposure * turned(light.whole, a), light.lamps)
-        for light in lights
-        for a in ANGLES_DEG
-    ]
-    vectors = np.stack(turns).astype(np.float32)  # (T, COEFFICIENTS, 3)
-    small = np.einsum("dkc,tkc->dtc", restore.of(np.eye(rows.shape[1], dtype=np.float32)), vectors)
-    base = np.einsum("kc,tkc->tc", restore.mean.reshape(COEFFICIENTS, 3), vectors)
-    every = slice(None, None, -(-len(rows) // _BATCH))
-    truth = np.einsum("nd,dtc->ntc", rows[every], small) + base
-    tried, best = [], None
-    centers = {}
+    leaves, a list of dicts. truth: (S, T, 3), light ratio of `every` so many rows under lights of vectors (T, K, 3).
+    """
+    base, small = basis.colors(vectors)
+    size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
+    tried, best, centers = [], None, {}
     for choice in choices_for(len(rows)):
         if choice.clusters not in centers:
-            centers[choice.clusters] = cluster_centers(rows, restore.counts, choice.clusters, seed)
-        found = compress(rows, restore.counts, choice, seed, centers[choice.clusters])
-        off = np.einsum("nd,dtc->ntc", found.rows(every) - rows[every], small)
-        error = float(np.sqrt(np.square(off).mean(axis=(0, 2)) / np.square(truth).mean(axis=(0, 2))).max())
+            centers[choice.clusters] = cluster_centers(rows, counts, choice.clusters, seed)
+        found = compress(rows, counts, choice, seed, centers[choice.clusters])
+        off = base + np.einsum("nd,dtc->ntc", found.rows(every), small, optimize=True) - truth
+        error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / size).max())
         tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
         if best is None or error < best[0]:
             best = error, found
@@ -217,22 +180,6 @@ def _compressed(rows, restore, lights, tolerance, seed):
             stacklevel=2,
         )
     return best[1], tried
-
-
-def _as_bytes(found, restore):
-    """(means (C, K, 3) int16, scales (C, 1 + W) float32, components (C, W, K, 3) int8): value = scale * integer."""
-    means = restore.of(found.means) + restore.mean.reshape(COEFFICIENTS, 3).astype(np.float32)
-    components = restore.of(found.components)
-    scales = np.concatenate([_peak(means, 32767)[:, None], _peak(components, 127)], axis=1).astype(np.float32)
-    return (
-        np.rint(means / scales[:, 0, None, None]).astype(np.int16),
-        scales,
-        np.rint(components / scales[:, 1:, None, None]).astype(np.int8),
-    )
-
-
-def _peak(values, largest):
-    return np.maximum(np.abs(values).max(axis=(-2, -1)), 1e-20) / largest
 
 
 def _first_view(scene, vertices):

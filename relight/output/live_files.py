@@ -22,7 +22,8 @@ class LiveFiles:
     """Writes live.json with its files, and the page.
 
     splats: those of the scene. others: lights beside the one shown first. exposure_of: function of a light and the
-    radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance. tolerance: relative error that the bytes may add.
+    radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance.
+    tolerance: relative error that the bytes may add.
     room: the RelitRoom that the scene is, or None.
     """
 

@@ -125,30 +125,16 @@ def test_splats_show_the_light_of_the_bundle(site, bundle, page):
     assert psnr(picture, expected) > 33.0 > 28.0 > psnr(relit(site, *bundle, on=False), expected)
 
 
-GLB_PAGE = """<!doctype html><title>glTF splats</title><style>html, body {{ margin: 0 }}</style><canvas id="c"></canvas>
-<script type="importmap">{{ "imports": {{ "playcanvas": "./node_modules/playcanvas/build/playcanvas.mjs" }} }}</script>
+GLB_PAGE = """<!doctype html><title>glTF splats</title><body>
+<script type="importmap">{ "imports": { "playcanvas": "./node_modules/playcanvas/build/playcanvas.mjs" } }</script>
 <script type="module">
 import * as pc from "playcanvas";
-const canvas = document.getElementById("c");
-const options = new pc.AppOptions();
-options.graphicsDevice = await pc.createGraphicsDevice(canvas, {{ deviceTypes: ["webgl2"], antialias: false }});
-options.componentSystems = [pc.RenderComponentSystem, pc.CameraComponentSystem, pc.GSplatComponentSystem];
-options.resourceHandlers = [pc.TextureHandler, pc.ContainerHandler, pc.GSplatHandler];
-const app = new pc.AppBase(canvas);
-app.init(options);
-app.setCanvasFillMode(pc.FILLMODE_FILL_WINDOW);
-app.setCanvasResolution(pc.RESOLUTION_AUTO);
-app.start();
-const asset = new pc.Asset("splats", "container", {{ url: "splats.glb" }});
-await new Promise((done) => {{ asset.once("load", done); app.assets.add(asset); app.assets.load(asset); }});
+import { playcanvasApp, playcanvasCamera, slider } from "./relight_page.mjs";
+const app = await playcanvasApp(pc), asset = new pc.Asset("splats", "container", { url: "splats.glb" });
+await new Promise((done) => { asset.once("load", done); app.assets.add(asset); app.assets.load(asset); });
 app.root.addChild(asset.resource.instantiateRenderEntity());
-const camera = new pc.Entity();
-camera.addComponent("camera", {{ clearColor: new pc.Color(0, 0, 0), fov: {fov}, nearClip: 0.01 }});
-camera.setPosition({eye});
-camera.lookAt({target});
-app.root.addChild(camera);
-let frames = 0;
-app.on("frameend", () => {{ if (++frames > 20) document.title = "shown"; }});
+playcanvasCamera(pc, app);
+slider(null);
 </script>"""
 
 
@@ -158,8 +144,7 @@ def test_another_program_shows_our_gltf_splats_as_we_do(site):
     sh[:, 1:] *= 5.0  # so that harmonics that were turned the wrong way would be seen
     splats = Splats(splats.means, splats.scales * [1.5, 0.6, 1.0], splats.quats_wxyz, splats.opacities, sh)
     write_splat_glb(site / "splats.glb", splats, TILT)
-    eye, target = (", ".join(map(str, each)) for each in (EYE, TARGET))
-    (site / "glb.html").write_text(GLB_PAGE.format(fov=FOV_DEG, eye=eye, target=target))
+    (site / "glb.html").write_text(GLB_PAGE)
     picture, said = shown(site, "glb.html")
     assert said == []
     view = View.look_at(np.array(EYE), np.array(TARGET), [0, 1, 0], FOV_DEG, SIZE, SIZE)

@@ -15,7 +15,7 @@ from splat2mesh.splats.formats import write_splats
 
 PAGE = Path(__file__).parents[2] / "docs" / "live.md"
 
-DIRECT, SPREAD = 100, 16
+DIRECT, SPREAD, DIRECTIONS = 100, 16, 7
 
 
 def reader():
@@ -46,10 +46,13 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
     (folder / "surface.bin").write_bytes(surface.tobytes())
     numbers = DIRECT + SPREAD + 1
     fall = (1.0 + np.sqrt(np.r_[np.arange(DIRECT), np.arange(SPREAD), 0]).astype(int)) ** -1.5
-    means = np.rint(32767 * rng.uniform(-0.3, 1.0, (clusters, numbers, 3)) * fall[:, None]).astype("<i2")
-    components = np.rint(127 * rng.uniform(-1, 1, (clusters, weights, numbers, 3)) * fall[:, None]).astype(np.int8)
+    directions = np.rint(32767 * rng.uniform(-0.3, 1.0, (1 + DIRECTIONS, numbers, 3)) * fall[:, None])
+    means = np.rint(32767 * rng.uniform(-1.0, 1.0, (clusters, DIRECTIONS)))
+    components = np.rint(127 * rng.uniform(-1, 1, (clusters, weights, DIRECTIONS)))
     scales = np.concatenate([np.full((clusters, 1), 1e-5), np.full((clusters, weights), 2e-6)], axis=1)
-    (folder / "basis.bin").write_bytes(scales.astype("<f4").tobytes() + means.tobytes() + components.tobytes())
+    arrays = (np.full(1 + DIRECTIONS, 1e-5), "<f4"), (directions, "<i2"), (scales, "<f4"), (means, "<i2")
+    parts = [array.astype(kind).tobytes() for array, kind in (*arrays, (components, "i1"))]
+    (folder / "basis.bin").write_bytes(b"".join(parts))
     (folder / "lights").mkdir(exist_ok=True)
     lights = []
     for number in range(2):
@@ -61,8 +64,14 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         rest, whole = rng.normal(size=(DIRECT, 3)), rng.normal(size=(SPREAD, 3))
         rest[0], whole[0] = 4.0, 5.0
         lights.append(
-            {"name": f"light {number}", "file": f"lights/{number}.rgbe", "exposure": 0.6, "mean": 1.0, "lamps": 0.2 * number}
-            | {"rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
+            {
+                "name": f"light {number}",
+                "file": f"lights/{number}.rgbe",
+                "exposure": 0.6,
+                "mean": 1.0,
+                "lamps": 0.2 * number,
+            }
+            | {"lamps": 0.2 * number, "rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
         )
     frame = [[0.0, 1, 0, 0.5], [0, 0, -1, 0.25], [-1, 0, 0, -2], [0, 0, 0, 1]]
     meta = {
@@ -73,7 +82,8 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         "splats": entries,
         "frame": {"scene_from_splat": frame, "up": "+y", "middle": [0.1, 0.2, 0.3]},
         "transfer": {"weights": weights},
-        "basis": {"clusters": clusters, "weights": weights, "direct": DIRECT, "spread": SPREAD, "lamps": 1},
+        "basis": {"clusters": clusters, "weights": weights, "directions": DIRECTIONS}
+        | {"direct": DIRECT, "spread": SPREAD, "lamps": 1},
         "surface": {"lift": 0.01, "own": [1.0, 1.0, 1.0], "own_steps": 32.0},
         "mean": rng.uniform(0, 0.2, (SPREAD + 1, 3)).tolist(),
         "brightness": None,

@@ -17,9 +17,9 @@ export function readBundle(meta, files, splatFile) {
   if (meta.format !== "relight-live" || meta.version > 1) {
     throw new Error(`expected a relight-live bundle of version 1, found ${meta.format} ${meta.version}`);
   }
-  const count = meta.count, { weights, clusters } = meta.basis, row = 2 + weights;
+  const count = meta.count, { weights, clusters, directions } = meta.basis, row = 2 + weights;
   const sizes = { "transfer.bin": count * row, "surface.bin": count * 8,
-    "basis.bin": clusters * ((1 + weights) * 4 + COEFFICIENTS * 3 * (2 + weights)) };
+    "basis.bin": (1 + directions) * (4 + 6 * COEFFICIENTS) + clusters * ((1 + weights) * 4 + directions * (2 + weights)) };
   for (const [name, size] of Object.entries(sizes)) {
     const found = files[name] ? files[name].length : 0;
     if (found !== size) throw new Error(`${name} holds ${found} bytes, live.json says ${size}: export it again`);
@@ -28,16 +28,22 @@ export function readBundle(meta, files, splatFile) {
   if (splats.count !== count) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
-  const basis = aligned(files["basis.bin"]), means = clusters * (1 + weights) * 4, parts = means + clusters * COEFFICIENTS * 6;
-  return {
-    meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"],
-    scales: new Float32Array(basis, 0, clusters * (1 + weights)),
-    means: new Int16Array(basis, means, clusters * COEFFICIENTS * 3),
-    components: new Int8Array(basis, parts, clusters * weights * COEFFICIENTS * 3),
-  };
+  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis) };
 }
 
-const aligned = (bytes) => bytes.byteOffset % 4 ? bytes.slice().buffer : bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
+// basis.bin: the directions in which responses differ, of which clusters have means and components.
+function basisOf(bytes, { clusters, weights, directions }) {
+  let at = 0;
+  const take = (Type, count) => {
+    const part = new Type(bytes.slice(at, at + count * Type.BYTES_PER_ELEMENT).buffer);
+    at += part.byteLength;
+    return part;
+  };
+  return {
+    clusters, weights, directions, directionScales: take(Float32Array, 1 + directions), coefficients: take(Int16Array, (1 + directions) * COEFFICIENTS * 3),
+    scales: take(Float32Array, clusters * (1 + weights)), means: take(Int16Array, clusters * directions), components: take(Int8Array, clusters * weights * directions),
+  };
+}
 
 // The file must be the one that live.json names. Without a secure context there is no hash: then its size must do.
 export async function checkSplat(bytes, entry) {
@@ -62,24 +68,37 @@ export function lightTable(bundle, light, angle, exposure, sun = 1, lamps = ligh
   vector.set(turned(whole, angle), DIRECT * 3);
   for (let i = 0; i < vector.length; i++) vector[i] *= exposure;
   vector.fill(lamps, LAMPS * 3);
-  return tableOf(bundle, vector);
+  return tableOf(bundle.basis, vector);
 }
 
-function tableOf({ clusters, weights, scales, means, components }, vector) {
+function tableOf({ clusters, weights, directions, directionScales, coefficients, scales, means, components }, vector) {
+  const red = new Float32Array(directions), green = new Float32Array(directions), blue = new Float32Array(directions), base = [0, 0, 0];
+  for (let d = 0, at = 0; d <= directions; d++) {
+    let r = 0, g = 0, b = 0;
+    for (let i = 0; i < COEFFICIENTS * 3; i += 3, at += 3) {
+      r += coefficients[at] * vector[i];
+      g += coefficients[at + 1] * vector[i + 1];
+      b += coefficients[at + 2] * vector[i + 2];
+    }
+    const scale = directionScales[d];
+    if (d) [red[d - 1], green[d - 1], blue[d - 1]] = [r * scale, g * scale, b * scale];
+    else [r, g, b].forEach((value, k) => { base[k] = value * scale; });
+  }
   const table = new Float32Array(clusters * (1 + weights) * 3);
   for (let cluster = 0, entry = 0; cluster < clusters; cluster++) {
     for (let w = 0; w <= weights; w++, entry++) {
-      const values = w ? components : means, start = (w ? cluster * weights + w - 1 : cluster) * COEFFICIENTS * 3;
+      const values = w ? components : means, start = (w ? cluster * weights + w - 1 : cluster) * directions;
       let r = 0, g = 0, b = 0;
-      for (let i = 0, at = start; i < COEFFICIENTS * 3; i += 3, at += 3) {
-        r += values[at] * vector[i];
-        g += values[at + 1] * vector[i + 1];
-        b += values[at + 2] * vector[i + 2];
+      for (let d = 0; d < directions; d++) {
+        const value = values[start + d];
+        r += value * red[d];
+        g += value * green[d];
+        b += value * blue[d];
       }
-      const scale = scales[cluster * (1 + weights) + w];
-      table[3 * entry] = r * scale;
-      table[3 * entry + 1] = g * scale;
-      table[3 * entry + 2] = b * scale;
+      const scale = scales[entry];
+      table[3 * entry] = r * scale + (w ? 0 : base[0]);
+      table[3 * entry + 1] = g * scale + (w ? 0 : base[1]);
+      table[3 * entry + 2] = b * scale + (w ? 0 : base[2]);
     }
   }
   return table;
@@ -159,7 +178,7 @@ function throughLeaves(bundle, { volume, thick }, direction, weight, exposure, s
   if (!thick.length) return;
   const { weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3, vector = new Float32Array(COEFFICIENTS * 3);
   harmonics(direction, BANDS).forEach((value, i) => weight.forEach((strength, k) => { vector[3 * i + k] = value * strength * exposure; }));
-  const table = tableOf(bundle, vector), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
+  const table = tableOf(bundle.basis, vector), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
   for (const n of thick) {
     const at = n * row, first = (transfer[at] | transfer[at + 1] << 8) * step;
     share[n] *= 1 - volume[n];

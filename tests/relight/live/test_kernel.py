@@ -43,8 +43,10 @@ def expected_change(live, number, angle_deg):
     light = live.lights[number]
     rest, whole = (light.exposure * turned(each, angle_deg) for each in (light.rest, light.whole))
     vector = light_vector(rest, whole, light.lamps)
-    means = live.means * live.scales[:, 0, None, None]
-    components = live.components * live.scales[:, 1:, None, None]
+    basis = live.basis
+    directions = basis.directions * basis.direction_scales[:, None, None]
+    means = directions[0] + np.einsum("cd,dkx->ckx", basis.means * basis.scales[:, :1], directions[1:])
+    components = np.einsum("cwd,dkx->cwkx", basis.components * basis.scales[:, 1:, None], directions[1:])
     cluster = live.transfer[:, :2].copy().view("<u2")[:, 0]
     weights = live.transfer[:, 2:].view(np.int8)
     table = np.einsum("ckx,kx->cx", means, vector), np.einsum("cwkx,kx->cwx", components, vector)
@@ -93,6 +95,23 @@ def test_shadows_of_suns_are_those_that_rays_find(folder, tmp_path):
     assert inside.sum() > 20 and outside.sum() > 200
     assert np.abs(found[inside]).max() < 1e-3
     np.testing.assert_allclose(found[outside], full, rtol=0.05)
+
+
+def test_leaves_take_a_sun_by_their_harmonics(folder, tmp_path):
+    live = live_scene()[3]
+    shutil.copytree(folder, tmp_path / "b")
+    surface = live.surfaces.packed.copy()
+    surface[::2, 7] |= 63 << 2  # every second splat is leaves, through and through
+    (tmp_path / "b/surface.bin").write_bytes(surface.tobytes())
+    names = "with sun", "without"
+    for name, sun in zip(names, (1, 0), strict=True):
+        lit(tmp_path / "b", light=1, angle=0.7, sun=sun, change=str(tmp_path / name))
+    both, without = (np.fromfile(tmp_path / name, np.float32).reshape(-1, 3) for name in names)
+    suns = live.lights[1].suns
+    alone = live.lights[1]._replace(rest=about_y(suns.sh(10)), whole=np.zeros((16, 3)), lamps=0.0)
+    expected = np.maximum(expected_change(live._replace(lights=[alone]), 0, np.degrees(0.7)), 0.0)
+    assert expected.max() > 0.5
+    np.testing.assert_allclose((both - without)[::2], expected[::2], rtol=1e-3, atol=1e-4)
 
 
 def write_hdr(path, image, runs=True):

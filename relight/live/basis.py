@@ -1,0 +1,115 @@
+"""Responses as a few numbers each: what usual lights tell apart, and nothing else.
+
+Rows are weighed by the second moment of usual lights, turned by all angles about the vertical: light comes from above
+and from the horizon, and varies slowly. Part of it is even in all directions of a band, for lights that are not usual.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..light.environment import Environment
+from ..light.skies import BUILTIN
+from ..sh import harmonics
+from .compression import principal
+from .harmonics import turned
+from .lights import light_of
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector
+
+DIRECTIONS = 48
+"""Numbers that a response is; what they leave out is a tenth of what bytes do."""
+
+EVEN = 0.3
+"""Part of the moment that is the same for all directions of a band."""
+
+TURNS = 32
+"""Angles whose mean is exact for products of BANDS bands."""
+
+_BATCH = 1 << 14
+
+
+class Basis(NamedTuple):
+    """A response is mean + row @ directions. mean: (COEFFICIENTS, 3), directions: (D, COEFFICIENTS, 3), float32."""
+
+    mean: np.ndarray
+    directions: np.ndarray
+
+    def colors(self, vectors):
+        """What the mean and the directions make of lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
+        vectors = np.asarray(vectors, np.float32)
+        return np.einsum("kc,tkc->tc", self.mean, vectors), np.einsum("dkc,tkc->dtc", self.directions, vectors)
+
+
+def usual_moment(brightness):
+    """Mean of v v^T over the built-in lights, their angles and colours, (COEFFICIENTS, COEFFICIENTS): v is the
+    `light_vector` of a light of mean luminance `brightness`. Lamps are as they were captured."""
+    total = np.zeros((COEFFICIENTS, COEFFICIENTS))
+    for name in BUILTIN:
+        light = light_of(Environment.load(name), 1.0)
+        for angle in np.arange(TURNS) * 360.0 / TURNS:
+            vector = light_vector(turned(light.rest, angle), turned(light.whole, angle))
+            total += vector @ vector.T / (3 * TURNS * len(BUILTIN) * light.mean**2)
+    total *= brightness**2
+    degree = harmonics.degrees_and_orders(BANDS)[0]
+    band = np.concatenate([degree, BANDS + degree[: SPREAD_BANDS**2]])
+    even = (np.bincount(band, np.diag(total)[:LAMPS]) / np.bincount(band))[band]
+    total *= 1.0 - EVEN
+    total[np.arange(LAMPS), np.arange(LAMPS)] += EVEN * even
+    total[LAMPS, LAMPS] = 1.0
+    return total
+
+
+def reduced(values, counts, moment):
+    """(rows (V, D) float32, Basis) of responses (V, COEFFICIENTS, 3) that count so much (V,), by `usual_moment`."""
+    size, axes = np.linalg.eigh(moment)
+    size = np.sqrt(np.maximum(size, 1e-9 * size.max()))
+    ahead, back = (axes * size) @ axes.T, (axes / size) @ axes.T
+    weighed = np.zeros((len(values), COEFFICIENTS * 3), np.float32)
+    for start in range(0, len(values), _BATCH):
+        part = slice(start, start + _BATCH)
+        weighed[part] = np.einsum("jk,vkc->vjc", ahead, values[part], optimize=True).reshape(-1, COEFFICIENTS * 3)
+    mean, directions = principal(weighed, np.maximum(counts, 1e-9 * counts.max()), DIRECTIONS)
+    rows = np.zeros((len(values), len(directions)), np.float32)
+    for start in range(0, len(values), _BATCH):
+        part = slice(start, start + _BATCH)
+        rows[part] = (weighed[part] - mean) @ directions.T
+    shape = COEFFICIENTS, 3
+    restored = np.einsum("jk,dkc->djc", back, directions.reshape(-1, *shape))
+    return rows, Basis((back @ mean.reshape(shape)).astype(np.float32), restored.astype(np.float32))
+
+
+class Packed(NamedTuple):
+    """A Basis and the clusters in it as integers, each row of which is scale * integer.
+
+    directions: (1 + D, COEFFICIENTS, 3) int16, the mean first; direction_scales: (1 + D,) float32. means: (C, D) int16,
+    components: (C, W, D) int8, and scales (C, 1 + W) float32 of both.
+    """
+
+    directions: np.ndarray
+    direction_scales: np.ndarray
+    means: np.ndarray
+    components: np.ndarray
+    scales: np.ndarray
+
+    def tobytes(self):
+        """direction_scales, directions, scales, means, components, little-endian, end to end."""
+        kinds = {"direction_scales": "<f4", "directions": "<i2", "scales": "<f4", "means": "<i2", "components": "i1"}
+        return b"".join(getattr(self, name).astype(kind).tobytes() for name, kind in kinds.items())
+
+
+def packed(basis, found):
+    """The Packed of a Basis and of Compressed rows."""
+    directions = np.concatenate([basis.mean[None], basis.directions])
+    direction_scales = _peak(directions.reshape(len(directions), -1), 32767)
+    scales = np.concatenate([_peak(found.means, 32767)[:, None], _peak(found.components, 127)], axis=1)
+    return Packed(
+        np.rint(directions / direction_scales[:, None, None]).astype(np.int16),
+        direction_scales.astype(np.float32),
+        np.rint(found.means / scales[:, :1]).astype(np.int16),
+        np.rint(found.components / scales[:, 1:, None]).astype(np.int8),
+        scales.astype(np.float32),
+    )
+
+
+def _peak(values, largest):
+    return np.maximum(np.abs(values).max(axis=-1), 1e-20) / largest
