@@ -8,7 +8,6 @@ well and leave what it leaves where nothing went wrong. Then several runs at onc
 The mesh of the splat is known beforehand and pictures are small: `tests/support/fault_server.py`.
 """
 
-import os
 import random
 import shutil
 import sys

@@ -68,7 +68,11 @@ class Server:
 
     def __init__(self, library, folder):
         self._folder, self._runs = Path(folder), 0
-        more = {"LD_PRELOAD": str(library), "FAULTS": str(library), "PYTHONPATH": os.pathsep.join([str(ROOT), str(HERE)])}
+        more = {
+            "LD_PRELOAD": str(library),
+            "FAULTS": str(library),
+            "PYTHONPATH": os.pathsep.join([str(ROOT), str(HERE)]),
+        }
         # Copies of a process have none of its threads: so it must have none.
         more |= {"NUMBA_THREADING_LAYER_PRIORITY": "workqueue omp tbb"}
         more |= dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")

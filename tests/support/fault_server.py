@@ -33,10 +33,11 @@ def main():
 
 def _lighten():
     """Leave out what only takes time: the mesh of a splat is known, pictures are small. All files are still there."""
+    from fault_cases import scene_of
+
     import relight.job
     import relight.output.results
     import splat2mesh.pipeline
-    from fault_cases import scene_of
 
     splat2mesh.pipeline.convert = scene_of
     relight.output.results.PICTURE_SIZE = relight.job.PICTURE_SIZE = (64, 48)
