@@ -13,8 +13,8 @@ SMALLEST_SPAN = 5e-5
 MOST_SAMPLED = 65536
 
 COARSE, TOO_COARSE = 1.0, 4.0
-"""Steps between neighbouring numbers at the splats' places, in their widths: where a step is a seventh of the width, the
-mesh is as good as at the origin; where it is 4.5 widths, it is rubble."""
+"""Steps between neighbouring numbers at the splats' places, in their widths: where a step is a seventh of the width,
+the mesh is as good as at the origin; where it is 4.5 widths, it is rubble."""
 
 
 def check_extent(splats: Splats) -> None:
