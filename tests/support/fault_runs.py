@@ -172,6 +172,7 @@ class Trial:
         else:
             left = state_of(folder)
             odd = {name for name in {*left, *self.after} if left.get(name) != self.after.get(name)}
+            odd -= {name for name in odd if name not in left and "/cache/" in name}  # what was not needed any more
             wrong += [f"after the next run {name} is {'left' if name in left else 'missing'}" for name in sorted(odd)]
         return Outcome(fault, at, code, said, tuple(wrong))
 
@@ -196,7 +197,7 @@ class Trial:
             now, old, new = (part_of(state, name) for state in (found, self.before, self.after))
             if now not in (old, new):
                 yield f"{name} is lost" if not now else f"{name} is half"
-        made = {name for output in self.case.outputs for name in part_of(self.after, output)}
+        made = {name for state in (self.before, self.after) for each in self.case.outputs for name in part_of(state, each)}
         for name, digest in self.before.items():
             if name not in made and found.get(name) != digest and not name.endswith("/cache"):
                 yield f"{name} was {'changed' if name in found else 'lost'}"
