@@ -91,6 +91,8 @@ namespace Relight
         float[] ReadBasis(byte[] data)
         {
             int numbers = 3 * Numbers, parts = Clusters * (1 + Weights);
+            if (data.Length != 4L * parts + (long)numbers * Clusters * (2 + Weights))
+                throw new InvalidDataException("basis.bin is cut short");
             var result = new float[parts * numbers];
             int means = 4 * parts, components = means + 2 * Clusters * numbers;
             for (int part = 0; part < parts; part++)
@@ -208,6 +210,8 @@ namespace Relight
     {
         static readonly Regex Token = new Regex("\\s*(?:([\\[\\]{},:])|\"((?:[^\"\\\\]|\\\\.)*)\"|([-+.\\w]+))");
 
+        const int Deepest = 64;  // the stack of a player is small, and running out of it ends the player
+
         public static object Parse(string text)
         {
             int at = 0;
@@ -218,8 +222,9 @@ namespace Relight
 
         public static double[][] Rows(object list) => ((List<object>)list).ConvertAll(Row).ToArray();
 
-        static object Value(string text, ref int at)
+        static object Value(string text, ref int at, int depth = 0)
         {
+            if (depth > Deepest) throw new InvalidDataException($"nested more than {Deepest} deep at character {at}");
             var token = Next(text, ref at);
             if (token.Groups[2].Success) return Regex.Unescape(token.Groups[2].Value);
             var word = token.Groups[3].Value;
@@ -235,10 +240,10 @@ namespace Relight
                 var next = Next(text, ref at).Groups[1].Value;
                 if (next == "]" || next == "}") return isObject ? map : (object)list;
                 if (next != ",") at = before;
-                if (!isObject) { list.Add(Value(text, ref at)); continue; }
-                var name = (string)Value(text, ref at);
+                if (!isObject) { list.Add(Value(text, ref at, depth + 1)); continue; }
+                var name = (string)Value(text, ref at, depth + 1);
                 Next(text, ref at);
-                map[name] = Value(text, ref at);
+                map[name] = Value(text, ref at, depth + 1);
             }
         }
 

@@ -19,6 +19,7 @@ export async function readBundle(folder, splat = "splat.compressed.ply", get = f
     await check(bytes, entry, meta.count);
     const { clusters, weights, direct, spread, lamps } = meta.basis;
     const numbers = 3 * (direct + spread + lamps), parts = clusters * (1 + weights), data = await get(`${folder}/basis.bin`);
+    if (data.length !== 4 * parts + numbers * clusters * (2 + weights)) throw new Error("basis.bin is cut short");
     const scales = new Float32Array(data.slice(0, 4 * parts).buffer);
     const means = new Int16Array(data.slice(4 * parts, 4 * parts + 2 * clusters * numbers).buffer);
     const components = new Int8Array(data.slice(4 * parts + 2 * clusters * numbers).buffer);

@@ -24,7 +24,8 @@ class _Handler(SimpleHTTPRequestHandler):
         if self.headers.get("Host", "").lower() not in {f"{name}:{port}" for name in ("127.0.0.1", "localhost")}:
             self.send_error(403, "This server answers to 127.0.0.1 alone")
             return None
-        root, path = os.path.realpath(self.directory), os.path.realpath(self.translate_path(self.path))
+        root, asked = os.path.realpath(self.directory), self.translate_path(self.path)
+        path = os.path.realpath(asked.replace("\0", "/"))
         if path == root and self.path.split("?")[0].split("#")[0] in ("", "/"):
             path = os.path.join(root, INDEX)
         if os.path.commonpath([root, path]) != root or not os.path.isfile(path):

@@ -197,7 +197,9 @@ class Trial:
             now, old, new = (part_of(state, name) for state in (found, self.before, self.after))
             if now not in (old, new):
                 yield f"{name} is lost" if not now else f"{name} is half"
-        made = {name for state in (self.before, self.after) for each in self.case.outputs for name in part_of(state, each)}
+        made = {
+            name for state in (self.before, self.after) for each in self.case.outputs for name in part_of(state, each)
+        }
         for name, digest in self.before.items():
             if name not in made and found.get(name) != digest and not name.endswith("/cache"):
                 yield f"{name} was {'changed' if name in found else 'lost'}"

@@ -61,7 +61,13 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         rest, whole = rng.normal(size=(DIRECT, 3)), rng.normal(size=(SPREAD, 3))
         rest[0], whole[0] = 4.0, 5.0
         lights.append(
-            {"name": f"light {number}", "file": f"lights/{number}.rgbe", "exposure": 0.6, "mean": 1.0, "lamps": 0.2 * number}
+            {
+                "name": f"light {number}",
+                "file": f"lights/{number}.rgbe",
+                "exposure": 0.6,
+                "mean": 1.0,
+                "lamps": 0.2 * number,
+            }
             | {"rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
         )
     frame = [[0.0, 1, 0, 0.5], [0, 0, -1, 0.25], [-1, 0, 0, -2], [0, 0, 0, 1]]
