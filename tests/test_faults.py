@@ -1,4 +1,7 @@
-"""Both commands with a fault at one of their file operations: nothing lost, half or left. `scripts/bench faults` tries all."""
+"""Both commands with a fault at one of their file operations: nothing lost, half or left behind.
+
+`scripts/bench faults` tries all operations.
+"""
 
 import random
 

@@ -27,7 +27,7 @@ def test_nothing_that_steers_gets_through_and_words_stay(text):
 
 
 def test_words_of_all_scripts_stay_as_they_are():
-    for text in ("out/noon_0: 1,200 splats, 45°", "Größe 漢字 नमस्ते سلام\u200cها", "👩\u200d🚀 a\u00a0b"):
+    for text in ("out/noon_0: 1,200 splats, 45°", "Größe 漢字 नमस्ते \u0645\u06cc\u200c\u062e", "👩\u200d🚀 a\u00a0b"):
         assert printable(text) == text
 
 
