@@ -11,6 +11,7 @@ from .scene.chunks import DEFAULT_MAX_VERTICES, split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
+from .splats.extent import check_extent
 from .splats.formats import check_lod, read_splats
 from .splats.splats import clean, usable
 from .surface.background import far_background, foreground_ball, views_from_within
@@ -81,6 +82,7 @@ def convert(
     with stages.stage("read"):
         loaded = read_splats(path, lod)
         splats, counts = clean(loaded)
+        check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
         trained = trained_views(cameras, path, splats)
         rotation, up_from = upright(up, trained, splats)
@@ -323,6 +325,7 @@ def plan(
     check_settings(None, DEFAULT_MAX_VERTICES, up, detail, surface, background, stand)
     check_seed(seed)
     splats, counts = clean(read_splats(path, lod))
+    check_extent(splats)
     trained = trained_views(cameras, path, splats)
     rotation, up_from = upright(up, trained, splats)
     effort = EFFORTS[detail]

@@ -38,6 +38,13 @@ def read(path):
     """
     with open(path, "rb") as file:
         data = file.read()
+    try:
+        return _read(path, data)
+    except (KeyError, IndexError, TypeError, AttributeError, OverflowError, RecursionError, struct.error) as error:
+        raise ValueError(f"{path}: damaged ({type(error).__name__}: {error}); export it again") from error
+
+
+def _read(path, data):
     if len(data) < 20 or data[:4] != b"glTF":
         raise ValueError(f"{path}: not a binary glTF")
     length = struct.unpack_from("<I", data, 12)[0]

@@ -54,8 +54,11 @@ namespace Relight
             Kinds = new byte[Count];
             for (int i = 0; i < Count; i++) Kinds[i] = (byte)(surface[8 * i + 7] & 3);
             var data = File.ReadAllBytes(Path.Combine(folder, "basis.bin"));
+            long start = (1L + Directions) * (4 + 6 * Numbers), parts = Clusters * (1L + Weights);
+            if (data.Length != start + 4 * parts + (long)Directions * Clusters * (2 + Weights))
+                throw new InvalidDataException("basis.bin is cut short");
             directions = ReadDirections(data);
-            basis = ReadBasis(data, (1 + Directions) * (4 + 6 * Numbers));
+            basis = ReadBasis(data, (int)start);
             mean = Json.Rows(meta["mean"]);
             foreach (Dictionary<string, object> each in (List<object>)meta["lights"])
             {
@@ -228,6 +231,8 @@ namespace Relight
     {
         static readonly Regex Token = new Regex("\\s*(?:([\\[\\]{},:])|\"((?:[^\"\\\\]|\\\\.)*)\"|([-+.\\w]+))");
 
+        const int Deepest = 64;  // the stack of a player is small, and running out of it ends the player
+
         public static object Parse(string text)
         {
             int at = 0;
@@ -238,8 +243,9 @@ namespace Relight
 
         public static double[][] Rows(object list) => ((List<object>)list).ConvertAll(Row).ToArray();
 
-        static object Value(string text, ref int at)
+        static object Value(string text, ref int at, int depth = 0)
         {
+            if (depth > Deepest) throw new InvalidDataException($"nested more than {Deepest} deep at character {at}");
             var token = Next(text, ref at);
             if (token.Groups[2].Success) return Regex.Unescape(token.Groups[2].Value);
             var word = token.Groups[3].Value;
@@ -255,10 +261,10 @@ namespace Relight
                 var next = Next(text, ref at).Groups[1].Value;
                 if (next == "]" || next == "}") return isObject ? map : (object)list;
                 if (next != ",") at = before;
-                if (!isObject) { list.Add(Value(text, ref at)); continue; }
-                var name = (string)Value(text, ref at);
+                if (!isObject) { list.Add(Value(text, ref at, depth + 1)); continue; }
+                var name = (string)Value(text, ref at, depth + 1);
                 Next(text, ref at);
-                map[name] = Value(text, ref at);
+                map[name] = Value(text, ref at, depth + 1);
             }
         }
 

@@ -28,6 +28,7 @@ function basisOf(bytes, { clusters, weights, directions, direct, spread, lamps }
     let at = 0;
     const take = (Type, count) => {
         const part = new Type(bytes.slice(at, at + count * Type.BYTES_PER_ELEMENT).buffer);
+        if (part.length !== count) throw new Error("basis.bin is cut short");
         at += part.byteLength;
         return part;
     };

@@ -54,7 +54,7 @@ class Environment:
         radiance = np.asarray(radiance)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
             raise InputError(f"an environment must be an (H, W, 3) image, found shape {radiance.shape}")
-        self.name = str(name)
+        self.name = str(name).encode("utf-8", "replace").decode("utf-8")  # a file's name may be no text, files are
         self.radiance, self.repaired = _repaired(radiance, self.name)
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)

@@ -56,13 +56,13 @@ def write_page(folder, live, turn=0.0, most=MOST_IN_A_FILE):
         (folder / FOLDER).mkdir()
         names = write_bundle(folder / FOLDER, live, exact=False)
         page = page_of(json.loads((folder / FOLDER / META).read_text("utf-8")), names, None, turn)
-        (folder / FOLDER / INDEX).write_text(page, encoding="utf-8")
+        (folder / FOLDER / INDEX).write_text(page, encoding="utf-8", errors="replace")
         return [f"{FOLDER}/{name}" for name in (INDEX, *names)]
     with tempfile.TemporaryDirectory() as staging:
         names = write_bundle(staging, live, exact=False)
         meta = json.loads((Path(staging) / META).read_text("utf-8"))
         contents = {name: (Path(staging) / name).read_bytes() for name in names if name != META}
-        (folder / PAGE).write_text(page_of(meta, names, contents, turn), encoding="utf-8")
+        (folder / PAGE).write_text(page_of(meta, names, contents, turn), "utf-8", "replace")
     return [PAGE]
 
 

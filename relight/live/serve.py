@@ -1,5 +1,6 @@
 """A folder with a page, shown on this machine alone: browsers let no page read files beside it from a disk."""
 
+import os
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -11,8 +12,26 @@ from .page import FOLDER, INDEX
 
 
 class _Handler(SimpleHTTPRequestHandler):
+    """Serves regular files of one folder, to who asks for this machine by name: a page from elsewhere can have its own
+    name point here (DNS rebinding), and would read what is served."""
+
     def log_message(self, *_):
         pass
+
+    def send_head(self):
+        """As the base class; refuses other hosts, and what leads out of the folder or is no file."""
+        port = self.server.server_address[1]
+        if self.headers.get("Host", "").lower() not in {f"{name}:{port}" for name in ("127.0.0.1", "localhost")}:
+            self.send_error(403, "This server answers to 127.0.0.1 alone")
+            return None
+        root, asked = os.path.realpath(self.directory), self.translate_path(self.path)
+        path = os.path.realpath(asked.replace("\0", "/"))
+        if path == root and self.path.split("?")[0].split("#")[0] in ("", "/"):
+            path = os.path.join(root, INDEX)
+        if os.path.commonpath([root, path]) != root or not os.path.isfile(path):
+            self.send_error(404)
+            return None
+        return super().send_head()
 
 
 class _Server(ThreadingHTTPServer):

@@ -102,8 +102,9 @@ def check_image(path: str | os.PathLike[str]) -> str:
 def _write_image(path, image, kind):
     import imageio.v3 as iio
 
+    packed = iio.imwrite("<bytes>", image, extension=kind, **IMAGES[kind])  # a file would be its own to close
     with staged_file(path) as staging:
-        iio.imwrite(staging, image, extension=kind, **IMAGES[kind])
+        staging.write_bytes(packed)
 
 
 def check_radiance(scene: "Scene", radiance: NDArray) -> NDArray:

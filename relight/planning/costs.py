@@ -15,7 +15,8 @@ VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.22  # averaging and completing, per coefficient
 ANALYTIC_COEFFICIENT = 0.02
 PRODUCT_COEFFICIENT = 0.004  # for every light
-CALLS = 2.2e5  # in all: the light's harmonics, and threads that wake
+CALLS = 2.2e5  # in all: threads that wake, and what is done once whatever the settings
+LIGHT_COEFFICIENT = 4.5e3  # in all, per coefficient: the light's harmonics, .05 s in 8 bands
 SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = 0.6  # per sun: half of them stand before a vertex
 FIRST_HIT = 1.2  # per bounce ray: what it meets, and its place in the matrix
@@ -47,7 +48,7 @@ def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounce
     """(once, each): seconds for the scene, and for every light or angle."""
     coefficients = settings.bands**2
     rays = shadowed_vertices * settings.rays
-    once = CALLS + ANALYTIC_COEFFICIENT * coefficients * vertices
+    once = CALLS + LIGHT_COEFFICIENT * coefficients + ANALYTIC_COEFFICIENT * coefficients * vertices
     if settings.rays:
         once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
     if settings.method == "neural":

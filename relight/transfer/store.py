@@ -9,12 +9,15 @@ read. What does not fit, from another geometry, another version or a torn write,
 import contextlib
 import hashlib
 import os
-import tempfile
+import warnings
 from pathlib import Path
 
 import numpy as np
 
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import load_arrays
+from splat2mesh.base.leftovers import sweep
+from splat2mesh.base.outputs import staged_file
 
 VERSION = 1
 """Of what is kept: goes up whenever the same geometry and settings would give other numbers."""
@@ -42,6 +45,8 @@ class Cache:
         if self.folder is not None and os.path.islink(self.folder):
             self.folder = None  # a scene from elsewhere must not have files written to a place that it names
         self._key = f"{VERSION} {geometry}"
+        if self.folder is not None and not read_only:
+            self._sweep()
 
     @classmethod
     def of_scene(cls, scene, read_only=False):
@@ -77,24 +82,14 @@ class Cache:
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
         if not self.folder or self._read_only:
             return
-        path, name = self._path(kind, settings), None
-        try:
+        with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=self.folder, prefix=".", suffix=".tmp", delete=False) as file:
-                name = file.name
+            with staged_file(self._path(kind, settings)) as staging, open(staging, "wb") as file:
                 np.savez(file, key=np.array(self._key), **arrays)
                 file.flush()
                 os.fsync(file.fileno())
-            os.replace(name, path)
-            name = None
             self._forget(kind)
             self._fit()
-        except OSError:
-            pass
-        finally:
-            if name is not None:
-                with contextlib.suppress(OSError):
-                    os.unlink(name)
 
     @property
     def size_bytes(self):
@@ -108,6 +103,12 @@ class Cache:
 
     def _files(self):
         return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
+
+    def _sweep(self):
+        """Remove, without a word, what runs that were killed had left here: it can be computed again."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            sweep(self.folder)
 
     def _fit(self):
         """Remove what was not used for longest until the rest is small enough."""

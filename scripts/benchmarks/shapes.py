@@ -34,12 +34,12 @@ class Shape:
 
     @property
     def scene(self) -> Scene:
-        """A Scene in the colours of the albedo, white without one."""
+        """A Scene in the colours of the albedo, white without one; one chunk, so that arrays fit it row by row."""
         if self.albedo is None:
             colors = np.full(self.vertices.shape, 255, np.uint8)
         else:
             colors = bytes_from_unit(srgb_from_linear(self.albedo))
-        return Scene.from_mesh(Mesh(self.vertices, self.normals, self.faces, colors))
+        return Scene([Mesh(self.vertices, self.normals, self.faces, colors)])
 
 
 def shape(name: str | Path, vertices: int = MADE_VERTICES) -> Shape:

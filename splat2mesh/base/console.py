@@ -3,6 +3,7 @@
 import os
 import sys
 import traceback
+import unicodedata
 import warnings
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
@@ -25,6 +26,9 @@ THREADS = {
 }
 """Environment variables of a process that belongs to this toolkit alone; both are read as the libraries load."""
 
+
+_JOINERS = "\u200c\u200d"
+"""They show nothing and belong to words of Persian and Indian scripts, and to emoji."""
 
 _owns_process = False  # whether a command runs in this process, rather than somebody who uses the library
 
@@ -52,7 +56,7 @@ def run(
             text = f"warning: {with_options(str(message), names)}"
             if text not in told:  # once is enough
                 told.add(text)
-                print(text, file=sys.stderr)
+                print(printable(text), file=sys.stderr)
 
         warnings.showwarning = show
         warnings.simplefilter("ignore")
@@ -68,17 +72,24 @@ def run(
         except KeyboardInterrupt as error:
             return _fail(str(error) or "interrupted", EXIT_INTERRUPTED, options)
         except Exception as error:
-            text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            return _fail(f"{text} (run again with -v for the traceback)", EXIT_FAILED, options)
+            return _fail(_failed(error), EXIT_FAILED, options)
     try:
         if options.json:
             print(text_of(result))
         elif not options.quiet:
-            print("\n".join(lines))
+            print("\n".join(map(printable, lines)))
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read along has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_stdout()
+    except OSError as error:  # the results are there, but nobody was told
+        _drop_stdout()
+        return _fail(f"cannot write to the standard output: {error.strerror}", EXIT_FAILED, options)
     return EXIT_DONE
+
+
+def _drop_stdout() -> None:
+    """Let what is still to be written there go nowhere, or Python fails over it as it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 @contextmanager
@@ -119,7 +130,35 @@ def recorded_warnings() -> Iterator[list[str]]:
 
 def tell(message: str) -> None:
     """Say something on stderr while the work goes on."""
-    print(message, file=sys.stderr, flush=True)
+    print(printable(message), file=sys.stderr, flush=True)
+
+
+def printable(text: str) -> str:
+    """One line of text as a terminal may show it: what would steer it, or turn the writing round, is spelled out.
+
+    Names and comments of files come from anybody, and an escape sequence can retitle a window or hide a line. Bytes of
+    a name that are no text are spelled out too, which no stream could encode.
+    """
+    whole = "".join(letter if _is_plain(letter) else _spelled(letter) for letter in text)
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return whole.encode(encoding, "backslashreplace").decode(encoding)
+
+
+def _is_plain(letter: str) -> bool:
+    return letter.isprintable() or unicodedata.category(letter) == "Zs" or letter in _JOINERS
+
+
+def _spelled(letter: str) -> str:
+    return letter.encode("unicode_escape").decode("ascii")
+
+
+def _failed(error: Exception) -> str:
+    """What to say of work that failed: of a disk that is full or broken, what the system says of which file."""
+    more = "(run again with -v for the traceback)"
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
+        return f"{where}{error.strerror} {more}"
+    return f"{type(error).__name__}: {error} {more}" if str(error) else f"{type(error).__name__} {more}"
 
 
 def wants_progress(options: Namespace) -> bool:
@@ -138,5 +177,5 @@ def peak_mb() -> float:
 def _fail(message: str, code: int, options: Namespace) -> int:
     if options.verbose:
         traceback.print_exc()
-    print("error: " + " ".join(message.split()), file=sys.stderr)
+    print("error: " + printable(" ".join(message.split())), file=sys.stderr)
     return code

@@ -18,6 +18,8 @@ from .renaming import exchange, rename_new
 LONGEST_NAME = 255
 """Bytes of one name, on every file system in use."""
 
+_growing: list[Path] = []  # folders that this process fills at the moment, and that appear as a whole
+
 
 def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | None = None) -> None:
     """Refuse, before any work is done, an output that exists or cannot be made; clean up after runs that were killed.
@@ -51,16 +53,31 @@ def staged_folder(path: str | os.PathLike[str], overwrite: bool = True, marker: 
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
     with _workspace(path) as workspace:
-        yield workspace / NEW
+        _growing.append(workspace / NEW)
+        try:
+            yield workspace / NEW
+        finally:
+            _growing.remove(workspace / NEW)
         with shielded():
             _put(workspace, path, overwrite, marker)
 
 
 @contextmanager
 def staged_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary name, of the same ending, beside `path`; it becomes `path` on success, vanishes on failure."""
+    """Yield a temporary name, of the same ending, beside `path`; it becomes `path` on success, vanishes on failure.
+
+    In a folder that is staged itself the name is `path`: the folder appears as a whole, and a second staging would only
+    be a second thing to clean up.
+    """
     path = Path(path).absolute()
     path.parent.mkdir(parents=True, exist_ok=True)
+    if any(folder in path.parents for folder in _growing):
+        try:
+            yield path
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        return
     with _workspace(path) as workspace:
         staging = workspace / NEW / path.name
         yield staging

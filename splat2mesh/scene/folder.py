@@ -111,7 +111,7 @@ def write_folder(scene: "Scene", path: str | os.PathLike[str], overwrite: bool =
         if scene.picture is not None:
             import imageio.v3 as iio
 
-            iio.imwrite(folder / PICTURE, scene.picture)
+            (folder / PICTURE).write_bytes(iio.imwrite("<bytes>", scene.picture, extension=".png"))
         if scene.proxy is not None:
             (folder / PROXY).write_bytes(scene.proxy)
         meta = {

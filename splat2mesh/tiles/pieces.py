@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.inputs import inside
 from ..splats.formats import inria, sog, streamed
 from ..splats.formats.parts import SUFFIXES, check_lod, parts_of
 from ..splats.formats.ply import Ply
@@ -117,7 +118,7 @@ def _here(path: str) -> Iterator[str]:
     store, name = Store(path), path.rsplit("/", 1)[1]
     with TemporaryDirectory(prefix="splat2mesh.") as folder:
         for below in store.listed():
-            target = Path(folder) / name / below
+            target = inside(Path(folder) / name, below, path) if below else Path(folder) / name  # it may name anything
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(store.read(below))
         yield str(Path(folder) / name)

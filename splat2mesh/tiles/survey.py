@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
+from ..splats.extent import check_extent
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats, usable
@@ -47,6 +48,7 @@ def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], set
     sample, weights = _sample(store, len(pieces))
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
+    check_extent(sample)
     rotation, up_from = upright(settings["up"], (), sample)
     turned = placed(sample, rotation)
     pixel = training_pixel(turned)

@@ -161,7 +161,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                 threads_per_worker=1,
                 processes=True,
                 memory_limit=limit,
-                dashboard_address=":0",
+                dashboard_address=None,  # it would answer to the whole network
                 silence_logs=50,
             )
             with cluster, _kept_at(cluster, workers), Client(cluster) as client:

@@ -71,7 +71,7 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
                 "mean": 1.0,
                 "lamps": 0.2 * number,
             }
-            | {"lamps": 0.2 * number, "rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
+            | {"rest": rest.tolist(), "whole": whole.tolist(), "suns": suns}
         )
     frame = [[0.0, 1, 0, 0.5], [0, 0, -1, 0.25], [-1, 0, 0, -2], [0, 0, 0, 1]]
     meta = {

@@ -1,0 +1,48 @@
+"""How large a splat is and how far from the origin: what 32-bit numbers can hold of it."""
+
+import warnings
+
+import numpy as np
+
+from ..base.errors import DataWarning, InputError
+from .splats import Splats
+
+SMALLEST_SPAN = 5e-5
+"""Units: a ball of 7e-5 is meshed as one of 7 is (but for 3% of its faces), one of 7e-6 not at all."""
+
+MOST_SAMPLED = 65536
+
+COARSE, TOO_COARSE = 1.0, 4.0
+"""Steps between neighbouring numbers at the splats' places, in their widths: where a step is a seventh of the width,
+the mesh is as good as at the origin; where it is 4.5 widths, it is rubble."""
+
+
+def check_extent(splats: Splats) -> None:
+    """Raise InputError for splats too small to be meshed, or so far out that their places are rounded to rubble.
+
+    Warns with a DataWarning where they are rounded to about their own width.
+    """
+    step = 1 + len(splats) // MOST_SAMPLED
+    places = splats.means[::step]
+    low, high = np.percentile(places, [1, 99], axis=0)
+    span = float(np.linalg.norm(high - low))
+    if span < SMALLEST_SPAN:
+        raise InputError(
+            f"the splats span {span:.1g} units, expected at least {SMALLEST_SPAN:g}: "
+            f"scale them up in an editor, such as SuperSplat, by {_power_of_ten(1.0 / max(span, 1e-30)):.0e} or so"
+        )
+    away = float(np.abs(np.median(places, axis=0)).max())
+    width = float(np.median(splats.scales[::step].max(axis=1)))
+    steps = float(np.spacing(np.float32(away))) / max(width, 1e-30)
+    if steps > COARSE:
+        found = (
+            f"the splats lie {away:.2g} units from the origin, where places are rounded to {steps:.2g} of their widths"
+        )
+        advice = "take the offset off before the splat is trained or exported"
+        if steps > TOO_COARSE:
+            raise InputError(f"{found}: {advice}")
+        warnings.warn(f"{found}, and their surface is rough: {advice}", DataWarning, stacklevel=3)
+
+
+def _power_of_ten(number: float) -> float:
+    return float(10.0 ** np.round(np.log10(number)))
