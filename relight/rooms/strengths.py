@@ -32,10 +32,10 @@ USUAL_ALBEDO, ALBEDO_SPREAD = 0.4, 0.25
 rooms lie from it, as a logarithm: .3 to .5 mostly."""
 
 USUAL_EXCESS, EXCESS_SPREAD = 5.0, 1.0
-"""Mean radiance of what a photograph of a room shows white, over that of white, and how far rooms lie from it, as a
-logarithm. Where surfaces mostly light each other, a tenth of the median albedo moves the strength of lamps and sky by
-half: by the albedo alone those of a trained parlour came out 3.5 and 7 times too strong, and its albedo 1.5 times as
-wrong as with both."""
+"""Mean radiance of the sky that a photograph of a room shows white in its windows, over that of white, and how far rooms
+lie from it, as a logarithm; of lamps nothing is usual: small ones are bright. Where surfaces mostly light each other, a
+tenth of the median albedo moves the strength of lamps and sky by half: by the albedo alone those of a trained parlour
+came out 7 and 3.5 times too strong, and its albedo 1.4 times as wrong as with both."""
 
 ONE_PLANE = 0.5
 """Of the diagonal: half of how far off a place counts that faces the other way. So most pairs are of one wall, and of
@@ -185,13 +185,13 @@ def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
     start = np.log(tint / luminance(tint)[:, None])
     bright = luminance(np.exp(places.log_captured))
 
-    common = _common(places)
-
     def unusual(level: float) -> float:
         albedo = np.median(bright / luminance(light(start + level)[0]))
-        excess = common @ (start + level).mean(axis=1) / common.sum()
-        off = np.log(albedo / USUAL_ALBEDO) / ALBEDO_SPREAD, (excess - np.log(USUAL_EXCESS)) / EXCESS_SPREAD
-        return float(off[0] ** 2 + off[1] ** 2)
+        off = np.log(albedo / USUAL_ALBEDO) / ALBEDO_SPREAD
+        if lamps == count:
+            return float(off**2)
+        brighter = float((start[lamps:] + level).mean()) - np.log(USUAL_EXCESS)
+        return float(off**2 + (brighter / EXCESS_SPREAD) ** 2)
 
     prior = _prior(places)
     for _ in range(ROUNDS):
