@@ -28,14 +28,14 @@ HITS = 4
 """Of so many directions one tells what the others send."""
 
 USUAL_ALBEDO, ALBEDO_SPREAD = 0.4, 0.25
-"""Median albedo, in luminance, of what is seen in a room, where nothing says more (white walls .7, wood .2), and how far
-rooms lie from it, as a logarithm: .3 to .5 mostly."""
+"""Median albedo, in luminance, of what is seen in a room, where nothing says more (white walls .7, wood .2), and how
+far rooms lie from it, as a logarithm: .3 to .5 mostly."""
 
 USUAL_EXCESS, EXCESS_SPREAD = 5.0, 1.0
-"""Mean radiance of the sky that a photograph of a room shows white in its windows, over that of white, and how far rooms
-lie from it, as a logarithm; of lamps nothing is usual: small ones are bright. Where surfaces mostly light each other, a
-tenth of the median albedo moves the strength of lamps and sky by half: by the albedo alone those of a trained parlour
-came out 7 and 3.5 times too strong, and its albedo 1.4 times as wrong as with both."""
+"""Mean radiance of the sky that a photograph of a room shows white in its windows, over that of white, and how far
+rooms lie from it, as a logarithm; of lamps nothing is usual: small ones are bright. Where surfaces mostly light each
+other, a tenth of the median albedo moves the strength of lamps and sky by half: by the albedo alone those of a trained
+parlour came out 7 and 3.5 times too strong, and its albedo 1.4 times as wrong as with both."""
 
 ONE_PLANE = 0.5
 """Of the diagonal: half of how far off a place counts that faces the other way. So most pairs are of one wall, and of
