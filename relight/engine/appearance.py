@@ -28,7 +28,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-ROOMS = 1
+ROOMS = 2
 """Of the way that closed rooms are estimated: goes up when it would give other numbers, for what is kept."""
 
 CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)

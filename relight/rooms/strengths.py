@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from splat2mesh.scene.color import luminance
@@ -26,15 +27,26 @@ PLACES, DIRECTIONS = 2500, 2048
 HITS = 4
 """Of so many directions one tells what the others send."""
 
-USUAL_ALBEDO = 0.4
-"""Median albedo, in luminance, of what is seen in a room, where nothing says more: white walls .7, wood .2."""
+USUAL_ALBEDO, ALBEDO_SPREAD = 0.4, 0.25
+"""Median albedo, in luminance, of what is seen in a room, where nothing says more (white walls .7, wood .2), and how
+far rooms lie from it, as a logarithm: .3 to .5 mostly."""
 
-SPREAD, COLOR = 0.7, 0.07
+USUAL_EXCESS, EXCESS_SPREAD = 5.0, 1.0
+"""Mean radiance of the sky that a photograph of a room shows white in its windows, over that of white, and how far
+rooms lie from it, as a logarithm; of lamps nothing is usual: small ones are bright. Where surfaces mostly light each
+other, a tenth of the median albedo moves the strength of lamps and sky by half: by the albedo alone those of a trained
+parlour came out 7 and 3.5 times too strong, and its albedo 1.4 times as wrong as with both."""
+
+ONE_PLANE = 0.5
+"""Of the diagonal: half of how far off a place counts that faces the other way. So most pairs are of one wall, and of
+one paint: pairs by distance alone made the agreement in albedo worse than that in captured colours."""
+
+SPREAD, COLOR = 1.0, 0.07
 """Of the prior: log brightness of an emitter against the others, and its log colour against that it was captured in, of
 a clipped sky white. With a colour as free as .2 the light of a lounge's lamp and of its windows drew near each other,
 and with the lamp off the room turned blue."""
 
-PATCH_SPREAD, PATCH_COLOR, PATCH_REACH_DEG = 1.2, 0.25, 15.0
+PATCH_SPREAD, PATCH_COLOR, PATCH_REACH_DEG = 2.0, 0.25, 15.0
 """The same for parts of the sky in the windows against the whole of it, and how far they are alike: a sun, clipped as
 the sky around it, is another light, and its colour is its own."""
 
@@ -52,6 +64,9 @@ bright all are together, and pairs say how much each is of it."""
 
 LEAST_OPEN = 0.01
 """Mean part of the sky that places see, from which windows are an emitter; a scan's holes let in .002."""
+
+LEVELS = -8.0, 8.0
+"""Range in which the logarithm of what all emitters have in common is looked for, from where it was."""
 
 ROUNDS = 3
 """Of solving for how emitters differ, and for what they have in common."""
@@ -139,7 +154,8 @@ def places_of(
         for number in range(len(patches)):
             some = np.flatnonzero(owner == number)
             emitters.append(free[:, some] @ unknown_part[some])
-    pairs, weights = samples.neighbor_pairs(occluder.origins[vertices].astype(np.float64))
+    lying = np.hstack([occluder.origins[vertices], ONE_PLANE * normals[vertices]]).astype(np.float64)
+    pairs, weights = samples.neighbor_pairs(lying)
     stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
     logs = np.log(captured[vertices].astype(np.float64))
     return Places(vertices, known, stacked, patches, bounce, pairs, weights, logs)
@@ -169,16 +185,17 @@ def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
     start = np.log(tint / luminance(tint)[:, None])
     bright = luminance(np.exp(places.log_captured))
 
-    def albedo(theta: NDArray[np.float64], level: float) -> NDArray[np.float64]:
-        return bright / luminance(light(theta + level)[0])
+    def unusual(level: float) -> float:
+        albedo = np.median(bright / luminance(light(start + level)[0]))
+        off = np.log(albedo / USUAL_ALBEDO) / ALBEDO_SPREAD
+        if lamps == count:
+            return float(off**2)
+        brighter = float((start[lamps:] + level).mean()) - np.log(USUAL_EXCESS)
+        return float(off**2 + (brighter / EXCESS_SPREAD) ** 2)
 
     prior = _prior(places)
     for _ in range(ROUNDS):
-        low, high = -5.0, 8.0
-        for _ in range(30):  # halves the range each time
-            middle = 0.5 * (low + high)
-            low, high = (low, middle) if np.median(albedo(start, middle)) < USUAL_ALBEDO else (middle, high)
-        start = start + 0.5 * (low + high)
+        start = start + minimize_scalar(unusual, bounds=LEVELS, method="bounded").x
         found = fit.solve(light, places.log_captured, places.pairs, places.weights, start, prior)
         start = found.theta
     radiance = np.exp(found.theta)
@@ -258,13 +275,18 @@ def _prior(places, stiff=STIFF):
         spread[lamps:, lamps:] = whole**2 + part**2 * (alike + 0.01 * np.eye(count - lamps))
         return np.linalg.inv(spread)
 
-    common = np.ones(count)
-    common[lamps:] /= max(count - lamps, 1)
-    common /= np.linalg.norm(common)
+    common = _common(places)
     gray = np.full((3, 3), 1.0 / 3.0)
     bright = precision(SPREAD, PATCH_SPREAD) + (stiff - 1.0) / SPREAD**2 * np.outer(common, common)
     parts = np.kron(gray, bright) + np.kron(np.eye(3) - gray, precision(COLOR, PATCH_COLOR))
     return parts * (STRENGTH / fit.STRENGTH)
+
+
+def _common(places):
+    """(E,) unit: all emitters alike, the patches of the sky together as much as one lamp."""
+    common = np.ones(len(places.emitters))
+    common[places.lamps :] /= max(len(places.patches), 1)
+    return common / np.linalg.norm(common)
 
 
 def _brightness(count, group):

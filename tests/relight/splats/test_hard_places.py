@@ -61,9 +61,8 @@ def relit(kind, env="sunset", **known):
     shaded, look = next(iter(job.shaded())), job.appearance
     after = look.received(shaded.shading.radiance * np.float32(made.exposure))
     found = Binding(made.splats, scene, views=()).relit(look.irradiance, after)
-    return tuple(
-        np.clip(SH_C0 * each.sh[:, 0] + 0.5, 0.0, 1.0) for each in (made.splats, found, made.lit(light(place, sky)))
-    )
+    shown = made.splats, found, made.lit(light(place, sky))
+    return tuple(np.clip(SH_C0 * splats.sh[:, 0] + 0.5, 0.0, 1.0) for splats in shown)
 
 
 def off(colors, truth):
