@@ -169,7 +169,7 @@ class Results:
 
         if self._binding is None:
             with self._stages.stage("bind splats"):
-                self._binding = Binding(self._splats, self._scene, seed=self._seed)
+                self._binding = Binding(self._splats, self._scene, seed=self._seed, cache=self._relighter.cache)
         return self._binding
 
     def _write_splats(self, folder, relit):

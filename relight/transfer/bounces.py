@@ -53,10 +53,11 @@ def _check_kept(arrays, count):
     sizes = arrays["hits"].shape == arrays["copies"].shape == used.shape == (count,) and rows.ndim == 1
     if not (whole and sizes and arrays["weights"].dtype == np.float32 and arrays["weights"].shape == columns.shape):
         raise InputError("kept bounces are of another kind")
-    if min(used.min(initial=0), rows.min(initial=0), columns.min(initial=0), arrays["copies"].min(initial=1) - 1) < 0:
+    if min(used.min(initial=0), rows.min(initial=0), arrays["copies"].min(initial=1) - 1) < 0:
         raise InputError("kept bounces hold negative numbers")
     entries = int(used.sum(dtype=np.int64))
-    if rows.sum() != count or columns.shape != (entries,) or columns.max(initial=0) >= max(count, 1):
+    last = max(int(columns.max(initial=0)), ~int(columns.min(initial=-1)))  # those of a node are marked by ~column
+    if rows.sum() != count or columns.shape != (entries,) or last >= max(count, 1):
         raise InputError(f"kept bounces do not fit {count} vertices")
     if not np.isfinite(arrays["weights"]).all():
         raise InputError("kept bounces are not finite")
