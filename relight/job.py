@@ -35,6 +35,7 @@ from .transfer.store import Cache
 if TYPE_CHECKING:
     from .engine.relit_room import RelitRoom
     from .planning.plan import Plan
+    from .splats import Binding
 
 DEFAULT_FORMATS = ("glb", "png")
 """What is written where nobody says; with a splat, that too."""
@@ -156,8 +157,23 @@ class Job:
             from .output.usd import library
 
             library()  # so is a package
-        cache = Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
-        return Relighter(self.scene, self.options, stages=self.stages, cache=cache)
+        shown = (lambda: self.binding.used) if self._shows_splats_alone else None
+        return Relighter(self.scene, self.options, stages=self.stages, cache=self.cache, shown=shown)
+
+    @cached_property
+    def cache(self) -> Cache | None:
+        """Where what is computed is kept, or None."""
+        return Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
+
+    @cached_property
+    def binding(self) -> "Binding":
+        """The Binding of the splats. Raises InputError where there are none."""
+        from .splats import Binding
+
+        if self.splats is None:
+            raise InputError(f"{self.name}: no splats belong to this scene")
+        with self.stages.stage("bind splats"):
+            return Binding(self.splats[0], self.scene, seed=self.wishes.seed, cache=self.cache)
 
     # albedo
 
@@ -289,6 +305,12 @@ class Job:
     def lights(self) -> list[Environment]:
         """The light, turned by each of the angles."""
         return [self.environment.rotated(angle) for angle in self.angles_deg]
+
+    @property
+    def _shows_splats_alone(self) -> bool:
+        """Whether nothing of a place is shown but its splats, so that no vertex beside them needs light of its own."""
+        alone = not self.baked and self._formats is not None and set(self._formats) <= {"splat", "png"}
+        return alone and not self._animated and self.scene.is_place and self.splats is not None
 
     @property
     def shows_splats(self) -> bool:

@@ -141,7 +141,7 @@ class Writer:
         if self._live_mesh or {*FOR_ENGINES} & {*job.formats}:
             engines = EngineFiles(relighter, look, job.formats, splats, self._live_mesh, self._harmonics, self._sky)
         more = self._texture_size, seed, self._sky, live, engines
-        return Results(relighter, look, job.formats, job.baked, splats, *more)
+        return Results(relighter, look, job.formats, job.baked, splats, *more, lambda: job.binding)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())

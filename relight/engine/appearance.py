@@ -31,8 +31,9 @@ LEAST_ALBEDO = 0.02  # to divide by
 ROOMS = 2
 """Of the way that closed rooms are estimated: goes up when it would give other numbers, for what is kept."""
 
-CAPTURE = Settings("raytraced", 8, 64, bounce_rays=32)
-"""The transfer and bounces from which the capture's light is estimated."""
+CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))
+"""The transfer and bounces from which the capture's light is estimated; of a place as most lights call for them
+afterwards, which then find them there."""
 
 
 class Appearance(NamedTuple):
@@ -147,7 +148,7 @@ def _key(captured, capture_env, relighter):
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts += [standing(relighter.scene), np.array(ROOMS)]
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
-    return known + relighter.leaves, relighter.seed
+    return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
 
 def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
@@ -197,7 +198,7 @@ def _estimated(
     from ..albedo.check import self_relight
     from ..transfer.bounces import visible_fraction
 
-    known = relighter.computed(CAPTURE)
+    known = relighter.computed(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE)
     with relighter.stages.stage("albedo"):
         scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
         looks = looks_from(scene, relighter.occluder)

@@ -1,7 +1,7 @@
 """From a scene and lights to radiance: transfer once per geometry, then one small product for every light."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -31,8 +31,9 @@ DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
 """Of a scene that needed no rays before something moved in it."""
 
 
-CAPTURE_DIRECTIONS = 256
-"""From which light comes to leaves and grass where the light of the capture is estimated."""
+CAPTURE_DIRECTIONS = 512
+"""From which light comes to leaves and grass where the light of the capture is estimated: as many as most lights call
+for afterwards, which then find them there."""
 
 
 class Shading(NamedTuple):
@@ -58,6 +59,7 @@ class Relighter:
     cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
     max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
     precomputed: that of another Relighter of the same scene, with its seed and cache, to share what was traced.
+    shown: returns (V,) bool, the vertices whose light is shown, at which alone it is found exactly; all without.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
@@ -70,12 +72,13 @@ class Relighter:
         cache: "Cache | None" = None,
         max_speed: float = math.inf,
         precomputed: Precomputed | None = None,
+        shown: Callable[[], NDArray[np.bool_]] | None = None,
         **wishes: Any,
     ) -> None:
         self.options = LightingOptions.of(options, **wishes)
         self.scene = as_scene(scene)
         self.stages = Stages() if stages is None else stages
-        self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages)
+        self.precomputed = precomputed or Precomputed(self.scene, self.options.seed, cache, self.stages, shown)
         self._direct_light = self._lit(StaticGeometry(self.precomputed, self.stages))
         self._everything = self.options.unplanned
         if self.precomputed.foliage is None:

@@ -30,9 +30,15 @@ class StaticGeometry:
 
     def _on_surfaces(self, suns, settings):
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
+        receivers = self._precomputed.receivers
         if settings.shadowed is None:
-            with self._stages.stage("sunlight", count) as advance:
-                return sunlight(occluder, slice(None), suns, advance)
+            if receivers.all:
+                with self._stages.stage("sunlight", count) as advance:
+                    return sunlight(occluder, slice(None), suns, advance)
+            light = np.zeros((count, 3), np.float32)
+            with self._stages.stage("sunlight", len(receivers.rows)) as advance:
+                light[receivers.rows] = sunlight(occluder, receivers.rows, suns, advance)
+                return receivers.filled(light)
         transfer, bands = self.transfer(settings)[0], settings.bands
         shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
         light = np.zeros((count, 3), np.float32)

@@ -1,6 +1,6 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +35,7 @@ class Results:
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
+    binding: returns the Binding of the splats.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class Results:
         sky: str = "new",
         live: LiveFiles | None = None,
         engines: EngineFiles | None = None,
+        binding: Callable[[], Any] | None = None,
     ) -> None:
         self._live, self._engines = live, engines
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
@@ -59,7 +61,7 @@ class Results:
         self._picture: Any = None
         self._drawn_last: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._binding: Any = None
+        self._bound = binding
         self._texture: Any = None
 
     def write(
@@ -167,14 +169,6 @@ class Results:
             received = self._appearance.received(radiance)
             relit = binding.relit(self._appearance.irradiance, received, exposure)
             return under_sky(relit, rows, light, frame, exposure, self._sky)
-
-    def _bound(self) -> Any:
-        from ..splats import Binding
-
-        if self._binding is None:
-            with self._stages.stage("bind splats"):
-                self._binding = Binding(self._splats, self._scene, seed=self._seed)
-        return self._binding
 
     def _write_splats(self, folder, relit):
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""

@@ -44,20 +44,25 @@ def bounce_error(rays, share):
     return min(share, BOUNCE_NOISE[rays] * share**0.5) if rays else share
 
 
-def seconds(settings, vertices, shadowed_vertices, ray_s, suns, angles=1, bounces=4):
-    """(once, each): seconds for the scene, and for every light or angle."""
-    coefficients = settings.bands**2
-    rays = shadowed_vertices * settings.rays
-    once = CALLS + LIGHT_COEFFICIENT * coefficients + ANALYTIC_COEFFICIENT * coefficients * vertices
-    if settings.rays:
-        once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
-    if settings.method == "neural":
-        once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
+def seconds(settings, vertices, shadowed_vertices, ray_s, suns, traced_share=1.0, there=(False, False), bounces=4):
+    """(once, each): seconds for the scene, and for every light or angle.
+
+    traced_share: of the vertices, that light is traced for. there: whether transfer and bounces are there already.
+    """
+    coefficients, traced = settings.bands**2, traced_share * vertices
+    rays, once = shadowed_vertices * settings.rays, CALLS + LIGHT_COEFFICIENT * settings.bands**2
+    if not there[0]:
+        once += ANALYTIC_COEFFICIENT * coefficients * vertices
+        if settings.rays:
+            once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
+        if settings.method == "neural":
+            once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
     if settings.sun_tolerance:
         once += SPLIT
-    once += FIRST_HIT * settings.bounce_rays * vertices
-    each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * vertices
-    each += BOUNCE * settings.bounce_rays * bounces * vertices
+    if not there[1]:
+        once += FIRST_HIT * settings.bounce_rays * traced
+    each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * traced
+    each += BOUNCE * settings.bounce_rays * bounces * traced
     return once * ray_s, each * ray_s
 
 

@@ -71,6 +71,8 @@ def planned(
     options=None,  # LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic"
     angles=1,  # for how many lights
     foliage=None,  # Foliage of the scene, where it has one
+    traced=None,  # (V,) bool, the vertices that light is traced for; all without
+    there=lambda settings: (False, False),  # whether the transfer and the bounces of Settings are there already
 ):
     """Measure a sample of the scene under all rotations of the light, and choose: a Plan."""
     start = time.perf_counter()
@@ -79,7 +81,7 @@ def planned(
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
     directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
-    sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions)
+    sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions, traced)
     if albedo is None and effects is not None and BOUNCES in effects:
         albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
@@ -97,7 +99,7 @@ def planned(
             leaves = _Leaves(0, error, 0.0, len(foliage.rows), error)
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
-    choice = _Choice(measured, environment, options, tolerance, angles, leaves)
+    choice = _Choice(measured, environment, options, tolerance, angles, leaves, there)
     best = choice.best()
     return Plan(
         settings=best.settings,
@@ -134,8 +136,8 @@ def _quickest(candidate):
 class _Choice:
     """All settings worth considering for what was measured."""
 
-    def __init__(self, measured, environment, options, tolerance, angles, leaves=None):
-        self._leaves = leaves
+    def __init__(self, measured, environment, options, tolerance, angles, leaves, there):
+        self._leaves, self._there = leaves, there
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
@@ -297,15 +299,17 @@ class _Choice:
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        sample = self.measured.sample
+        sample, there = self.measured.sample, self._there(settings)
         once, each = costs.seconds(
             settings,
             int(sizes.sum()),
-            int(traced * sample.weights[sample.solid > 0.0].sum()),
+            int(traced * sample.weights[sample.solid > 0.0].sum() * sample.traced_share),
             sample.ray_s,
             self.sun_count(settings),
+            sample.traced_share,
+            there,
         )
-        once += self._leaves.seconds if settings.volume else 0.0
+        once += self._leaves.seconds if settings.volume and not there[0] else 0.0
         return _Candidate((once + self._angles * each, error, settings))
 
     def _but_noise(self, settings):

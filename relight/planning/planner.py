@@ -71,7 +71,8 @@ class Planner:
         known = self._precomputed
         occluder, foliage = known.occluder, known.foliage
         with self._stages.stage("plan"):
-            return planned(occluder, known.sizes, environment, albedo, self._options, angles, foliage)
+            more = foliage, known.traced, known.there()
+            return planned(occluder, known.sizes, environment, albedo, self._options, angles, *more)
 
     def _kept(self, key):
         kept = self._precomputed.cache.get("plan", key)

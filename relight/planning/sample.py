@@ -31,7 +31,7 @@ class Sample:
     products with the radiance of the directions are exit radiance of white vertices.
     solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
     hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
-    ray_s: seconds per ray of the work, on this machine and scene. rays: shot in all.
+    ray_s: seconds per ray of the work, on this machine and scene. rays: shot in all. traced_share: of the vertices.
     """
 
     def __init__(
@@ -40,9 +40,11 @@ class Sample:
         sizes,  # (C,) vertices of each chunk, in order
         size,  # wanted S
         directions,  # D
+        traced=None,  # (V,) bool, the vertices that light is traced for, of which it is a sample; all without
     ):
-        self.occluder, self.sizes = occluder, np.asarray(sizes)
-        self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size)
+        self.occluder, self.sizes, self._traced = occluder, np.asarray(sizes), traced
+        self.traced_share = 1.0 if traced is None else float(traced.mean())
+        self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
         self.normals = occluder.normals[self.rows]
         self.directions = fibonacci_sphere(directions).astype(np.float32)
         cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
@@ -92,7 +94,7 @@ class Sample:
 
     def _scan(self):
         """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""
-        rows, chunk, *_ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES)
+        rows, chunk, *_ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES, self._traced)
         origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
         shot = np.zeros((len(rows), SCAN_RAYS, 6), np.float32)
         sampling.shoot(origins, normals, sampling.fibonacci_azimuths(SCAN_RAYS), 1, shot)
@@ -103,19 +105,25 @@ class Sample:
         return np.sqrt(np.bincount(chunk, product, len(counts)) / np.maximum(counts, 1))
 
 
-def _stratified(origins, sizes, wanted):
-    """Rows (S,), their chunks (S,), weights (S,), every chunk by its size, but some of each; and all (V,) in order."""
+def _stratified(origins, sizes, wanted, traced=None):
+    """Rows (S,), their chunks (S,), weights (S,), every chunk by its size, but some of each; and all in order.
+
+    traced: (V,) bool, the only rows to take, which make up the sizes; all without.
+    """
     ends = np.cumsum(sizes)
-    counts = np.ceil(wanted * sizes / ends[-1]).astype(int)
+    orders = [end - size + _along_curve(origins[end - size : end]) for end, size in zip(ends, sizes, strict=True)]
+    if traced is not None:
+        orders = [order[traced[order]] for order in orders]
+        sizes = np.array([len(order) for order in orders])
+    total = max(int(np.sum(sizes)), 1)
+    counts = np.ceil(wanted * sizes / total).astype(int)
     counts = np.minimum(np.maximum(counts, LEAST_PER_CHUNK), sizes)
-    rows, chunks, weights, orders = [], [], [], []
-    for chunk, (end, size, count) in enumerate(zip(ends, sizes, counts, strict=True)):
-        order = end - size + _along_curve(origins[end - size : end])
-        orders.append(order)
+    rows, chunks, weights = [], [], []
+    for chunk, (order, size, count) in enumerate(zip(orders, sizes, counts, strict=True)):
         at = ((np.arange(count) + 0.5) * size / max(count, 1)).astype(int)
         rows.append(order[at])
         chunks.append(np.full(count, chunk))
-        weights.append(np.full(count, size / max(count, 1) / ends[-1]))
+        weights.append(np.full(count, size / max(count, 1) / total))
     return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights), np.concatenate(orders)
 
 

@@ -7,6 +7,7 @@ result.
 import numpy as np
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
 NEAREST = 6
@@ -76,12 +77,24 @@ class Surface:
 
 
 class Places:
-    """The attachment of N Gaussians to a Surface: values of nodes in, values of Gaussians out."""
+    """The attachment of N Gaussians to a Surface: values of nodes in, values of Gaussians out.
 
-    def __init__(self, surface, splats):
-        """Ask the mesh: `columns` (N, 9) int32 nodes, `weights` (N, 9) float32, rows that sum to 1, and `far` (N,)
-        float32, the part that a mean over the scene has. Needs finite means and quaternions that are not zero."""
+    columns: (N, 9) int32 nodes. weights: (N, 9) float32, rows that sum to 1. far: (N,) float32, the part that a mean
+    over the scene has.
+    """
+
+    def __init__(self, surface, splats, kept=None):
+        """Ask the mesh, or take the `columns`, `weights` and `far` of a dict that were `kept` for the same.
+
+        Needs finite means and quaternions that are not zero. Raises InputError or KeyError for what does not fit.
+        """
         self._surface, self._means = surface, splats.means
+        if kept is None:
+            self._ask(surface, splats)
+        else:
+            self.columns, self.weights, self.far = _checked(kept, len(splats), len(surface.points))
+
+    def _ask(self, surface, splats):
         count, near = len(splats), NEAR * surface.diagonal
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
@@ -121,6 +134,20 @@ class Places:
             rows = lost[start : start + _BATCH]
             result[rows] += self.far[rows, None] * (patches.seen_from(self._means[rows]) - result[rows])
         return result
+
+
+def _checked(kept, count, nodes):
+    """(columns, weights, far) of what was kept, where it is of so many Gaussians and nodes."""
+    columns, weights, far = kept["columns"], kept["weights"], kept["far"]
+    shape = count, 3 + NEAREST
+    kinds = columns.dtype == np.int32 and weights.dtype == far.dtype == np.float32
+    if not kinds or columns.shape != shape or weights.shape != shape or far.shape != (count,):
+        raise InputError(f"kept places are of another kind than {count} splats have")
+    if columns.min(initial=0) < 0 or columns.max(initial=-1) >= nodes:
+        raise InputError("kept places are on another mesh")
+    if not (np.isfinite(weights).all() and (np.abs(far - 0.5) <= 0.5).all()):
+        raise InputError("kept places are not finite")
+    return columns, weights, far
 
 
 class _Patches:

@@ -7,6 +7,8 @@ neighbourhood face every way, and what they receive together is what a wide phas
 import numpy as np
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.errors import InputError
+
 NEIGHBORS = 48
 """Vertices of a volume that share a change of light; a patchwork of fewer is seen as blotches."""
 
@@ -17,30 +19,42 @@ _BATCH = 1 << 15
 
 
 class Neighborhoods:
-    """Who shares the light of a volume, for M nodes: geometry alone."""
+    """Who shares the light of a volume, for M nodes: geometry alone. near: (A, 48) int32, what takes longest of it."""
 
     def __init__(
         self,
         points,  # (M, 3)
         volume,  # (M,) in [0, 1], 0 for surfaces
+        wanted=None,  # (M,) bool, whose change of light is asked for: the others' is left as it is; all without
+        near=None,  # that of one for the same, which finds it again
     ):
         self._rows = np.flatnonzero(volume > LEAST)
         self._share = volume[self._rows, None].astype(np.float32)
+        self._asked = np.arange(len(self._rows)) if wanted is None else np.flatnonzero(wanted[self._rows])
         count = min(NEIGHBORS, len(self._rows))
-        if count > 1:
+        self.near = np.zeros((len(self._asked), count if count > 1 else 0), np.int32)
+        if near is not None:
+            self.near = self._checked(near)
+        elif count > 1:
             places = points[self._rows].astype(np.float64)
-            _, near = cKDTree(places).query(places, count, workers=-1)
-            self._near = np.sort(near, axis=1)  # sums in one order, whatever the tree's
+            _, near = cKDTree(places).query(places[self._asked], count, workers=-1)
+            self.near[:] = np.sort(near, axis=1)  # sums in one order, whatever the tree's
+
+    def _checked(self, near):
+        if near.shape != self.near.shape or near.dtype != np.int32:
+            raise InputError(f"kept neighbours are {near.dtype} of {near.shape}, expected int32 of {self.near.shape}")
+        if near.min(initial=0) < 0 or near.max(initial=-1) >= len(self._rows):
+            raise InputError("kept neighbours are of another scene")
+        return near
 
     def shared(self, values):
         """Values (M, C) float32 with each volume's drawn towards the mean around it, as far as it is one."""
-        if len(self._rows) < 2:
+        if not self.near.size:
             return values
         result, own = values.copy(), values[self._rows]
-        for start in range(0, len(self._rows), _BATCH):
-            part = slice(start, start + _BATCH)
-            near = self._near[part]
+        for start in range(0, len(self._asked), _BATCH):
+            near, asked = self.near[start : start + _BATCH], self._asked[start : start + _BATCH]
             weight = self._share[near]
             mean = (weight * own[near]).sum(axis=1) / weight.sum(axis=1)
-            result[self._rows[part]] += self._share[part] * (mean - own[part])
+            result[self._rows[asked]] += self._share[asked] * (mean - own[asked])
         return result

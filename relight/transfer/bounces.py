@@ -46,17 +46,20 @@ BLOCK_COEFFICIENTS = 8
 A third of the time of one by one; 16 gain nothing more."""
 
 
-def _check_kept(arrays, count):
-    """Raise InputError unless the arrays are of a matrix of `count` rows, whose columns are all there."""
+def _check_kept(arrays, count, rows_wanted):
+    """Raise InputError unless the arrays are of a matrix of so many rows, whose `count` columns are all there."""
     used, rows, columns = arrays["used"], arrays["block_rows"], arrays["columns"]
     whole = all(arrays[name].dtype.kind == "i" for name in ("hits", "copies", "used", "block_rows", "columns"))
-    sizes = arrays["hits"].shape == arrays["copies"].shape == used.shape == (count,) and rows.ndim == 1
+    sizes = (
+        arrays["hits"].shape == arrays["copies"].shape == (count,) and used.shape == (rows_wanted,) and rows.ndim == 1
+    )
     if not (whole and sizes and arrays["weights"].dtype == np.float32 and arrays["weights"].shape == columns.shape):
         raise InputError("kept bounces are of another kind")
-    if min(used.min(initial=0), rows.min(initial=0), columns.min(initial=0), arrays["copies"].min(initial=1) - 1) < 0:
+    if min(used.min(initial=0), rows.min(initial=0), arrays["copies"].min(initial=1) - 1) < 0:
         raise InputError("kept bounces hold negative numbers")
     entries = int(used.sum(dtype=np.int64))
-    if rows.sum() != count or columns.shape != (entries,) or columns.max(initial=0) >= max(count, 1):
+    last = max(int(columns.max(initial=0)), ~int(columns.min(initial=-1)))  # those of a node are marked by ~column
+    if rows.sum() != rows_wanted or columns.shape != (entries,) or last >= max(count, 1):
         raise InputError(f"kept bounces do not fit {count} vertices")
     if not np.isfinite(arrays["weights"]).all():
         raise InputError("kept bounces are not finite")
@@ -79,6 +82,7 @@ class Interreflection:
         seed=0,
         visible=None,  # (V,) visible fraction of the cosine lobe, as `visible_fraction` reads it from a transfer
         advance=lambda count: None,  # called with the number of vertices done
+        receivers=None,  # Receivers: the rows that are traced, from which the others take over; all without
     ):
         """Trace the rays. A row depends on its vertex, the seed and the scene, not on vertex order or threads.
 
@@ -87,7 +91,7 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way less what they hit from behind.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        self.rays = check_rays(rays)
+        self.rays, self._receivers = check_rays(rays), receivers
         azimuths = sampling.fibonacci_azimuths(self.rays)
         count = len(occluder.origins)
         batch = max(1, BATCH_RAYS // self.rays)
@@ -101,15 +105,18 @@ class Interreflection:
         copies = np.bincount(node).astype(np.int32)[node]
         self.shares = 1.0 / copies
         grid = np.float32(2.0 ** (24 - math.ceil(math.log2(self.rays))))
-        for start in range(0, count, batch):
-            part = slice(start, start + batch)
-            shot = buffer[: len(occluder.origins[part])]
+        rows = np.arange(count) if receivers is None else receivers.rows
+        self._rows = None if receivers is None or receivers.all else rows
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
+            shot = buffer[: len(part)]
             sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
-            used, behind = np.zeros((2, len(shot)), np.int32)
+            met, used, behind = np.zeros((3, len(shot)), np.int32)
             hits = occluder.first_hits(shot)[1:]
             mesh = occluder.faces, occluder.normals
-            in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, self.hits[part], behind)
+            in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, met, behind)
             in_slices(_join, len(shot), used, node, copies, columns, weights)
+            self.hits[part] = met
             back += int(behind.sum())
             self._blocks.append(_packed(columns, weights, used))
             advance(len(shot))
@@ -117,10 +124,13 @@ class Interreflection:
         self.scale_to(visible)
 
     @classmethod
-    def restored(cls, rays, arrays, visible=None):
+    def restored(cls, rays, arrays, visible=None, receivers=None):
         """One of `arrays` that were kept, rows scaled anew. Raises InputError for what does not fit: loops trust it."""
         self = cls.__new__(cls)
-        _check_kept(arrays, len(arrays["hits"]) if visible is None else len(visible))
+        count = len(arrays["hits"]) if visible is None else len(visible)
+        self._receivers = receivers
+        self._rows = None if receivers is None or receivers.all else receivers.rows
+        _check_kept(arrays, count, count if self._rows is None else len(self._rows))
         self.rays, self.hits, self.back_hits = rays, arrays["hits"], float(arrays["back_hits"])
         copies, sizes = arrays["copies"], arrays["block_rows"]
         self.shares = 1.0 / copies
@@ -169,15 +179,20 @@ class Interreflection:
             expected = f"({len(self.hits)},) or ({len(self.hits)}, C)"
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
         columns = np.ascontiguousarray(radiance.reshape(len(radiance), -1))
-        result = np.zeros_like(columns)
+        scale = self._scale if self._rows is None else self._scale[self._rows]
+        result = np.zeros((len(scale), columns.shape[1]), np.float32)
         kernel = _gather_rgb if columns.shape[1] == 3 else _gather
         cuts = np.cumsum([0] + [len(starts) - 1 for starts, _, _ in self._blocks])
         parts = [slice(*span) for span in pairwise(cuts)]
 
         def work(part, block):
-            kernel(*block, self._scale[part], columns, result[part])
+            kernel(*block, scale[part], columns, result[part])
 
         list(in_order(work, parts, self._blocks))
+        if self._rows is not None:
+            traced, result = result, np.zeros_like(columns)
+            result[self._rows] = traced
+            self._receivers.filled(result)
         return result.reshape(radiance.shape)
 
     def scale_to(self, visible):

@@ -4,6 +4,7 @@ import numpy as np
 
 from .analytic import analytic
 from .bounces import Interreflection, visible_fraction
+from .receivers import Receivers
 from .store import Cache, array_key
 from .volume import Foliage
 
@@ -18,10 +19,10 @@ class Precomputed:
     A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
     From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
     are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
-    scene, or None.
+    scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
-    def __init__(self, scene, seed, cache=None, stages=None):
+    def __init__(self, scene, seed, cache=None, stages=None, shown=None):
         from splat2mesh.base.progress import Stages
 
         self.scene, self.seed = scene, seed
@@ -29,7 +30,8 @@ class Precomputed:
         self.cache = Cache() if cache is None else cache
         self.rays_traced = 0
         self._stages = stages or Stages()
-        self._occluder = self._visibility = None
+        self._occluder = self._visibility = self._receivers = None
+        self._shown = shown
         self.foliage = Foliage.of_scene(scene)
         self._transfers, self._interreflections = {}, {}
 
@@ -42,6 +44,54 @@ class Precomputed:
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
         return self._occluder
+
+    @property
+    def receivers(self):
+        """The Receivers of the scene."""
+        if self._receivers is None:
+            self._receivers = self._found() if self._shown is not None else Receivers.every(int(self.sizes.sum()))
+        return self._receivers
+
+    @property
+    def partly(self):
+        """Whether light is found exactly only where it is shown."""
+        return self._shown is not None
+
+    @property
+    def traced(self):
+        """(V,) bool, the vertices that light is traced for; None for all, and as long as nobody asked for any."""
+        return None if self._receivers is None or self._receivers.all else self._receivers.traced
+
+    def _found(self):
+        shown, occluder = self._shown(), self.occluder
+        key = array_key(shown)
+        with self._stages.stage("receivers"):
+            found = self.cache.restored(lambda kept: Receivers.restored(kept, shown), "receivers", key)
+            if found is None:
+                found = Receivers.of_shown(shown, occluder)
+                self.cache.put("receivers", key, **found.arrays())
+        return found
+
+    def there(self):
+        """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
+        if self._receivers is None and self.partly:
+            return lambda settings: (False, False)
+        keys = [*self._transfers, *filter(None, map(_key_of, self.cache.settings_of("transfer")))]
+        keys, most = [each for each in keys if each[4] == self.seed], max(self._matrices(), default=0)
+
+        def found(settings):
+            leaves = self._leaves(settings)
+            return any(_serves(each, settings, leaves) for each in keys), most >= settings.bounce_rays
+
+        return found
+
+    def _matrices(self):
+        """Of how many rays there are interreflections, in memory or kept."""
+        texts = self.cache.settings_of("bounces")
+        name = (str(self.seed), self.receivers.key)
+        return sorted(
+            {*self._interreflections, *(int(each[0]) for each in texts if each[1:] == name and each[0].isdigit())}
+        )
 
     def transfer(self, settings):
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
@@ -57,7 +107,8 @@ class Precomputed:
         return found[1], settings._replace(rays=found[0][2])
 
     def interreflection(self, rays, transfer):
-        """The Interreflection of the scene, so many rays per vertex; rows complement what `transfer` sees."""
+        """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
+        rays = next((each for each in self._matrices() if each >= rays), rays)
         if rays not in self._interreflections:
             self._interreflections[rays] = [self._matrix(rays, visible_fraction(transfer)), transfer]
         matrix, scaled_to = self._interreflections[rays]
@@ -68,18 +119,20 @@ class Precomputed:
 
     def _matrix(self, rays, visible):
         """The Interreflection, kept from before or computed."""
+        receivers = self.receivers
         with self._stages.stage("bounce rays kept"):
             kept = self.cache.restored(
-                lambda arrays: Interreflection.restored(rays, arrays, visible), "bounces", rays, self.seed
+                lambda arrays: Interreflection.restored(rays, arrays, visible, receivers),
+                *("bounces", rays, self.seed, receivers.key),
             )
         if kept is not None:
             return kept
         occluder = self.occluder
-        with self._stages.stage("bounce rays", len(visible)) as advance:
-            found = Interreflection(occluder, rays, self.seed, visible, advance)
-        self.rays_traced += rays * len(visible)
+        with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
+            found = Interreflection(occluder, rays, self.seed, visible, advance, receivers)
+        self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
-            self.cache.put("bounces", rays, self.seed, **found.arrays())
+            self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
         return found
 
     def _kept(self, settings):
@@ -109,7 +162,8 @@ class Precomputed:
                     transfer = visibility.transfer(bands)
             if settings.volume:
                 with self._stages.stage("volume"):
-                    transfer = self.foliage.mixed(transfer, settings.volume)
+                    transfer = self.foliage.mixed(transfer, settings.volume, self.receivers.traced)
+            transfer = self.receivers.filled(transfer)
         elif method == "neural-gash":
             from .neuralgash import neural_gash
 
@@ -131,8 +185,14 @@ class Precomputed:
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
         if settings.volume:  # leaves and grass need no rays
             mask = self.foliage.solid if mask is None else mask & self.foliage.solid
+        if not self.receivers.all:
+            mask = self.receivers.traced if mask is None else mask & self.receivers.traced
         traced = int(self.sizes.sum() if mask is None else mask.sum())
-        name = _chunks_text(settings.shadowed), self.seed, self.foliage.key if settings.volume else SURFACES
+        name = (
+            _chunks_text(settings.shadowed),
+            self.seed,
+            self._with_receivers(self.foliage.key if settings.volume else SURFACES),
+        )
         visibility = self._visibility
         if visibility is None:
             occluder, seed = self.occluder, self.seed
@@ -165,7 +225,12 @@ class Precomputed:
 
     def _leaves(self, settings):
         """Text for a file's name that tells volumes apart."""
-        return f"{self.foliage.key}x{settings.volume}" if settings.volume else SURFACES
+        leaves = f"{self.foliage.key}x{settings.volume}" if settings.volume else SURFACES
+        return self._with_receivers(leaves) if settings.rays else leaves
+
+    def _with_receivers(self, text):
+        """Text for a file's name, with that which tells the traced vertices apart unless they are all."""
+        return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
     def _key(self, settings, rays):
         """What a transfer is told apart by, as its file is named."""
@@ -194,13 +259,21 @@ def _serves(key, settings, leaves):
     """Whether the transfer of a key is as good as that of the settings, or better."""
     method, bands, rays, chunks, _, as_leaves = key
     if (
-        as_leaves != leaves
+        not _as_leafy(as_leaves, leaves)
         or method != settings.method.replace("-", "_")
         or bands < settings.bands
         or rays < settings.rays
     ):
         return False
     return chunks in ("all", _chunks_text(settings.shadowed))
+
+
+def _as_leafy(kept, wanted):
+    """Whether leaves of so many directions, as `Precomputed._leaves` writes them, serve for others."""
+    (*known, count), (*names, least) = kept.split("x"), wanted.split("x")
+    if count.isdigit() and least.isdigit():
+        return known == names and int(count) >= int(least)
+    return kept == wanted
 
 
 def _chunks_text(shadowed):

@@ -117,12 +117,16 @@ class Visibility:
         batch = max(1, BATCH_RAYS // self.rays)
         for start in range(0, count, batch):
             part = slice(start, min(start + batch, count))
-            shot = np.concatenate([self._shot(each, part) for each in self.sets], axis=1)
-            hidden = [np.unpackbits(bits[part], axis=1, count=self.base) for bits in self.bits]
-            block = np.zeros((len(shot), bands**2), np.float32)
+            traced = self.traced[part]
+            model[part, 0] = 1.0  # what was given no rays sees everything
+            if not traced.any():
+                continue
+            shot = np.concatenate([self._shot(each, part)[traced] for each in self.sets], axis=1)
+            hidden = [np.unpackbits(bits[part][traced], axis=1, count=self.base) for bits in self.bits]
+            block, lines = np.zeros((len(shot), bands**2), np.float32), np.zeros((len(shot), 4), np.float32)
             hidden = np.concatenate(hidden, axis=1).view(bool)
-            sampling.gather(shot, hidden, self.normals[part], model[part], block)
-            rest[rows[part]] = block
+            sampling.gather(shot, hidden, self.normals[part][traced], lines, block)
+            model[part][traced], rest[rows[part][traced]] = lines, block
         return model, rest
 
     def _next_sets(self):

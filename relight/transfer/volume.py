@@ -90,11 +90,13 @@ class Foliage:
         """From how many places light is marched."""
         return len(self._lattice.points)
 
-    def mixed(self, transfer, directions=VOLUME_DIRECTIONS):
-        """A transfer (V, K) of surfaces, in place, with what is a volume taking its share of the volume's."""
+    def mixed(self, transfer, directions=VOLUME_DIRECTIONS, wanted=None):
+        """A transfer (V, K) of surfaces, in place, with what is a volume taking its share of the volume's: at all
+        vertices, or at those `wanted`, (V,) bool."""
         bands = int(np.sqrt(transfer.shape[1]))
-        own = self._lattice.interpolate(self.probes(bands, directions))
-        transfer[self.rows] += self.share * (own - transfer[self.rows])
+        some = slice(None) if wanted is None or wanted.all() else np.flatnonzero(wanted[self.rows])
+        rows, own = self.rows[some], self._lattice.interpolate(self.probes(bands, directions), some)
+        transfer[rows] += self.share[some] * (own - transfer[rows])
         return transfer
 
     def with_suns(self, light, suns):
@@ -183,12 +185,22 @@ class _Lattice:
         """Probes (S, 8) about some of the points, (S,), and their weights."""
         return self._columns[rows], self._weights[rows]
 
-    def interpolate(self, values):
-        """(P, C) float32 of probes -> (R, C) float32 of the points."""
-        result = np.zeros((len(self._columns), values.shape[1]), np.float32)
-        for corner in range(8):
-            result += self._weights[:, corner, None] * values[self._columns[:, corner]]
+    def interpolate(self, values, rows=slice(None)):
+        """(P, C) float32 of probes -> (R, C) float32 of the points, or of some rows of them."""
+        columns, weights = self._columns[rows], self._weights[rows]
+        result = np.zeros((len(columns), values.shape[1]), np.float32)
+        in_slices(_interpolate, len(columns), columns, weights, values, result)
         return result
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(begin, end, columns, weights, values, result):
+    for r in range(begin, end):
+        for corner in range(8):
+            weight, row = weights[r, corner], columns[r, corner]
+            if weight > np.float32(0):
+                for c in range(values.shape[1]):
+                    result[r, c] += weight * values[row, c]
 
 
 def transmittance(

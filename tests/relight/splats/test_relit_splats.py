@@ -3,7 +3,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit, write_relit_ply
-from relight.splats.backproject import backproject
 from relight.splats.light_ratio import CURVE_POWER, log_gain
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.rasterize import rasterize
@@ -330,23 +329,6 @@ def test_exposures_that_are_none_are_refused(ball, exposure):
     scene, _, binding = ball
     with pytest.raises(InputError, match="exposure"):
         binding.relit(*irradiances(scene), exposure=exposure)
-
-
-def test_backprojection_is_the_transpose_of_rendering():
-    """<picture, render(colours)> = <backproject(picture), colours> for any picture and colours above 0."""
-    rng = np.random.default_rng(3)
-    splats = ball_splats(0, 800, thickness=0.03)
-    view = View.look_at([1.0, 0.0, -7.0], [-0.5, 0.25, -2.0], [0, -1, 0], 30, 70, 50)  # tiles that are not full
-    picture = rng.normal(size=(50, 70, 3)).astype(np.float32)
-    count = rng.uniform(0, 1, (50, 70, 1)).astype(np.float32)
-    sums = np.zeros((len(splats), 4), np.float32)
-    backproject(splats, view, np.concatenate([picture, count], axis=-1), sums)
-    color = rasterize(splats, view)
-    expected = (picture * count * color.color).sum()
-    found = (sums[:, :3] * splats.colors_diffuse).sum(dtype=np.float64)
-    scale = np.abs(picture * count * color.color).sum()
-    assert abs(found - expected) < 1e-5 * scale  # float32 sums of some thousand terms
-    assert sums[:, 3].sum(dtype=np.float64) == pytest.approx((count[..., 0] * color.alpha).sum(), rel=1e-5)
 
 
 def test_the_file_differs_from_its_source_in_colours_alone(tmp_path):

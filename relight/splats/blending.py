@@ -1,0 +1,284 @@
+"""Which Gaussians make up each pixel of some views, and by how much: kept once, it draws any colours by sums.
+
+Rendering sums the colours of Gaussians by weights that no light changes. So the weights are found once, walking the
+footprints as `splat2mesh.render.rasterize` does, and every picture and its transpose is a product of sparse rows.
+Each tile has one thread, and what goes to the Gaussians is added in a fixed order: bits do not depend on threads.
+"""
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.render.footprints import TILE, camera_of, footprint_batches
+from splat2mesh.render.rasterize import AREA, HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, _exp_minus_half
+
+LEAST_SHARE = np.float32(1 / 512)
+"""Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
+
+MOST_ITEMS = round(AREA / float(LEAST_SHARE))
+"""Of a tile: no pixel has more shares than go into one."""
+
+UNIT = np.float32(65535)
+"""Shares are kept as whole parts of it."""
+
+CLOSING_INTERVAL = 8  # as of `rasterize`
+
+LIGHT, MEDIAN, PLANES = np.uint64(0), np.uint64(AREA), 2  # what is kept of a tile's pixels while they are walked
+
+_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
+_serial = numba.njit(cache=True, nogil=True)
+
+
+class Blending(NamedTuple):
+    """The shares of Gaussians in the P = T * 256 pixels of all tiles of some views, pixels tile after tile.
+
+    tiles: (L + 1,) int64, tiles[v] is the first of view v. runs: (T + 1,) int64, the first run of each tile, where a
+    run is what one Gaussian gives one tile. items: (T + 1,) int64, the first item of each tile. splats: (R,) int32 and
+    counts: (R,) uint16, the Gaussian and the number of items of each run, nearest first. pixels: (I,) uint8 within the
+    tile and shares: (I,) uint16 in parts of UNIT, of each item.
+    """
+
+    tiles: np.ndarray
+    runs: np.ndarray
+    items: np.ndarray
+    splats: np.ndarray
+    counts: np.ndarray
+    pixels: np.ndarray
+    shares: np.ndarray
+
+    def checked(self, count: int) -> "Blending":
+        """Itself, where it is one of `count` Gaussians. Raises InputError for what loops cannot trust."""
+        tiles, runs, items, splats, counts, pixels, shares = self
+        whole = all(each.ndim == 1 for each in self) and [each.dtype.str[1:] for each in self] == _KINDS
+        if not whole or len(runs) != len(items) or len(runs) == 0 or len(tiles) == 0:
+            raise InputError("kept pictures are of another kind")
+        for starts, end in ((tiles, len(runs) - 1), (runs, len(splats)), (items, len(pixels))):
+            if starts[0] != 0 or starts[-1] != end or (np.diff(starts) < 0).any():
+                raise InputError("kept pictures do not fit together")
+        reached = np.append(0, np.cumsum(counts, dtype=np.int64))
+        if len(counts) != len(splats) or len(shares) != len(pixels) or (reached[runs] != items).any():
+            raise InputError("kept pictures do not fit together")
+        if splats.min(initial=0) < 0 or splats.max(initial=-1) >= count:
+            raise InputError(f"kept pictures show others than {count} splats")
+        return self
+
+    def drawn(self, colors: np.ndarray) -> np.ndarray:
+        """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
+        picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)
+        _draw(self.runs, self.items, self.splats, self.counts, self.pixels, self.shares, colors, picture)
+        return picture
+
+    def spread(self, values: np.ndarray, sums: np.ndarray) -> None:
+        """Add to each Gaussian, sums (N, C), its shares of the pixels' values (P, C), float32 both."""
+        for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
+            begin, end = self.runs[first], self.runs[last]
+            seen = np.zeros((end - begin, values.shape[1]), np.float32)
+            _gather(first, last, self.runs, self.items, self.counts, self.pixels, self.shares, values, seen)
+            _add(self.splats[begin:end], seen, sums)
+
+
+_KINDS = ["i8", "i8", "i8", "i4", "u2", "u1", "u2"]
+
+
+def blending_of(
+    splats,  # Splats
+    views,  # list of View in their frame
+    near,  # camera z of the near plane
+    look=lambda number, alpha, depth: None,  # called with the number of a view, its alpha (H, W) and its median depth
+):
+    """The Blending of some views. What the look is given is as of `Rendering`."""
+    tiles, parts = [0], []
+    for number, view in enumerate(views):
+        part, alpha, depth = _listed(splats, view, near)
+        look(number, alpha, depth)
+        parts.append(part)
+        tiles.append(tiles[-1] + len(part[0]))
+    runs, items, *lists = ([part[i] for part in parts] for i in range(6))
+    starts = [np.append(0, np.cumsum(np.concatenate(counts), dtype=np.int64)) for counts in (runs, items)]
+    return Blending(np.array(tiles, np.int64), *starts, *(np.concatenate(each) for each in lists))
+
+
+def in_tiles(image):
+    """An image (H, W, ...) as pixels of tiles, (P, ...), zeros beyond its edges."""
+    height, width, *rest = image.shape
+    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
+    whole = np.zeros((tiles_y * TILE, tiles_x * TILE, *rest), image.dtype)
+    whole[:height, :width] = image
+    return whole.reshape(tiles_y, TILE, tiles_x, TILE, *rest).swapaxes(1, 2).reshape(-1, *rest)
+
+
+def _listed(splats, view, near):
+    """((runs and items of each tile, splats, counts, pixels, shares), alpha (H, W), median depth (H, W)) of a view."""
+    camera = camera_of(view, near)
+    height, width = camera.height, camera.width
+    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
+    tiles = tiles_y * tiles_x
+    block = np.zeros((tiles, PLANES * AREA), np.float32)
+    planes = block.reshape(tiles_y, tiles_x, PLANES, TILE, TILE).transpose(2, 0, 3, 1, 4)
+    inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
+    inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
+    planes[0], planes[1] = inside.reshape(planes.shape[1:]), np.nan
+    open_tiles = np.ones(tiles, np.bool_)
+    dealt = np.random.default_rng(0).permutation(tiles)
+    found, left = [], np.full(tiles, MOST_ITEMS, np.int64)
+    for batch in footprint_batches(splats, camera, open_tiles):
+        wanted = np.where(open_tiles, np.minimum(AREA * np.diff(batch.starts), left), 0)
+        begins = np.append(0, np.cumsum(wanted))
+        raw = np.empty(begins[-1], np.uint8), np.empty(begins[-1], np.uint16)  # memory is taken as it is written
+        number, count = np.empty(len(batch.entries), np.int32), np.empty(len(batch.entries), np.uint16)
+        used, ran = np.zeros(tiles, np.int64), np.zeros(tiles, np.int64)
+        lists = batch.footprints, batch.starts, batch.entries
+        _record(*lists, dealt, open_tiles, tiles_x, block, begins, *raw, number, count, used, ran)
+        packed = [np.empty(ran.sum(), np.int32), np.empty(ran.sum(), np.uint16)]
+        packed += [np.empty(used.sum(), np.uint8), np.empty(used.sum(), np.uint16)]
+        _pack(batch.starts, ran, number, packed[0])
+        _pack(batch.starts, ran, count, packed[1])
+        _pack(begins, used, raw[0], packed[2])
+        _pack(begins, used, raw[1], packed[3])
+        packed[0] = batch.order[packed[0]].astype(np.int32)
+        found.append((ran, used, *packed))
+        left -= used
+    images = planes.reshape(PLANES, *inside.shape)[:, :height, :width]
+    return _merged(found, tiles), 1 - images[0], images[1].copy()
+
+
+def _merged(found, tiles):
+    """Batch after batch of tiles' lists as the lists of the tiles: the same fields."""
+    runs = sum((each[0] for each in found), np.zeros(tiles, np.int64))
+    items = sum((each[1] for each in found), np.zeros(tiles, np.int64))
+    result = []
+    for field, (counts, totals, kind) in enumerate(
+        ((0, runs, np.int32), (0, runs, np.uint16), (1, items, np.uint8), (1, items, np.uint16))
+    ):
+        whole, cursor = np.empty(totals.sum(), kind), np.append(0, np.cumsum(totals))[:-1]
+        for each in found:
+            _lay(each[2 + field], each[counts], cursor, whole)
+        result.append(whole)
+    return runs, items, *result
+
+
+@_kernel
+def _record(
+    footprints, starts, entries, dealt, open_tiles, tiles_x, block, begins, pixels, shares, number, count, used, ran
+):
+    """Note what each footprint gives each open tile from begins[tile] and starts[tile] on, and how much that was."""
+    for deal in numba.prange(len(dealt)):
+        tile = dealt[deal]
+        if not open_tiles[tile]:
+            continue
+        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+        mine, lane = block[tile], np.zeros(TILE, np.float32)
+        at, run = begins[tile], starts[tile]
+        for e in range(starts[tile], starts[tile + 1]):
+            s = footprints[entries[e]]
+            before = at
+            first = int(min(max(np.ceil(s.y - s.reach_y - 0.5), top), top + TILE))
+            last = int(max(min(np.floor(s.y + s.reach_y + 0.5), top + TILE), top))
+            for row in range(first, last):
+                dy = row + 0.5 - s.y
+                q_y = np.float32(s.precision_y * dy * dy)
+                dx = np.float32(left + 0.5 - s.x - s.slope * dy)
+                _row(mine, np.uint64((row - top) * TILE), s, q_y, dx, lane)
+                for column in range(TILE):
+                    if lane[column] >= LEAST_SHARE and at < begins[tile + 1]:
+                        pixels[at] = (row - top) * TILE + column
+                        shares[at] = np.uint16(lane[column] * UNIT + HALF)
+                        at += 1
+            if at > before:
+                number[run], count[run] = entries[e], at - before
+                run += 1
+            if e % CLOSING_INTERVAL == 0 and not _any_open(mine):
+                open_tiles[tile] = False
+                break
+        used[tile], ran[tile] = at - begins[tile], run - starts[tile]
+
+
+@_function
+def _row(block, first, s, q_y, dx, lane):
+    """Shares of a footprint in the pixel row at `first`; like `rasterize`'s own without a branch."""
+    precision, cutoff, opacity, depth = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity, s.depth
+    for column in range(np.uint64(TILE)):
+        i = first + column
+        offset = dx + np.float32(column)
+        q = q_y + precision * offset * offset
+        before = block[LIGHT + i]
+        alpha = min(opacity * _exp_minus_half(q), MAX_ALPHA)
+        alpha = alpha if (q <= cutoff) & (before >= MIN_TRANSMITTANCE) else ZERO
+        after = before * (ONE - alpha)
+        lane[column] = before * alpha
+        median = block[MEDIAN + i]
+        block[MEDIAN + i] = depth if (before > HALF) & (after <= HALF) else median
+        block[LIGHT + i] = after
+
+
+@_function
+def _any_open(block):
+    unfinished = 0
+    for i in range(np.uint64(AREA)):
+        unfinished += block[i] >= MIN_TRANSMITTANCE
+    return unfinished > 0
+
+
+@_serial
+def _pack(begins, used, values, packed):
+    """The used beginnings of the tiles' parts, end to end."""
+    at = 0
+    for tile in range(len(used)):
+        for i in range(used[tile]):
+            packed[at] = values[begins[tile] + i]
+            at += 1
+
+
+@_serial
+def _lay(values, counts, cursor, whole):
+    """Copy each tile's part to where its cursor stands, and move that on."""
+    at = 0
+    for tile in range(len(counts)):
+        for i in range(counts[tile]):
+            whole[cursor[tile] + i] = values[at]
+            at += 1
+        cursor[tile] += counts[tile]
+
+
+@_kernel
+def _draw(runs, items, splats, counts, pixels, shares, colors, picture):
+    unit = ONE / UNIT
+    for tile in numba.prange(len(runs) - 1):
+        at, base = items[tile], tile * AREA
+        for run in range(runs[tile], runs[tile + 1]):
+            k = splats[run]
+            red, green, blue = colors[k, 0] * unit, colors[k, 1] * unit, colors[k, 2] * unit
+            for i in range(at, at + counts[run]):
+                p, share = base + pixels[i], np.float32(shares[i])
+                picture[p, 0] += share * red
+                picture[p, 1] += share * green
+                picture[p, 2] += share * blue
+            at += counts[run]
+
+
+@_kernel
+def _gather(first, last, runs, items, counts, pixels, shares, values, seen):
+    """What each run of the tiles first..last sees, (R, C)."""
+    unit, width = ONE / UNIT, values.shape[1]
+    for tile in numba.prange(first, last):
+        at, base = items[tile], tile * AREA
+        total = np.zeros(width, np.float32)
+        for run in range(runs[tile], runs[tile + 1]):
+            total[:] = ZERO
+            for i in range(at, at + counts[run]):
+                share = np.float32(shares[i])
+                for c in range(width):
+                    total[c] += share * values[base + pixels[i], c]
+            for c in range(width):
+                seen[run - runs[first], c] = total[c] * unit
+            at += counts[run]
+
+
+@_serial
+def _add(splats, seen, sums):
+    for run in range(len(splats)):
+        for c in range(sums.shape[1]):
+            sums[splats[run], c] += seen[run, c]

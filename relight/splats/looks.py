@@ -1,0 +1,110 @@
+"""What the fit of relit splats looks at: pictures of them, and which place of the mesh each pixel shows."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.splats.splats import SH_C0
+
+from .blending import Blending, blending_of, in_tiles
+from .light_ratio import CURVE_OFFSET
+
+DEPTH_TOLERANCE = 0.03
+"""Of the diagonal: where mesh and splats are further apart in a view, the picture tells nothing of the mesh's light."""
+
+OBJECT_DISTANCE = 0.5
+"""Diagonals from which a view sees a scene at least: what is nearer lets mesh and splats be apart by as much less, so
+that within a place nothing bleeds over jumps of depth."""
+
+MIN_ALPHA = 0.5
+"""Of a pixel that takes part in the fit."""
+
+CAUTION = 0.5
+"""Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
+
+
+class Looks(NamedTuple):
+    """Pictures of N Gaussians. blending: Blending. known: (Q,) int64, the pixels that show the mesh. corners: (Q, 3)
+    int32, the nodes around what each shows. shares: (Q, 2) float32, of the second and third."""
+
+    blending: Blending
+    known: np.ndarray
+    corners: np.ndarray
+    shares: np.ndarray
+
+    @classmethod
+    def at(cls, splats, surface, views, near, advance=lambda count: None):
+        """Of Splats before a Surface, both in the frame of the views, list of View; near: camera z."""
+        found = []
+
+        def look(number, alpha, depth):
+            found.append(_shown(views[number], alpha, depth, surface))
+            advance(1)
+
+        blending = blending_of(splats, views, near, look)
+        known = np.concatenate([in_tiles(each[0]) for each in found])
+        corners, shares = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
+        return cls(blending, np.flatnonzero(known), corners, shares)
+
+    @classmethod
+    def restored(cls, arrays, splats, nodes):
+        """Those of so many splats and nodes, from `arrays`. Raises InputError or KeyError for what does not fit."""
+        blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
+        known, corners, shares = (arrays[name] for name in ("known", "corners", "shares"))
+        kinds = known.dtype == np.int64 and corners.dtype == np.int32 and shares.dtype == np.float32
+        if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or shares.shape != (len(known), 2):
+            raise InputError("kept pictures are of another kind")
+        pixels = 256 * (len(blending.runs) - 1)
+        inside = known.min(initial=0) >= 0 and known.max(initial=-1) < pixels
+        if not (inside and corners.min(initial=0) >= 0 and corners.max(initial=-1) < nodes):
+            raise InputError("kept pictures show another mesh")
+        if not np.isfinite(shares).all():
+            raise InputError("kept pictures are not finite")
+        return cls(blending, known, corners, shares)
+
+    def arrays(self):
+        """Dict of the arrays that `restored` takes."""
+        return self.blending._asdict() | {"known": self.known, "corners": self.corners, "shares": self.shares}
+
+    def corrections(self, before, relit, of_nodes, rounds):
+        """Corrections (N, 3) float32 to add to the constant coefficients `relit`, so that pictures of the relit splats
+        agree with pictures of the captured ones times the light ratio of the mesh.
+
+        before, relit: (N, 3) float32 constant coefficients. of_nodes: (M, 3) log gain.
+        Gaussians lie before and behind the surface, so that their blend shows the light of neither place. Each round
+        draws all pictures and moves each Gaussian's colour by the mean error of the pixels it contributes to.
+        Source: Gilbert, "Iterative methods for the three-dimensional reconstruction of an object from projections"
+        (1972): simultaneous iterative reconstruction (SIRT).
+        """
+        shown = _shown_colors(before)
+        second, third = self.shares.T
+        weights = np.stack([1.0 - second - third, second, third], axis=1)
+        gain = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners]))
+        wanted = gain * self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+        error = np.zeros((len(self.blending.runs) * 256 - 256, 4), np.float32)
+        error[self.known, 3] = 1.0
+        moved = np.zeros_like(relit)
+        for _ in range(rounds):
+            change = self.blending.drawn(_shown_colors(relit + moved) - shown)
+            error[self.known, :3] = wanted - change[self.known]
+            sums = np.zeros((len(relit), 4), np.float32)
+            self.blending.spread(error, sums)
+            moved += sums[:, :3] / (sums[:, 3:] + CAUTION) / SH_C0
+        return moved
+
+
+def _shown_colors(constant):
+    """Constant coefficients as what is drawn, (N, 3) float32."""
+    return np.maximum(np.float32(0.5) + np.float32(SH_C0) * constant, np.float32(0.0))
+
+
+def _shown(view, alpha, depth, surface):
+    """Whether each pixel shows the mesh (H, W), the corners (H, W, 3) int32 and shares (H, W, 2) float32 of where."""
+    directions = view.ray_directions().astype(np.float32)
+    rays = np.concatenate([np.broadcast_to(view.center.astype(np.float32), directions.shape), directions], axis=-1)
+    hits = surface.caster.first_hits(rays)  # distances in camera z, as the directions are
+    apart = np.abs(hits.distance - depth)
+    allowed = DEPTH_TOLERANCE * np.minimum(surface.diagonal, depth / OBJECT_DISTANCE)
+    known = (alpha > MIN_ALPHA) & (apart < allowed)
+    return known, surface.faces[np.where(known, hits.faces, 0)], hits.uv

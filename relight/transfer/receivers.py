@@ -1,0 +1,154 @@
+"""Which vertices light is traced for, and how the others take theirs over from neighbours.
+
+The mesh of a place has several vertices for each splat, and undersides that nobody saw. Where splats are all that is
+shown, light is found at the vertices that they use, and at some of the others, which bounces meet. What lies between
+takes the mean of the neighbours whose normals agree.
+"""
+
+import numpy as np
+from numba import njit
+
+from splat2mesh.base.errors import InputError
+
+from .neighbors import Neighbors
+from .store import array_key
+from .threads import in_slices
+
+SPARSE = 6
+"""Of the vertices that nothing shows, one in so many is traced: along a curve through space, so that they are even."""
+
+RINGS = 4
+"""Steps from a vertex that is traced within which others take over its light; what lies further is traced itself."""
+
+
+class Receivers:
+    """The vertices of a scene that light is traced for.
+
+    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that tells them from others, "every" for all.
+    """
+
+    def __init__(self, traced, rings=()):
+        """rings: [(nodes, starts, columns, weights)], sparse rows of vertices that take over, ring after ring."""
+        self.traced, self.rows, self._rings = traced, np.flatnonzero(traced), list(rings)
+        self.key = "every" if traced.all() else array_key(traced)
+
+    @classmethod
+    def every(cls, count):
+        """All of so many vertices."""
+        return cls(np.ones(count, bool))
+
+    @classmethod
+    def of_shown(
+        cls,
+        shown,  # (V,) bool: whose light is shown
+        occluder,  # Occluder
+    ):
+        """The vertices that are shown, and a few of the others; those that agree in place and normal together."""
+        neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
+        node, count = neighbors.node, len(neighbors.vertices)
+        traced = np.bincount(node, shown, count) > 0
+        others = np.flatnonzero(~traced)
+        traced[others[::SPARSE]] = True
+        reached, rings = traced.copy(), []
+        for _ in range(RINGS):
+            taken = np.zeros(count, np.int64)
+            in_slices(_count, count, neighbors.starts, neighbors.columns, reached, taken)
+            nodes = np.flatnonzero(taken)
+            if not len(nodes):
+                break
+            starts = np.append(0, np.cumsum(taken[nodes]))
+            columns, weights = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
+            rows = neighbors.starts, neighbors.columns, neighbors.weights
+            in_slices(_take, len(nodes), nodes, *rows, reached, starts, columns, weights)
+            rings.append((nodes, starts, columns, weights))
+            reached[nodes] = True
+        traced |= ~reached
+        # What was nodes is vertices from here on: one stands for each node, and its copies take over from it.
+        stands = neighbors.vertices
+        rings = [
+            (stands[nodes], starts, stands[columns].astype(np.int32), weights)
+            for nodes, starts, columns, weights in rings
+        ]
+        copies = np.flatnonzero(stands[node] != np.arange(len(node)))
+        copies = copies[~traced[node[copies]]]
+        if len(copies):
+            same = stands[node[copies]].astype(np.int32)
+            rings.append((copies, np.arange(len(copies) + 1), same, np.ones(len(copies), np.float32)))
+        return cls(traced[node], rings)
+
+    @classmethod
+    def restored(cls, arrays, shown):
+        """Those that were kept of vertices `shown`, (V,). Raises InputError or KeyError for what does not fit."""
+        traced, count = arrays["traced"], len(shown)
+        if traced.shape != (count,) or traced.dtype != bool or (shown & ~traced).any():
+            raise InputError("kept receivers are of another scene")
+        rings = []
+        for number in range(RINGS + 1):
+            if f"nodes{number}" not in arrays:
+                break
+            nodes, starts, columns, weights = (arrays[f"{name}{number}"] for name in _PARTS)
+            whole = all(each.dtype.kind == "i" and each.ndim == 1 for each in (nodes, starts, columns))
+            if not whole or weights.dtype != np.float32 or len(starts) != len(nodes) + 1:
+                raise InputError("kept receivers are of another kind")
+            if starts[0] != 0 or (np.diff(starts) < 1).any() or not starts[-1] == len(columns) == len(weights):
+                raise InputError("kept receivers do not fit together")
+            for each in (nodes, columns):
+                if each.min(initial=0) < 0 or each.max(initial=-1) >= count:
+                    raise InputError("kept receivers are of another scene")
+            if not (np.isfinite(weights).all() and (weights > 0.0).all()):
+                raise InputError("kept receivers are not finite")
+            rings.append((nodes, starts, columns, weights))
+        return cls(traced, rings)
+
+    def arrays(self):
+        """Dict of the arrays that `restored` takes."""
+        kept = {"traced": self.traced}
+        for number, ring in enumerate(self._rings):
+            kept |= {f"{name}{number}": part for name, part in zip(_PARTS, ring, strict=True)}
+        return kept
+
+    @property
+    def all(self):
+        """Whether light is traced for every vertex."""
+        return self.key == "every"
+
+    def filled(self, values):
+        """Values (V, C) float32 of which the traced rows are given, with all others filled in place."""
+        for nodes, starts, columns, weights in self._rings:
+            in_slices(_fill, len(nodes), nodes, starts, columns, weights, values)
+        return values
+
+
+_PARTS = "nodes", "starts", "columns", "weights"
+
+
+@njit(cache=True, nogil=True)
+def _count(begin, end, starts, columns, reached, taken):
+    """How many neighbours each node that was not reached may take over from."""
+    for i in range(begin, end):
+        if not reached[i]:
+            for at in range(starts[i], starts[i + 1]):
+                taken[i] += reached[columns[at]]
+
+
+@njit(cache=True, nogil=True)
+def _take(begin, end, nodes, starts, columns, weights, reached, out_starts, out_columns, out_weights):
+    for n in range(begin, end):
+        at, total = out_starts[n], np.float32(0)
+        for i in range(starts[nodes[n]], starts[nodes[n] + 1]):
+            if reached[columns[i]]:
+                out_columns[at], out_weights[at] = columns[i], weights[i]
+                total += weights[i]
+                at += 1
+        for i in range(out_starts[n], at):
+            out_weights[i] /= total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fill(begin, end, nodes, starts, columns, weights, values):
+    for n in range(begin, end):
+        row = values[nodes[n]]
+        row[:] = np.float32(0)
+        for at in range(starts[n], starts[n + 1]):
+            for c in range(values.shape[1]):
+                row[c] += weights[at] * values[columns[at], c]

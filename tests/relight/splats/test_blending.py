@@ -1,0 +1,75 @@
+"""The kept shares of Gaussians in pictures: what they draw against the rasterizer, their transpose, what was kept."""
+
+import numpy as np
+import pytest
+from ball_splats import solid_ball
+
+from relight.splats.blending import LEAST_SHARE, UNIT, blending_of, in_tiles
+from splat2mesh.base.errors import InputError
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    splats = solid_ball(800)
+    views = [
+        View.look_at(eye, [0.0, 0.0, 0.0], [0, -1, 0], 30, *size)
+        for eye, size in (([1.0, 0.0, -7.0], (70, 50)), ([0.5, 1.0, 6.0], (64, 48)))  # full tiles in the second alone
+    ]
+    looks = []
+    blending = blending_of(splats, views, 0.01, lambda number, alpha, depth: looks.append((number, alpha, depth)))
+    return splats, views, blending, looks
+
+
+def test_pictures_are_those_of_the_rasterizer(drawn):
+    splats, views, blending, looks = drawn
+    found = blending.drawn(splats.colors_diffuse.astype(np.float32))
+    renderings = [rasterize(splats, view) for view in views]
+    expected = np.concatenate([in_tiles(each.color) for each in renderings])
+    # Each share is rounded to a part of UNIT, and up to a few dozen below LEAST_SHARE are left out.
+    np.testing.assert_allclose(found, expected, atol=30 * float(LEAST_SHARE))
+    assert np.abs(found - expected).mean() < float(LEAST_SHARE)
+    for number, (index, alpha, depth) in enumerate(looks):
+        assert index == number
+        np.testing.assert_array_equal(alpha, renderings[number].alpha)
+        np.testing.assert_array_equal(depth, renderings[number].depth_median)
+
+
+def test_spreading_is_the_transpose_of_drawing(drawn):
+    """<picture, drawn(colours)> = <spread(picture), colours> for any picture and colours."""
+    splats, _, blending, _ = drawn
+    rng = np.random.default_rng(3)
+    colors = rng.normal(size=(len(splats), 3)).astype(np.float32)
+    picture = blending.drawn(colors)
+    values = rng.normal(size=(len(picture), 4)).astype(np.float32)
+    sums = np.zeros((len(splats), 4), np.float32)
+    blending.spread(values, sums)
+    expected, found = (values[:, :3] * picture).sum(dtype=np.float64), (sums[:, :3] * colors).sum(dtype=np.float64)
+    assert abs(found - expected) < 1e-5 * np.abs(values[:, :3] * picture).sum()  # float32 sums of some thousand terms
+    ones = blending.drawn(np.ones((len(splats), 3), np.float32))[:, 0]
+    assert sums[:, 3].sum(dtype=np.float64) == pytest.approx((values[:, 3] * ones).sum(dtype=np.float64), rel=1e-3)
+
+
+def test_no_pixel_is_made_of_more_than_itself(drawn):
+    splats, _, blending, _ = drawn
+    ones = blending.drawn(np.ones((len(splats), 3), np.float32))
+    assert ones.max() <= 1.0 + 512 / float(UNIT)
+    assert ones.max() > 0.98
+
+
+def test_what_was_kept_is_checked(drawn):
+    splats, _, blending, _ = drawn
+    assert blending.checked(len(splats)) is blending
+    with pytest.raises(InputError, match="others than 5"):
+        blending.checked(5)
+    for name, broken in {
+        "runs": blending.runs[::-1].copy(),
+        "items": blending.items + 1,
+        "counts": blending.counts + np.uint16(1),
+        "pixels": blending.pixels[:-1],
+        "shares": blending.shares.astype(np.float32),
+        "tiles": np.array([0, 1], np.int64),
+    }.items():
+        with pytest.raises(InputError, match="kept pictures"):
+            blending._replace(**{name: broken}).checked(len(splats))
