@@ -11,6 +11,7 @@ import numpy as np
 from splat2mesh.scene.color import srgb_from_linear
 
 from . import samples
+from .direct import direct_light
 
 DOUBT = 0.35
 """Difference of the logarithm of what a region received, as relit and as estimated, at which half of a change is
@@ -25,38 +26,45 @@ REGION_RINGS = 3
 _LEAST = 1e-3
 """Linear light below which differences are not seen."""
 
+_BEST_DB = 99.0  # of what agrees to the bit
 
-def self_relight(occluder, captured, found, transfer, interreflection, seen=None):
+
+def self_relight(occluder, captured, found, transfer, interreflection, sunlit=None, seen=None):
     """What the capture relit by its own estimated light is off by: a dict of arrays.
 
-    found: Estimate. transfer, interreflection: those it was made with. seen: (V,) what each vertex counts, its area
-    without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped. trust: (V,) float32.
-    distrusted_share: part of what is seen.
+    found: Estimate. transfer, interreflection, sunlit: those it was made with. seen: (V,) what each vertex counts, its
+    area without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped, of captured colours
+    times their change of light, as splats and textures are relit: what is off are bounces alone. mesh_self_relight_db:
+    the same of albedo times light, as meshes are lit: what is off as well is what no albedo explains.
+    trust: (V,) float32. distrusted_share: part of what is seen.
     """
-    from ..light.sun_split import split
     from ..transfer.bounces import with_bounces
-    from ..transfer.sunlight import sunlight
 
     areas = samples.vertex_areas(occluder) if seen is None else np.asarray(seen, np.float64)
     if not found.separable:
         trust = np.ones(len(captured), np.float32)
-        return {"self_relight_db": np.array(99.0), "trust": trust, "distrusted_share": np.array(0.0)}
-    rest, suns = split(found.environment, math.isqrt(transfer.shape[1]))
-    direct = transfer @ rest.sh(math.isqrt(transfer.shape[1])).astype(np.float32)
-    if len(suns):
-        direct += sunlight(occluder, slice(None), suns)
-    radiance, _ = with_bounces(np.maximum(direct, np.float32(0.0)), found.albedo, interreflection)
-    off = srgb_from_linear(np.clip(radiance, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
-    known = np.where((captured.max(axis=1) < 1.0) & (captured.max(axis=1) > _LEAST), areas, 0.0)
-    total = max(float(known.sum()), 1e-30)
-    error = float((known * np.square(off).mean(axis=1)).sum()) / total
+        best = {"self_relight_db": np.array(_BEST_DB), "mesh_self_relight_db": np.array(_BEST_DB)}
+        return {**best, "trust": trust, "distrusted_share": np.array(0.0)}
+    direct = direct_light(occluder, transfer, found.environment, sunlit)
+    radiance, _ = with_bounces(direct, found.albedo, interreflection)
     doubt = np.abs(np.log((radiance.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
-    trust = 1.0 / (1.0 + (_of_region(occluder.faces, doubt) / DOUBT) ** 2)
+    trust = (1.0 / (1.0 + (_of_region(occluder.faces, doubt) / DOUBT) ** 2)).astype(np.float32)
+    before = np.maximum(found.irradiance, np.float32(1e-12))
+    after = drawn_to_none(before, radiance / found.albedo, trust)
+    known = np.where((captured.max(axis=1) < 1.0) & (captured.max(axis=1) > _LEAST), areas, 0.0)
     return {
-        "self_relight_db": np.array(min(-10.0 * math.log10(max(error, 1e-12)), 99.0)),
-        "trust": trust.astype(np.float32),
+        "self_relight_db": np.array(_decibels(captured * (after / before), captured, known)),
+        "mesh_self_relight_db": np.array(_decibels(radiance, captured, known)),
+        "trust": trust,
         "distrusted_share": np.array(float(areas[trust < DISTRUSTED].sum() / max(areas.sum(), 1e-30))),
     }
+
+
+def _decibels(shown, captured, weights):
+    """PSNR of linear colours (V, 3) as sRGB."""
+    off = srgb_from_linear(np.clip(shown, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
+    error = float((weights * np.square(off).mean(axis=1)).sum()) / max(float(weights.sum()), 1e-30)
+    return min(-10.0 * math.log10(max(error, 1e-12)), _BEST_DB)
 
 
 def drawn_to_none(before, after, trust):

@@ -48,7 +48,7 @@ leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than
 ALBEDOS = (0.14, 0.2, 0.28, 0.38, 0.5)
 """Medians that lights are tried to reach by their strength; none at all is tried as well."""
 
-SPREAD = 0.5
+SPREAD = 0.25
 """Of the lean in the prior, along each axis: at 0.5 one side of the sky is e times as bright as the other."""
 
 STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
@@ -57,7 +57,7 @@ STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
 SUNS, SUN_WIDTH_DEG = 400, 7.0
 """Over the sphere, of which half are tried, and spread of each: the transfer's bands hold no narrower one."""
 
-SURE = 6.0
+SURE = 15.0
 """By how much evidence, in nats, a sun must gain: some fifty places in the sky can be told apart, and one is best."""
 
 
@@ -159,7 +159,7 @@ def brightness_of(
             lean = share.sum(axis=1) @ tried
             excess = float(np.exp((share * np.log(np.maximum(scales, 1e-9))).sum()))
             lit = known + excess * np.maximum(patches.transfer @ (project.T @ (np.exp(directions @ lean) * clipped)), 0)
-            best = max(nothing, _evidence(patches, lit))
+            best = max(nothing, float(evidence.max()))
     sun, irradiance, gained = _sun(patches, known, lit, directions, open_to_suns, bands)
     if gained - best > SURE:
         alone = irradiance[1]

@@ -17,6 +17,7 @@ from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
 from . import contrast, fit, samples, skylight, sun
+from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
 
 LIGHT_BANDS = 5
@@ -103,6 +104,7 @@ def estimate(
     hopeless="",  # why the light cannot be told, where that is known
     looks=None,  # Looks from where the capture stood: then it is what they show that counts, not area
     volume=None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
+    sunlit=None,  # Suns -> their light on the white scene, as `direct_light` takes it
 ):
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -111,7 +113,7 @@ def estimate(
     order of vertices or chunks but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks, sunlit)
     problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
@@ -185,12 +187,13 @@ def with_known_light(
     interreflection=None,
     sky=None,
     looks=None,
+    sunlit=None,
 ):
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
     Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
     """
-    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks)
+    scene = _Scene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks, sunlit)
     problem = scene.problem()
     direct = scene.direct(environment)
     received = direct[scene.places.vertices]
@@ -213,12 +216,12 @@ def with_known_light(
     return scene.result(scaled, evidence, direct * gain.astype(np.float32))
 
 
-def under_light(occluder, captured, environment, prior, seed=0, transfer=None, interreflection=None):
+def under_light(occluder, captured, environment, prior, seed=0, transfer=None, interreflection=None, sunlit=None):
     """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
 
     environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
     """
-    scene = _Scene(occluder, captured, seed, lambda count: None, transfer, interreflection)
+    scene = _Scene(occluder, captured, seed, lambda count: None, transfer, interreflection, sunlit=sunlit)
     irradiance = scene.direct(environment) + scene.bounce
     return albedo_of(scene.captured, irradiance, prior), irradiance
 
@@ -229,11 +232,13 @@ class _Scene:
     areas: (V,) what each vertex counts: its area, or how large it was seen.
     """
 
-    def __init__(self, occluder, captured, seed, advance, transfer, interreflection, sky=False, looks=None):
+    def __init__(
+        self, occluder, captured, seed, advance, transfer, interreflection, sky=False, looks=None, sunlit=None
+    ):
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
-        self.occluder, self.seed, self._advance = occluder, seed, advance
+        self.occluder, self.seed, self._advance, self._sunlit = occluder, seed, advance, sunlit
         count = len(occluder.origins)
         captured = np.asarray(captured)
         self.captured = checked(captured, "captured colours")
@@ -299,15 +304,7 @@ class _Scene:
 
     def direct(self, environment):
         """Direct light on the white scene, (V, 3) float32, not negative."""
-        from ..light.sun_split import split
-        from ..transfer.sunlight import sunlight
-
-        bands = math.isqrt(self.transfer.shape[1])
-        rest, suns = split(environment, bands)
-        direct = self.transfer @ rest.sh(bands).astype(np.float32)
-        if len(suns):
-            direct += sunlight(self.occluder, slice(None), suns)
-        return np.maximum(direct, np.float32(0.0), out=direct)
+        return direct_light(self.occluder, self.transfer, environment, self._sunlit)
 
     def result(self, environment, evidence, direct=None, brighter=True):
         direct = self.direct(environment) if direct is None else direct

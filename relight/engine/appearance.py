@@ -28,8 +28,8 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-ROOMS = 2
-"""Of the way that closed rooms are estimated: goes up when it would give other numbers, for what is kept."""
+WAY = 3
+"""Of the way that light and albedo are estimated: goes up when it would give other numbers, for what is kept."""
 
 CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))
 """The transfer and bounces from which the capture's light is estimated; of a place as most lights call for them
@@ -123,7 +123,7 @@ def _without_light(
     described["left_as_captured"] = bool(kept["closed"]) and room is None
     if kept["closed"]:
         described["room"] = None if room is None else room.told
-    check = {name: round(float(kept[name]), 3) for name in ("self_relight_db", "distrusted_share")}
+    check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
     return look._replace(kept=described["left_as_captured"], room=room)
@@ -146,7 +146,7 @@ def _key(captured, capture_env, relighter):
     """Under what an estimate is kept."""
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts += [standing(relighter.scene), np.array(ROOMS)]
+    parts += [standing(relighter.scene), np.array(WAY)]
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
@@ -234,6 +234,8 @@ def _estimated(
         **{name: np.asarray(getattr(found, name)) for name in _DESCRIBED},
     }
 
+
+_CHECKED = ("self_relight_db", "mesh_self_relight_db", "distrusted_share")
 
 _DESCRIBED = ("separable", "reason", "evidence", "direction", "concentration", "color", "brightness")
 

@@ -129,12 +129,17 @@ class Relighter:
         return self.precomputed.interreflection(rays, self.transfer)
 
     def computed(self, settings: Settings) -> dict[str, Any]:
-        """Dict of the transfer (V, K) and the interreflection of Settings with bounces, for what builds on them; leaves
-        and grass are volumes wherever they may be."""
+        """Dict of what Settings with bounces give, for what builds on them: transfer (V, K), interreflection, and
+        sunlit, from Suns to their light. Leaves and grass are volumes wherever they may be."""
         settings = settings._replace(volume=CAPTURE_DIRECTIONS if self._everything.volume else 0)
         transfer = self.precomputed.transfer(settings)[0]
         bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
-        return {"transfer": transfer[:, : settings.bands**2], "interreflection": bounces}
+        geometry = StaticGeometry(self.precomputed, self.stages)
+        return {
+            "transfer": transfer[:, : settings.bands**2],
+            "interreflection": bounces,
+            "sunlit": lambda suns: geometry.sunlight(suns, settings),
+        }
 
     @property
     def leaves(self) -> str:
