@@ -51,10 +51,12 @@ class Ground:
     """Up as the place shows it.
 
     up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
+    assumed: whether the usual frame decided which side of the plane is up, though things stand on the other.
     """
 
     up: np.ndarray | None
     reason: str
+    assumed: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,10 +84,11 @@ def ground_of(splats):
     if axis == 0:
         return Ground(None, "the largest plane faces sideways")
     open_above, place = floor.opposite < CLOSED, floor.far >= SURROUNDINGS
-    up = floor.normal
+    up, assumed = floor.normal, False
     if not open_above or (axis == 1 and up[1] > 0 and not place):
         # Either side could be up: the usual one, where the plane lies so; else nothing is known.
-        up = -up if axis == 1 and up[1] > 0 else up
+        assumed = axis == 1 and up[1] > 0
+        up = -up if assumed else up
         if axis != 1:
             return Ground(None, "between two planes either side could be up")
     elif floor.sided < LEAST_SIDED:
@@ -98,6 +101,8 @@ def ground_of(splats):
     if leans < STRAIGHT_DEG:
         up = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
+    if assumed and open_above:
+        return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, taken for the lower one", True)
     return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..base.errors import InputError
+from .daylight import hint
 from .ground import ground_of
 
 UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
@@ -22,13 +23,17 @@ def upright(up, views, splats):
     """The rotation of `scene_from_splat`, and what told it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
-    assumes the usual frame of trained files. Raises InputError for another `up`.
+    assumes the usual frame of trained files, and says from which side it is brighter. Raises InputError for another
+    `up`.
     """
     if up != "auto" or len(views):
         return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"
     ground = ground_of(splats)
     told = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
-    return scene_from_splat(up, floor_up=ground.up), told
+    matrix = scene_from_splat(up, floor_up=ground.up)
+    if ground.up is None or ground.assumed:
+        told += hint(splats, matrix[1, :3])
+    return matrix, told
 
 
 def scene_from_splat(up="auto", views=(), floor_up=None):

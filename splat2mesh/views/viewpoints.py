@@ -84,7 +84,7 @@ def virtual_views(splats, count, pixels, up, seed=0):
     bounds = bounds_of(splats)
     near = near_plane(bounds)
     candidates = candidate_views(splats, count, up, seed)
-    sketch = _thinned(splats, np.random.default_rng(seed))
+    sketch = thinned(splats, np.random.default_rng(seed))
     coverage, fuzziness = [], []
     for view in candidates:
         cells, fuzz = _what_is_seen(field_depth(sketch, view, near), view, bounds)
@@ -123,7 +123,7 @@ def picture_view(splats, up, within=False):
     """
     rng = np.random.default_rng(0)
     bounds = bounds_of(splats)
-    near, sketch = near_plane(bounds), _thinned(splats, rng)
+    near, sketch = near_plane(bounds), thinned(splats, rng)
     solid = sketch.means[
         (sketch.opacities > 0.3) & ((sketch.means > bounds[0]) & (sketch.means < bounds[1])).all(axis=1)
     ]
@@ -211,7 +211,7 @@ def _free_places(splats, bounds, count, rng):
     return points[chosen]
 
 
-def _thinned(splats, rng):
+def thinned(splats, rng):
     """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
     if len(splats) <= SKETCH_SPLATS:
         return splats

@@ -151,7 +151,7 @@ def test_auto_asks_cameras_then_the_floor_then_assumes():
     assert not np.signbit(upright("auto", [], turned(garden(), "-y"))[0][matrix == 0]).any()
     matrix, told = upright("auto", [], solid_ball())
     np.testing.assert_array_equal(matrix, scene_from_splat("-y"))
-    assert told == "assumed -y, since no plane stands out as a floor"
+    assert told.startswith("assumed -y, since no plane stands out as a floor")
     matrix, told = upright("+z", [], garden())
     np.testing.assert_array_equal(matrix, scene_from_splat("+z"))
     assert told == "asked for"

@@ -174,7 +174,7 @@ def test_views_are_the_same_every_time_and_as_large_as_wanted():
 def test_a_sketch_covers_what_the_splats_cover(monkeypatch):
     splats = dilated_splats("object")
     monkeypatch.setattr(viewpoints, "SKETCH_SPLATS", 4000)
-    sketch = viewpoints._thinned(splats, np.random.default_rng(0))
+    sketch = viewpoints.thinned(splats, np.random.default_rng(0))
     assert len(sketch) == 4000
     near, bounds = near_plane(bounds_of(splats)), bounds_of(splats)
     shared = []
@@ -187,7 +187,7 @@ def test_a_sketch_covers_what_the_splats_cover(monkeypatch):
     truth, seen, _ = scene("object")
     assert (times_seen(truth, *seen_points(truth, seen), chosen, near_plane(bounds)) >= 2).mean() > 0.95
     few = splats.take(slice(3999))
-    assert viewpoints._thinned(few, np.random.default_rng(0)) is few
+    assert viewpoints.thinned(few, np.random.default_rng(0)) is few
 
 
 def test_the_box_holds_the_solid_part_only():

@@ -1,0 +1,55 @@
+"""Which side of a thing is the brighter one: a hint of what is up where nothing else tells."""
+
+import numpy as np
+
+from ..render.rasterize import rasterize
+from ..render.view import View
+from .viewpoints import OUTER_FOV_DEG, bounds_of, thinned
+
+SIDES, ELEVATION_DEG = 6, 40.0
+"""Views around, and how far each looks down or up."""
+
+PIXELS = 64
+
+REACH = 3.0
+"""Distances from the middle, over the median one, beyond which splats are surroundings and not looked at."""
+
+CLEAR = 1.08
+"""Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated things, all
+brighter from above."""
+
+
+def brightness_from_above(splats, up):
+    """How much brighter a splat looks from above than from below: the ratio of mean display values. 1 of what is black.
+
+    splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
+    """
+    away = np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1)
+    splats = thinned(splats.take(np.flatnonzero(away <= REACH * np.median(away))), np.random.default_rng(0))
+    corners = np.stack(np.meshgrid(*bounds_of(splats).T), axis=-1).reshape(-1, 3)
+    ahead = np.linalg.svd(up[None])[2][1]
+    side, level = np.cross(up, ahead), np.cos(np.radians(ELEVATION_DEG))
+    seen = []
+    for sign in (1.0, -1.0):
+        values = []
+        for turn in np.arange(SIDES) * 2.0 * np.pi / SIDES:
+            backward = level * (np.cos(turn) * ahead + np.sin(turn) * side)
+            backward = backward + sign * np.sin(np.radians(ELEVATION_DEG)) * up
+            view = View.holding(corners, backward, up, OUTER_FOV_DEG, PIXELS, PIXELS)
+            picture = rasterize(splats, view)
+            solid = picture.alpha > 0.5
+            if solid.any():
+                values.append(np.clip(picture.color[solid], 0.0, 1.0).mean(dtype=np.float64))
+        seen.append(np.mean(values) if values else 0.0)
+    above, below = seen
+    return float(above / below) if below > 0.0 and above > 0.0 else 1.0
+
+
+def hint(splats, up):
+    """The same in words that follow what was taken for up; "" where it tells nothing."""
+    ratio = brightness_from_above(splats, up)
+    if ratio >= CLEAR:
+        return f", and {ratio:.2g} times brighter from above"
+    if ratio <= 1.0 / CLEAR:
+        return f"; but {1.0 / ratio:.2g} times brighter from below, as what stands on its head is: look at the preview"
+    return ""
