@@ -6,12 +6,14 @@ from threading import Thread
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from live_scene import live_scene
+from live_scene import TILT, live_scene
 
 from relight.cli import main
 from relight.live.page import write_page
 from relight.live.serve import server_of
 from splat2mesh.base.errors import InputError
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
 
 NO_WINDOW = "#renderer=webgl&noui&nopanel&sky=0"
 
@@ -55,6 +57,28 @@ def test_where_nothing_changes_the_splat_is_as_captured(page):
     assert captured.std() > 0.05
     albedo = shown(page, view="albedo")  # all white on the capture day: albedo is what was captured
     assert -10 * np.log10(np.mean((captured - albedo) ** 2)) > 38
+
+
+@in_browser
+def test_as_captured_the_page_is_our_picture_of_the_splat(folder):
+    """The viewer as published widens what is small on screen by a fourth of what training does."""
+    text = (folder / "relit.html").read_text("utf-8")
+    assert [text.count(each) for each in ("cov[0][0] + 1.2;", "cov[1][1] + 1.2;", "aRaw + 1.2;", "cRaw + 1.2;")] == [
+        2,
+        2,
+        1,
+        1,
+    ]
+    assert not any(each in text for each in ("cov[0][0] + 0.3;", "cov[1][1] + 0.3;", "aRaw + 0.3;", "cRaw + 0.3;"))
+    frame, camera, splats = TILT, live_scene()[3].camera, live_scene()[3].splats
+    turn = np.linalg.inv(frame)
+    eye, target = (turn[:3, :3] @ camera[key] + turn[:3, 3] for key in ("position", "target"))
+    drawn = rasterize(splats, View.look_at(eye, target, turn[:3, 1], camera["fov"], 240, 240))
+    expected = np.clip(drawn.color + (1 - drawn.alpha[..., None]) * [0.13, 0.13, 0.14], 0, 1)
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (240, 240)) as browser:
+        browser.wait("window.relight && relight.drawn")
+        found = shown(browser, view="captured")
+    assert -10 * np.log10(np.mean((found - expected) ** 2)) > 38
 
 
 @in_browser
