@@ -73,7 +73,7 @@ def sweep(folder: Path) -> None:
     try:
         with os.scandir(folder) as entries:
             found = [entry.name for entry in entries if entry.name[0] == "." and entry.name.endswith(SUFFIX)]
-    except OSError:
+    except (OSError, ValueError):  # the latter: a name that no folder can have
         return
     for name in sorted(found):
         workspace = folder / name
