@@ -9,6 +9,20 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import pytest
 
 
+@pytest.fixture(scope="session", autouse=True)
+def small_pictures():
+    """Pictures that commands write beside their results take a second each in full size; no test looks at them."""
+    import relight.output.results
+    import relight.writing
+    import splat2mesh.render.beside
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(splat2mesh.render.beside, "WIDTH", 96)
+        patch.setattr(relight.output.results, "PICTURE_SIZE", (96, 72))
+        patch.setattr(relight.writing, "PICTURE_SIZE", (96, 72))
+        yield
+
+
 @pytest.fixture
 def vtk_is_silent(capfd):
     """No test that uses this may make VTK complain: it tells errors to stderr alone."""

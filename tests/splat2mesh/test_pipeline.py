@@ -127,8 +127,9 @@ def test_what_was_done_is_recorded(converted, files):
 
 def test_chunks_keep_their_limit_and_lose_nothing(converted, files, quick):
     assert len(converted.chunks) >= 4 and max(len(chunk.vertices) for chunk in converted.chunks) <= LIMIT
-    whole = convert(files / "small.ply", detail="draft", vertices=1500, max_chunk_vertices=10**6)
-    parts = convert(files / "small.ply", detail="draft", vertices=1500, max_chunk_vertices=300)
+    settings = {"detail": "draft", "vertices": 1500, "stand": "outside"}
+    whole = convert(files / "small.ply", max_chunk_vertices=10**6, **settings)
+    parts = convert(files / "small.ply", max_chunk_vertices=300, **settings)
     assert len(whole.chunks) == 1
 
     def corners(found):
@@ -171,7 +172,7 @@ def test_up_is_up_whatever_it_was_in_the_file(files, quick):
     axes = {"auto": UP, "+y": [0, 1, 0], "-y": [0, -1, 0], "+z": [0, 0, 1], "-z": [0, 0, -1]}
     boxes = []
     for up in UP_CHOICES:
-        found = convert(files / "small.ply", detail="draft", vertices=1500, up=up)
+        found = convert(files / "small.ply", detail="draft", vertices=1500, up=up, stand="outside")
         turn = found.scene_from_splat[:3, :3]
         np.testing.assert_array_equal(turn @ axes[up], [0, 1, 0])
         assert np.linalg.det(turn) == 1 and found.settings["up"] == up
