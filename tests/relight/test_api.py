@@ -18,7 +18,7 @@ from splat2mesh.scene.foreign import as_scene
 from splat2mesh.splats.formats import read_splats, write_inria_ply, write_splats
 from splat2mesh.surface.extract import EFFORTS, Effort
 
-DRAFT = {"detail": "draft", "vertices": 800}
+DRAFT = {"detail": "draft", "vertices": 800, "stand": "outside"}
 
 
 @pytest.fixture(scope="module", autouse=True)
