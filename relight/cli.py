@@ -12,7 +12,7 @@ from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.cli import wants_tiles
 
 from .arguments import parser
-from .output.kinds import BAKED, FILES, HARMONICS
+from .output.kinds import BAKED, FILES, HARMONICS, SHEET
 from .transfer import METHODS
 
 if TYPE_CHECKING:
@@ -289,7 +289,11 @@ def _output_folders(options: argparse.Namespace, source: Path, lights: list[str]
         parent = Path(options.output or default)
         folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
     for folder in folders:
+        if folders.count(folder) > 1:
+            raise _error(f"--env {options.env}: two of its lights would go into {folder}; rename one of their files")
         check_output(folder, options.overwrite, marker="report.json")
+    if options.sheet and len(folders) > 1:
+        check_output(folders[0].parent / SHEET, options.overwrite)
     return folders
 
 

@@ -9,6 +9,32 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 import pytest
 
 
+@pytest.fixture(scope="session", autouse=True)
+def small_pictures():
+    """Pictures that commands write beside their results take a second each in full size; no test looks at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        shrink(patch)
+        yield patch
+
+
+def shrink(patch):
+    import relight.output.results
+    import relight.writing
+    import splat2mesh.render.beside
+
+    patch.setattr(splat2mesh.render.beside, "WIDTH", 96)
+    patch.setattr(relight.output.results, "PICTURE_SIZE", (96, 72))
+    patch.setattr(relight.writing, "PICTURE_SIZE", (96, 72))
+
+
+@pytest.fixture
+def full_pictures(small_pictures):
+    """For tests that compare files with those of a process of its own."""
+    small_pictures.undo()
+    yield
+    shrink(small_pictures)
+
+
 @pytest.fixture
 def vtk_is_silent(capfd):
     """No test that uses this may make VTK complain: it tells errors to stderr alone."""

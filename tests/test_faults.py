@@ -9,7 +9,7 @@ import pytest
 from fault_cases import CASES, made
 from fault_runs import FAULTS, Server, Trial, built, part_of, state_of
 
-RUNS = 2
+RUNS = 1
 """Of each fault in each case; the operations are drawn."""
 
 

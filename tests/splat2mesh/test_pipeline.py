@@ -25,6 +25,8 @@ from splat2mesh.surface.extract import EFFORTS, Effort
 from splat2mesh.views.upright import UP_CHOICES
 
 VERTICES, LIMIT = 6000, 1500
+SMALL = 5000
+"""Splats of the object, for what does not depend on accuracy."""
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +34,7 @@ def files(tmp_path_factory):
     """A splat file of each kind, and a COLMAP model of the object's capture in `sparse`."""
     folder = tmp_path_factory.mktemp("splats")
     write_inria_ply(folder / "object.ply", scene("object")[2])
+    write_inria_ply(folder / "small.ply", scene("object", SMALL)[2])
     write_inria_ply(folder / "tabletop.ply", scene("tabletop", 30_000)[2])
     write_colmap(folder / "sparse", capture_views(scene("object")[0], 48, 256))
     return folder
@@ -126,8 +129,9 @@ def test_what_was_done_is_recorded(converted, files):
 
 def test_chunks_keep_their_limit_and_lose_nothing(converted, files, quick):
     assert len(converted.chunks) >= 4 and max(len(chunk.vertices) for chunk in converted.chunks) <= LIMIT
-    whole = convert(files / "object.ply", detail="draft", vertices=1500, max_chunk_vertices=10**6)
-    parts = convert(files / "object.ply", detail="draft", vertices=1500, max_chunk_vertices=300)
+    settings = {"detail": "draft", "vertices": 1500, "stand": "outside"}
+    whole = convert(files / "small.ply", max_chunk_vertices=10**6, **settings)
+    parts = convert(files / "small.ply", max_chunk_vertices=300, **settings)
     assert len(whole.chunks) == 1
 
     def corners(found):
@@ -157,12 +161,12 @@ def test_the_same_file_gives_the_same_bytes_on_any_number_of_threads(files, quic
     try:
         for threads in (1, numba.config.NUMBA_NUM_THREADS):
             numba.set_num_threads(threads)
-            found = convert(files / "object.ply", detail="draft", vertices=1500, max_chunk_vertices=500)
+            found = convert(files / "small.ply", detail="draft", vertices=1500, max_chunk_vertices=500)
             results.append((contents(found), found.statistics, found.preview_camera))
     finally:
         numba.set_num_threads(before)
     assert results[0] == results[1]
-    other = convert(files / "object.ply", detail="draft", vertices=1500, max_chunk_vertices=500, seed=1)
+    other = convert(files / "small.ply", detail="draft", vertices=1500, max_chunk_vertices=500, seed=1)
     assert contents(other) != results[0][0]
 
 
@@ -170,7 +174,7 @@ def test_up_is_up_whatever_it_was_in_the_file(files, quick):
     axes = {"auto": UP, "+y": [0, 1, 0], "-y": [0, -1, 0], "+z": [0, 0, 1], "-z": [0, 0, -1]}
     boxes = []
     for up in UP_CHOICES:
-        found = convert(files / "object.ply", detail="draft", vertices=1500, up=up)
+        found = convert(files / "small.ply", detail="draft", vertices=1500, up=up, stand="outside")
         turn = found.scene_from_splat[:3, :3]
         np.testing.assert_array_equal(turn @ axes[up], [0, 1, 0])
         assert np.linalg.det(turn) == 1 and found.settings["up"] == up
@@ -215,7 +219,7 @@ def test_the_sugar_way_leads_to_a_scene_too(files, quick):
 
 def test_the_stages_are_timed(files, quick):
     stages = Stages()
-    convert(files / "object.ply", detail="draft", vertices=1000, stages=stages)
+    convert(files / "small.ply", detail="draft", vertices=1000, stages=stages)
     assert next(iter(stages.seconds)) == "read" and "chunks" in list(stages.seconds)[-2:]
     assert all(seconds >= 0 for seconds in stages.seconds.values()) and len(stages.seconds) > 5
 

@@ -111,7 +111,7 @@ class Server:
 
     def close(self):
         """End it."""
-        self._process.stdin.close()
+        self._process.kill()
         self._process.wait()
 
 

@@ -35,12 +35,12 @@ def _lighten():
     """Leave out what only takes time: the mesh of a splat is known, pictures are small. All files are still there."""
     from fault_cases import scene_of
 
-    import relight.job
     import relight.output.results
+    import relight.writing
     import splat2mesh.pipeline
 
     splat2mesh.pipeline.convert = scene_of
-    relight.output.results.PICTURE_SIZE = relight.job.PICTURE_SIZE = (64, 48)
+    relight.output.results.PICTURE_SIZE = relight.writing.PICTURE_SIZE = (64, 48)
 
 
 def _started(commands, shim, run):

@@ -17,10 +17,15 @@ UP = np.array([0.0, -1.0, 0.0])
 @cache
 def scene(kind, count=20_000, seed=1):
     """A small scene: its SceneTruth, the faces (F,) bool that its capture saw, and its bare Splats."""
-    truth = build(kind, seed, 12_000)
-    seen = seen_faces(truth, capture_views(truth, 48, 128))
-    radiance = bake(truth, Environment.load("noon"))
+    truth, seen, radiance = _lit(kind, seed)
     return truth, seen, splats_from(truth, radiance * exposure(radiance), count, seed, seen)
+
+
+@cache
+def _lit(kind, seed):
+    """What a scene of any number of splats is drawn from."""
+    truth = build(kind, seed, 12_000)
+    return truth, seen_faces(truth, capture_views(truth, 48, 128)), bake(truth, Environment.load("noon"))
 
 
 def dilated_splats(kind, count=20_000):

@@ -9,9 +9,10 @@ import pytest
 from relight.live.serve import server_of
 
 
-@pytest.fixture
-def served(tmp_path):
-    """The port of a server of tmp_path/web."""
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """The port of a server of a folder web/, beside which a secret lies."""
+    tmp_path = tmp_path_factory.mktemp("served")
     web = tmp_path / "web"
     (web / "lights").mkdir(parents=True)
     for name in ("index.html", "live.json", "lights/0.rgbe"):
