@@ -27,14 +27,18 @@ def test_there_is_a_notebook():
 def test_every_cell_runs_and_pictures_are_shown(path, tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="needs nbclient and ipykernel")
     pytest.importorskip("ipykernel", reason="needs nbclient and ipykernel")
+    text, widget = path.read_text("utf-8"), "application/vnd.jupyter.widget-view+json"
+    if "view(" in text:
+        pytest.importorskip("trame_pyvista", reason="the session in a cell needs the extra web")
     from nbformat import v4
 
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
     makers = {"markdown": v4.new_markdown_cell, "code": v4.new_code_cell}
-    notebook = v4.new_notebook(cells=[makers[kind](source) for kind, source in cells(path.read_text("utf-8"))])
+    notebook = v4.new_notebook(cells=[makers[kind](source) for kind, source in cells(text)])
     nbclient.NotebookClient(
         notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}
     ).execute()
     outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert sum("image/png" in output.get("data", {}) for output in outputs) >= 3
+    assert any(widget in output.get("data", {}) for output in outputs) == ("view(" in text)
