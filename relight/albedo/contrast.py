@@ -41,14 +41,14 @@ OUTLIER = 0.5
 INDEPENDENT = 300.0
 """Patches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
 
-ALBEDO, ALBEDO_SPREAD = 0.2, 0.25
+ALBEDO, ALBEDO_SPREAD = 0.23, 0.15
 """Median albedo, in luminance, of what lies under an open sky, and spread of its logarithm. Asphalt has .12, grass and
 leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than one too dark."""
 
 ALBEDOS = (0.14, 0.2, 0.28, 0.38, 0.5)
 """Medians that lights are tried to reach by their strength; none at all is tried as well."""
 
-SPREAD = 0.25
+SPREAD = 0.35
 """Of the lean in the prior, along each axis: at 0.5 one side of the sky is e times as bright as the other."""
 
 STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
@@ -57,8 +57,14 @@ STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
 SUNS, SUN_WIDTH_DEG = 400, 7.0
 """Over the sphere, of which half are tried, and spread of each: the transfer's bands hold no narrower one."""
 
-SURE = 15.0
-"""By how much evidence, in nats, a sun must gain: some fifty places in the sky can be told apart, and one is best."""
+SURE, BEYOND = 15.0, 10.0
+"""By how much, in nats, a sun must do better than all leans of what was clipped, and so must an excess that comes from
+above where nothing was seen too. In four gardens suns that were not there gained up to 9.4, since they explained errors
+of the mesh, and one that was there 30; light from beyond gained 3 where the sky was clipped all around, and 30 where
+next to nothing was and trees hid the bright zenith."""
+
+MOSTLY = 0.5
+"""Part of a direction that must have been clipped or not seen for a sun to stand there."""
 
 
 class Patches(NamedTuple):
@@ -122,13 +128,25 @@ def patches_of(
 class Brightness(NamedTuple):
     """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
 
-    sun: (3,) unit direction or None. irradiance: of the sun, at right angles.
+    beyond: whether as much comes from above where nothing was seen. sun: (3,) unit direction or None. irradiance: of
+    the sun, at right angles.
     """
 
     excess: float
     lean: np.ndarray
+    beyond: bool
     sun: np.ndarray | None
     irradiance: float
+
+
+class _Excess(NamedTuple):
+    """An excess as of Brightness. lit: (N,) irradiance with it. odds, evidence: in nats, of the best that was tried."""
+
+    excess: float
+    lean: np.ndarray
+    lit: np.ndarray
+    odds: float
+    evidence: float
 
 
 def brightness_of(
@@ -136,35 +154,45 @@ def brightness_of(
     directions,  # (D, 3) that share the sphere evenly
     bound,  # (D,) luminance that is known, of each direction
     clipped,  # (D,) part of each direction that was clipped
-    open_to_suns,  # (D,) bool, where a sun may stand
+    unseen,  # (D,) part of each direction that was not seen, above the horizon
 ):
     """The Brightness that explains the patches best: leans and strengths weighted by how well they do, then a sun."""
     patches = patches.thinned(MOST_PATCHES)
     bands = int(np.sqrt(patches.transfer.shape[1]))
     project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
     known = np.maximum(patches.transfer @ (project.T @ bound), 0.0) + patches.bounced
-    tried = np.concatenate([np.zeros((1, 3)), *(s * fibonacci_sphere(TRIED) for s in STEEPNESS)])
-    shape = np.exp(directions @ tried.T) * clipped[:, None]
     nothing = _evidence(patches, known)
-    lean, excess, best, lit = np.zeros(3), 0.0, nothing, known
-    if shape.max() > 0.0:
-        lights = np.maximum(patches.transfer @ (project.T @ shape), 0.0)
-        scales, evidence = _strengths(patches, known, lights)
-        steep = np.linalg.norm(tried, axis=1)
-        odds = evidence - 0.5 * (steep[:, None] / SPREAD) ** 2
-        if odds.max() > nothing:
-            # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
-            share = np.exp(odds - odds.max()) * np.maximum(steep**2 * _widths(steep), 1e-9)[:, None]
-            share /= share.sum()
-            lean = share.sum(axis=1) @ tried
-            excess = float(np.exp((share * np.log(np.maximum(scales, 1e-9))).sum()))
-            lit = known + excess * np.maximum(patches.transfer @ (project.T @ (np.exp(directions @ lean) * clipped)), 0)
-            best = max(nothing, float(evidence.max()))
-    sun, irradiance, gained = _sun(patches, known, lit, directions, open_to_suns, bands)
-    if gained - best > SURE:
-        alone = irradiance[1]
-        return Brightness(0.0 if alone else excess, lean, sun, irradiance[0])
-    return Brightness(excess, lean, None, 0.0)
+    least = _Excess(0.0, np.zeros(3), known, nothing, nothing)
+    seen, wide = (
+        _excess(patches, known, directions, region, project) or least for region in (clipped, clipped + unseen)
+    )
+    suns = clipped + unseen > MOSTLY
+    sun, (irradiance, alone), gained = _sun(patches, known, seen.lit, directions, suns, bands)
+    if gained - seen.evidence > SURE and gained > wide.odds:
+        return Brightness(0.0 if alone else seen.excess, seen.lean, False, sun, irradiance)
+    beyond = wide.odds - seen.odds > BEYOND
+    found = wide if beyond else seen
+    return Brightness(found.excess, found.lean, beyond, None, 0.0)
+
+
+def _excess(patches, known, directions, region, project):
+    """The _Excess over a region, (D,) in [0, 1]: the mean of those that were tried; None where none explains more."""
+    tried = np.concatenate([np.zeros((1, 3)), *(s * fibonacci_sphere(TRIED) for s in STEEPNESS)])
+    shape = np.exp(directions @ tried.T) * region[:, None]
+    if not shape.max() > 0.0:
+        return None
+    scales, evidence = _strengths(patches, known, np.maximum(patches.transfer @ (project.T @ shape), 0.0))
+    steep = np.linalg.norm(tried, axis=1)
+    odds = evidence - 0.5 * (steep[:, None] / SPREAD) ** 2
+    if not odds.max() > _evidence(patches, known):
+        return None
+    # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
+    share = np.exp(odds - odds.max()) * np.maximum(steep**2 * _widths(steep), 1e-9)[:, None]
+    share /= share.sum()
+    lean = share.sum(axis=1) @ tried
+    excess = float(np.exp((share * np.log(np.maximum(scales, 1e-9))).sum()))
+    lit = known + excess * np.maximum(patches.transfer @ (project.T @ (np.exp(directions @ lean) * region)), 0.0)
+    return _Excess(excess, lean, lit, float(odds.max()), float(evidence.max()))
 
 
 def _sun(patches, known, lit, directions, open_to_suns, bands):

@@ -165,12 +165,14 @@ def _by_contrast(patches, sky, parts, start, places):
     """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells."""
     directions = places.directions
     bound = luminance(skylight.without_excess(parts, start, directions))
-    free = (parts.clipped + parts.unseen).mean(axis=1) > skylight.MOSTLY
-    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), free)
+    above = directions[:, 1] > 0.0
+    unseen = np.where(above, parts.unseen.mean(axis=1), 0.0)
+    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen)
     texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     parts = skylight.SkyParts.looked_up(sky, texels)
     image = skylight.without_excess(parts, start, texels)
-    image += parts.clipped * found.excess * np.exp(texels @ found.lean)[:, None]
+    region = parts.clipped + (parts.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
+    image += region * found.excess * np.exp(texels @ found.lean)[:, None]
     image = image.reshape(HEIGHT, WIDTH, 3)
     if found.sun is not None:
         image += _sun_image(sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance)))

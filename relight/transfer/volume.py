@@ -28,7 +28,7 @@ LEAST = 0.02
 FEW, MANY = 0.2, 0.5
 """Mean volume about a vertex: up to the first a speck on a surface, from the second on leaves or grass throughout."""
 
-MOST = 0.5
+THROUGHOUT = 0.5
 """Share of a volume in leaves and grass throughout; the rest is the surface that the mesh has there, which shows which
 side of a plant is lit. Relit splats of two gardens whose light is known, in dB: 27.8 and 24.7 as surfaces, 27.7 and
 24.9 so, 26.9 and 24.7 as nothing but volumes."""
@@ -146,12 +146,12 @@ def settled(
     volume,  # (V,) in [0, 1], as measured for each
     depth,  # OpticalDepth
 ):
-    """How far each vertex is a volume, (V,) float32 in [0, MOST], as all about it have it: one leaf decides nothing,
+    """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides nothing,
     and in grass no blade is left wholly a surface."""
     lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
     mean = lattice.interpolate(lattice.means(volume))[:, 0]
     share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)
-    return (MOST * share * share * (3.0 - 2.0 * share)).astype(np.float32)
+    return (THROUGHOUT * share * share * (3.0 - 2.0 * share)).astype(np.float32)
 
 
 class _Lattice:
