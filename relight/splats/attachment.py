@@ -40,7 +40,8 @@ class Surface:
     """The welded mesh of a scene in the frame of its splats.
 
     points, normals: (M, 3) float32 of its nodes, which are vertices that agree in both. node: (V,) their number for
-    each vertex. used: (M,) bool, what has faces. faces: (F, 3) int32 of nodes. areas: (M,) float64. diagonal: of the box.
+    each vertex. faces: (F, 3) int32 of nodes. used: (M,) bool, what has faces. areas: (M,) float64. diagonal: of the
+    box.
     """
 
     def __init__(self, scene):

@@ -40,7 +40,7 @@ def test_what_is_shown_is_traced_and_a_part_of_the_rest(scene, receivers):
     shown = left(scene)
     assert receivers.traced[shown].all()
     rest = receivers.traced[~shown].mean()
-    assert 1.0 / SPARSE <= rest < 2.0 / SPARSE
+    assert 0.9 / SPARSE < rest < 2.0 / SPARSE  # one in so many nodes, some of which are two vertices
     # Copies of a vertex on a seam are traced together or not at all.
     content = np.hstack([scene.vertices, scene.normals])
     node = np.unique(content, axis=0, return_inverse=True)[1].ravel()
@@ -63,8 +63,9 @@ def test_light_between_is_that_of_the_neighbours(scene, receivers):
     """A smooth field: what is taken over is off by what it changes within an edge or two."""
     field = np.sin(scene.vertices @ np.float32([0.7, 0.4, 0.5]))[:, None].astype(np.float32)
     filled = receivers.filled(np.where(receivers.traced[:, None], field, np.float32(0.0)))
-    assert np.abs(filled - field).max() < 0.25
-    assert np.abs(filled - field).mean() < 0.02
+    off = np.abs(filled - field)[~receivers.traced]  # edges of the plane are 0.14 long, and it ends there
+    assert off.mean() < 0.06
+    assert off.mean() < 0.15 * np.abs(field).mean()
 
 
 def test_light_where_it_is_shown_is_that_of_the_whole(scene):
