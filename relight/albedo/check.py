@@ -11,7 +11,6 @@ import numpy as np
 from splat2mesh.scene.color import srgb_from_linear
 
 from . import samples
-from .direct import direct_light
 
 DOUBT = 0.35
 """Difference of the logarithm of what a region received, as relit and as estimated, at which half of a change is
@@ -29,10 +28,10 @@ _LEAST = 1e-3
 _BEST_DB = 99.0  # of what agrees to the bit
 
 
-def self_relight(occluder, captured, found, transfer, interreflection, sunlit=None, seen=None):
+def self_relight(occluder, captured, found, interreflection, seen=None):
     """What the capture relit by its own estimated light is off by: a dict of arrays.
 
-    found: Estimate. transfer, interreflection, sunlit: those it was made with. seen: (V,) what each vertex counts, its
+    found: Estimate. interreflection: that it was made with. seen: (V,) what each vertex counts, its
     area without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped, of captured colours
     times their change of light, as splats and textures are relit: what is off are bounces alone. mesh_self_relight_db:
     the same of albedo times light, as meshes are lit: what is off as well is what no albedo explains.
@@ -45,8 +44,8 @@ def self_relight(occluder, captured, found, transfer, interreflection, sunlit=No
         trust = np.ones(len(captured), np.float32)
         best = {"self_relight_db": np.array(_BEST_DB), "mesh_self_relight_db": np.array(_BEST_DB)}
         return {**best, "trust": trust, "distrusted_share": np.array(0.0)}
-    direct = direct_light(occluder, transfer, found.environment, sunlit)
-    radiance, _ = with_bounces(direct, found.albedo, interreflection)
+    direct = found.irradiance - interreflection.bounce(captured)  # as its environment gives it
+    radiance, _ = with_bounces(np.maximum(direct, np.float32(0.0)), found.albedo, interreflection)
     doubt = np.abs(np.log((radiance.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
     trust = (1.0 / (1.0 + (_of_region(occluder.faces, doubt) / DOUBT) ** 2)).astype(np.float32)
     before = np.maximum(found.irradiance, np.float32(1e-12))

@@ -223,7 +223,7 @@ def _estimated(
             found = with_known_light(
                 relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
             )
-        check = self_relight(relighter.occluder, captured, found, **known, seen=seen)
+        check = self_relight(relighter.occluder, captured, found, known["interreflection"], seen)
     return {
         **check,
         "under_sky": np.array(found.under_sky),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..transfer.sunlight import sunlight
+from ..transfer.sunlight import sunlight, sunlight_at
 
 
 class StaticGeometry:
@@ -32,13 +32,8 @@ class StaticGeometry:
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         receivers = self._precomputed.receivers
         if settings.shadowed is None:
-            if receivers.all:
-                with self._stages.stage("sunlight", count) as advance:
-                    return sunlight(occluder, slice(None), suns, advance)
-            light = np.zeros((count, 3), np.float32)
             with self._stages.stage("sunlight", len(receivers.rows)) as advance:
-                light[receivers.rows] = sunlight(occluder, receivers.rows, suns, advance)
-                return receivers.filled(light)
+                return sunlight_at(occluder, receivers, suns, advance)
         transfer, bands = self.transfer(settings)[0], settings.bands
         shadowed = np.repeat(settings.shadowed, self._precomputed.sizes)
         light = np.zeros((count, 3), np.float32)

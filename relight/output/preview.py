@@ -61,7 +61,11 @@ class Preview:
         self.camera = camera or scene.preview_camera or default_camera(scene, width / height)
         self._scene, self._faces = scene, scene.faces
         self.view, self._samples = _view(self.camera, width, height), samples
-        self.caster = RayCaster(scene.vertices, self._faces)
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        """The RayCaster of the scene."""
+        return RayCaster(self._scene.vertices, self._faces)
 
     @cached_property
     def _passes(self) -> list[tuple]:

@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
+from ..transfer.neighbors import ranked_nodes
+
 NEAREST = 6
 """Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
 of the mesh, and 32 lose 0.5 to 0.9."""
@@ -38,14 +40,14 @@ class Surface:
     """The welded mesh of a scene in the frame of its splats.
 
     points, normals: (M, 3) float32 of its nodes, which are vertices that agree in both. node: (V,) their number for
-    each vertex. faces: (F, 3) int32 of nodes. areas: (M,) float64. diagonal: of the box.
+    each vertex. faces: (F, 3) int32 of nodes. used: (M,) bool, what has faces. areas: (M,) float64. diagonal: of the
+    box.
     """
 
     def __init__(self, scene):
         vertices, normals = scene.vertices, scene.normals
         content = np.ascontiguousarray(np.hstack([vertices, normals]).astype(np.float32) + np.float32(0.0))
-        unique, self.node = np.unique(content, axis=0, return_inverse=True)
-        self.node = self.node.reshape(-1)
+        unique, self.node = _distinct(content)
         matrix = np.asarray(scene.scene_from_splat, np.float64)
         back = np.linalg.inv(matrix)
         self.points = (unique[:, :3] @ back[:3, :3].T + back[:3, 3]).astype(np.float32)
@@ -54,11 +56,13 @@ class Surface:
         corners = self.node[scene.faces]
         first = corners.argmin(axis=1)[:, None]
         corners = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
-        self.faces = np.unique(corners, axis=0).astype(np.int32)
+        self.faces = _distinct_faces(corners, len(unique))
         a, b, c = self.points[self.faces.T].astype(np.float64)
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
         self.areas = np.bincount(self.faces.ravel(), np.repeat(area, 3), len(self.points))
-        used = np.unique(self.faces)
+        self.used = np.zeros(len(self.points), bool)
+        self.used[self.faces.ravel()] = True
+        used = self.used
         self.diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
         self._caster = None
 
@@ -74,6 +78,28 @@ class Surface:
         if self._caster is None:
             self._caster = RayCaster(self.points, self.faces)
         return self._caster
+
+
+def _distinct(content):
+    """The distinct rows (M, 6) of positions and normals (N, 6), along a curve through space and by their bits where
+    they share a place, and the number of each row among them, (N,)."""
+    size = max(float(np.abs(content[:, :3]).max()), 1e-30)  # of the curve; beyond it a place is sorted like its edge
+    points = np.ascontiguousarray(content[:, :3] / np.float32(size))
+    order, new, _ = ranked_nodes(points, np.ascontiguousarray(content[:, 3:]))
+    number = np.empty(len(content), np.int64)
+    number[order] = np.cumsum(new) - 1
+    return content[order[new]], number
+
+
+def _distinct_faces(corners, nodes):
+    """The distinct rows, sorted, of corners (F, 3) among so many nodes: (G, 3) int32."""
+    bits = max(int(nodes - 1).bit_length(), 1)
+    if 3 * bits > 63:
+        return np.unique(corners, axis=0).astype(np.int32)
+    a, b, c = corners.T.astype(np.int64)
+    keys, last = np.sort((a << 2 * bits) | (b << bits) | c), (1 << bits) - 1
+    keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
+    return np.stack([keys >> 2 * bits, keys >> bits & last, keys & last], axis=1).astype(np.int32)
 
 
 class Places:
@@ -154,7 +180,7 @@ class _Patches:
     """Means over patches of a surface, for Gaussians too far from it to attach to one point."""
 
     def __init__(self, surface, values):
-        used = np.unique(surface.faces)
+        used = surface.used
         points = surface.points.astype(np.float64)
         low = points[used].min(axis=0)
         side = max(np.ptp(points[used], axis=0).max(), 1e-30) / PATCHES

@@ -26,12 +26,12 @@ CAUTION = 0.5
 
 class Looks(NamedTuple):
     """Pictures of N Gaussians. blending: Blending. known: (Q,) int64, the pixels that show the mesh. corners: (Q, 3)
-    int32, the nodes around what each shows. shares: (Q, 2) float32, of the second and third."""
+    int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third."""
 
     blending: Blending
     known: np.ndarray
     corners: np.ndarray
-    shares: np.ndarray
+    uv: np.ndarray
 
     @classmethod
     def at(cls, splats, surface, views, near, advance=lambda count: None):
@@ -44,28 +44,28 @@ class Looks(NamedTuple):
 
         blending = blending_of(splats, views, near, look)
         known = np.concatenate([in_tiles(each[0]) for each in found])
-        corners, shares = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
-        return cls(blending, np.flatnonzero(known), corners, shares)
+        corners, uv = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
+        return cls(blending, np.flatnonzero(known), corners, uv)
 
     @classmethod
     def restored(cls, arrays, splats, nodes):
         """Those of so many splats and nodes, from `arrays`. Raises InputError or KeyError for what does not fit."""
         blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
-        known, corners, shares = (arrays[name] for name in ("known", "corners", "shares"))
-        kinds = known.dtype == np.int64 and corners.dtype == np.int32 and shares.dtype == np.float32
-        if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or shares.shape != (len(known), 2):
+        known, corners, uv = (arrays[name] for name in ("known", "corners", "uv"))
+        kinds = known.dtype == np.int64 and corners.dtype == np.int32 and uv.dtype == np.float32
+        if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or uv.shape != (len(known), 2):
             raise InputError("kept pictures are of another kind")
         pixels = 256 * (len(blending.runs) - 1)
         inside = known.min(initial=0) >= 0 and known.max(initial=-1) < pixels
         if not (inside and corners.min(initial=0) >= 0 and corners.max(initial=-1) < nodes):
             raise InputError("kept pictures show another mesh")
-        if not np.isfinite(shares).all():
+        if not np.isfinite(uv).all():
             raise InputError("kept pictures are not finite")
-        return cls(blending, known, corners, shares)
+        return cls(blending, known, corners, uv)
 
     def arrays(self):
         """Dict of the arrays that `restored` takes."""
-        return self.blending._asdict() | {"known": self.known, "corners": self.corners, "shares": self.shares}
+        return self.blending._asdict() | {"known": self.known, "corners": self.corners, "uv": self.uv}
 
     def corrections(self, before, relit, of_nodes, rounds):
         """Corrections (N, 3) float32 to add to the constant coefficients `relit`, so that pictures of the relit splats
@@ -78,7 +78,7 @@ class Looks(NamedTuple):
         (1972): simultaneous iterative reconstruction (SIRT).
         """
         shown = _shown_colors(before)
-        second, third = self.shares.T
+        second, third = self.uv.T
         weights = np.stack([1.0 - second - third, second, third], axis=1)
         gain = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners]))
         wanted = gain * self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
@@ -100,7 +100,7 @@ def _shown_colors(constant):
 
 
 def _shown(view, alpha, depth, surface):
-    """Whether each pixel shows the mesh (H, W), the corners (H, W, 3) int32 and shares (H, W, 2) float32 of where."""
+    """Whether each pixel shows the mesh (H, W), the corners (H, W, 3) int32 and weights (H, W, 2) float32 of where."""
     directions = view.ray_directions().astype(np.float32)
     rays = np.concatenate([np.broadcast_to(view.center.astype(np.float32), directions.shape), directions], axis=-1)
     hits = surface.caster.first_hits(rays)  # distances in camera z, as the directions are

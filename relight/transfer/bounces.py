@@ -72,7 +72,8 @@ class Interreflection:
     their products are summed without rounding: cutting a scene into chunks changes no bit.
     rays: per vertex. hits: (V,) int32, how many of them met something. back_hits: which share of these, over the
     scene, met the back of a face. entries: number of non-zeros. nbytes: memory of the matrix.
-    shares: (V,) float64, one over the number of vertices that agree with each.
+    shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose rows were
+    traced; None for all.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way less what they hit from behind.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        self.rays, self._receivers = check_rays(rays), receivers
+        self.rays, self.receivers = check_rays(rays), receivers
         azimuths = sampling.fibonacci_azimuths(self.rays)
         count = len(occluder.origins)
         batch = max(1, BATCH_RAYS // self.rays)
@@ -128,7 +129,7 @@ class Interreflection:
         """One of `arrays` that were kept, rows scaled anew. Raises InputError for what does not fit: loops trust it."""
         self = cls.__new__(cls)
         count = len(arrays["hits"]) if visible is None else len(visible)
-        self._receivers = receivers
+        self.receivers = receivers
         self._rows = None if receivers is None or receivers.all else receivers.rows
         _check_kept(arrays, count, count if self._rows is None else len(self._rows))
         self.rays, self.hits, self.back_hits = rays, arrays["hits"], float(arrays["back_hits"])
@@ -192,7 +193,7 @@ class Interreflection:
         if self._rows is not None:
             traced, result = result, np.zeros_like(columns)
             result[self._rows] = traced
-            self._receivers.filled(result)
+            self.receivers.filled(result)
         return result.reshape(radiance.shape)
 
     def scale_to(self, visible):

@@ -3,12 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
 from ..sh.normals import unit_normals
 from .checks import check_faces, check_mesh
+from .neighbors import ranked_nodes
 
 MAX_OFFSET = 1e-4
 """Ray origins stand off the surface by at most this part of the scene's diagonal. Folds and sheets closer than that
@@ -98,10 +100,8 @@ def _origins(vertices, normals, faces, rounding):
     at the position, away from all of them; and along the vertex's own normal where they oppose each other.
     A vertex that lies exactly in a face which has no vertex there is taken to be behind it, that is dark.
     """
-    order = np.lexsort((*normals.T, *vertices.T))
-    position, normal = vertices[order], normals[order]
-    new_position = np.append(True, (position[1:] != position[:-1]).any(axis=1))
-    distinct = new_position | np.append(True, (normal[1:] != normal[:-1]).any(axis=1))
+    order, distinct, new_position = ranked_nodes(np.ascontiguousarray(vertices), normals)
+    normal = normals[order]
     group = np.zeros(len(vertices), np.int64)
     group[order] = np.cumsum(new_position) - 1
     common = np.add.reduceat(np.where(distinct[:, None], normal, 0.0), np.flatnonzero(new_position), axis=0)
@@ -109,10 +109,22 @@ def _origins(vertices, normals, faces, rounding):
     step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
 
     shortest = np.full(len(common), np.inf)
-    for corner in range(3):
-        ends = faces[:, [corner, corner - 1]]
-        length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-        length[length == 0.0] = np.inf
-        np.minimum.at(shortest, group[ends].ravel(), np.repeat(length, 2))
+    _shorten(vertices, faces, group, shortest)
     offset = np.maximum(np.clip(EDGE_OFFSET * shortest, MIN_OFFSET, MAX_OFFSET), rounding)[group]
     return (vertices + offset[:, None] * step).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _shorten(vertices, faces, group, shortest):
+    """The length of the shortest edge at every place, edges of no length left out."""
+    for f in range(len(faces)):
+        for corner in range(3):
+            a, b = faces[f, corner], faces[f, corner - 1]
+            square = np.float32(0)
+            for axis in range(3):
+                side = vertices[a, axis] - vertices[b, axis]
+                square += side * side
+            length = np.sqrt(square)
+            if length > 0.0:
+                shortest[group[a]] = min(shortest[group[a]], length)
+                shortest[group[b]] = min(shortest[group[b]], length)

@@ -45,6 +45,15 @@ def sunlight(
     return radiance
 
 
+def sunlight_at(occluder, receivers, suns, advance=lambda count: None):
+    """The same of all vertices, (V, 3) float32: traced at those of the Receivers, taken over by the others."""
+    if receivers is None or receivers.all:
+        return sunlight(occluder, slice(None), suns, advance)
+    light = np.zeros((len(receivers.traced), 3), np.float32)
+    light[receivers.rows] = sunlight(occluder, receivers.rows, suns, advance)
+    return receivers.filled(light)
+
+
 def shining(suns):
     """Directions (S, 3) float32 and weights / pi (S, 3) float64 of the suns that shine at all.
 

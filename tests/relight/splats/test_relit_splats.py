@@ -4,6 +4,7 @@ from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit, write_relit_ply
 from relight.splats.light_ratio import CURVE_POWER, log_gain
+from relight.transfer.store import Cache
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -387,3 +388,16 @@ def test_dark_colours_stay_dark():
     )
     before, _ = irradiances(scene)
     assert relit(black, scene, before, 0.1 * before, views=()).colors_diffuse.max() < 0.005
+
+
+def test_a_kept_binding_relights_to_the_same_bits(ball, tmp_path):
+    scene, splats, _ = ball
+    before, after = irradiances(scene)
+    results, looked, counts = [], [], []
+    for each in (splats, splats, splats.take(slice(0, 2900))):
+        cache = Cache(tmp_path / "cache", "geometry")
+        binding = Binding(each, scene, advance=looked.append, cache=cache)
+        results.append(binding.relit(before, after).sh)
+        counts.append(len(looked))
+    np.testing.assert_array_equal(results[0], results[1])
+    assert 0 < counts[0] == counts[1] < counts[2]  # the second time nothing is looked at; other splats are bound anew
