@@ -171,7 +171,7 @@ def test_a_folder_that_takes_nothing_does_no_harm(folder, noon, monkeypatch, obs
     elif obstacle == "full":
         monkeypatch.setattr(np, "savez", lambda file, **arrays: file.write(b"half") and refuse())
     else:
-        monkeypatch.setattr(store.tempfile, "NamedTemporaryFile", lambda **options: refuse())
+        monkeypatch.setattr(store, "staged_file", lambda path: refuse())
     radiance = opened(folder, rays=16).shade(noon)
     np.testing.assert_array_equal(radiance, Relighter(Scene.load(folder), rays=16).shade(noon))
     left = list((folder / store.FOLDER).iterdir()) if obstacle != "file" else []
