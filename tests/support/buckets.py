@@ -26,7 +26,7 @@ def bucket_server(patch):
     try:
         yield url
     finally:
-        requests.post(f"{url}/moto-api/reset", timeout=10)
+        requests.post(f"{url}/moto-api/reset", timeout=120)
         running.stop()
         _forget()
 
@@ -59,11 +59,11 @@ def no_rights(url, patch):
         inner.setenv("AWS_ACCESS_KEY_ID", key["AccessKeyId"])
         inner.setenv("AWS_SECRET_ACCESS_KEY", key["SecretAccessKey"])
         _forget()
-        requests.post(f"{url}/moto-api/reset-auth", data=b"0", timeout=10)
+        requests.post(f"{url}/moto-api/reset-auth", data=b"0", timeout=120)
         try:
             yield
         finally:
-            requests.post(f"{url}/moto-api/reset-auth", data=b"inf", timeout=10)
+            requests.post(f"{url}/moto-api/reset-auth", data=b"inf", timeout=120)
             _forget()
 
 
