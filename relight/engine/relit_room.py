@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
+from ..rooms.room import Room
 from ..transfer.settings import Settings
 from .appearance import Appearance
 from .relighter import Relighter, Shading
@@ -86,17 +87,24 @@ class RelitRoom:
 
         settings: those by which `after` was computed, and the light of the capture is.
         """
-        look = self._look
+        look, room = self._look, self._known
         after, usual, below = self._compared(after, settings)
         own, usual = look.captured * after / below, look.captured * usual / below
-        glowing = look.room.glow.any(axis=1)
+        glowing = room.glow.any(axis=1)
         own[glowing], usual[glowing] = after[glowing], 0.0
         return own, usual
 
     def lamps(self, settings: Settings) -> NDArray[np.float32]:
         """(V, 3) float32: the captured colours under the light of the lamps alone, as they were captured."""
-        own, usual = self.changes(self._look.room.by_lamps, settings)
-        return own + usual + self._look.room.glow
+        room = self._known
+        own, usual = self.changes(room.by_lamps, settings)
+        return own + usual + room.glow
+
+    @property
+    def _known(self) -> Room:
+        """The Room, where it is known: what is live has no other."""
+        assert self._look.room is not None
+        return self._look.room
 
     def _compared(self, after, settings):
         """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with."""

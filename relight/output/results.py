@@ -35,7 +35,7 @@ class Results:
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
-    binding: returns the Binding of the splats.
+    binding: returns the Binding of the splats; called where splats are.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Results:
         sky: str = "new",
         live: LiveFiles | None = None,
         engines: EngineFiles | None = None,
-        binding: Callable[[], Any] | None = None,
+        binding: Callable[[], Any] = lambda: None,
     ) -> None:
         self._live, self._engines = live, engines
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked

@@ -99,7 +99,8 @@ class Cluster:
         from dask import delayed
         from dask.distributed import as_completed
 
-        work, nodes = delayed(guarded, pure=False, traverse=False), {}
+        work = delayed(guarded, pure=False, traverse=False)
+        nodes: dict[str, Any] = {}
         for task in tasks:
             waits = [nodes[name] for name in task.after if name in nodes]
             key = f"{task.name}-{id(self):x}-{self.runs}"
