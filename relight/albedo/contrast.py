@@ -170,7 +170,7 @@ def brightness_of(
     sun, (irradiance, alone), gained = _sun(patches, known, seen.lit, directions, suns, bands)
     if gained - seen.evidence > SURE and gained > wide.odds:
         return Brightness(0.0 if alone else seen.excess, seen.lean, False, sun, irradiance)
-    beyond = wide.odds - seen.odds > BEYOND
+    beyond = bool(wide.odds - seen.odds > BEYOND)
     found = wide if beyond else seen
     return Brightness(found.excess, found.lean, beyond, None, 0.0)
 

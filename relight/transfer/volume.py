@@ -146,8 +146,8 @@ def settled(
     volume,  # (V,) in [0, 1], as measured for each
     depth,  # OpticalDepth
 ):
-    """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides nothing,
-    and in grass no blade is left wholly a surface."""
+    """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides
+    nothing, and in grass no blade is left wholly a surface."""
     lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
     mean = lattice.interpolate(lattice.means(volume))[:, 0]
     share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)

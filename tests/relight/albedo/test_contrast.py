@@ -9,6 +9,9 @@ from relight.albedo import contrast, estimate, samples, with_known_light
 from relight.albedo.check import self_relight
 from relight.albedo.seen import LOOKS, looks_from, standing
 from relight.light.projections import texel_directions
+from relight.sh import harmonics
+from relight.sh.sphere import fibonacci_sphere
+from relight.transfer.analytic import analytic
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -132,7 +135,27 @@ def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
     brightest = texels[found.environment.radiance.mean(axis=2).argmax()]
     assert brightest @ toward > np.cos(np.radians(20.0))
     check = self_relight(geometry[0], captured, found, given(geometry)["interreflection"], looks.sizes(len(captured)))
-    assert check["self_relight_db"] > 25.0
+    assert check["mesh_self_relight_db"] > 25.0 and check["self_relight_db"] > 34.0
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
+    directions = fibonacci_sphere(1024)
+    low, high = directions[:, 1] < 0.3, (directions[:, 1] > 0.1) & (directions[:, 2] > 0.5)
+    clipped = (low & (directions[:, 1] > 0.0) & (directions[:, 0] > 0.8)).astype(float)
+    bound = np.where(directions[:, 1] > 0.0, 0.3, 0.05)
+    light = bound + np.where(beyond, 3.0 * high, 20.0 * clipped)
+    transfer = analytic(fibonacci_sphere(1200).astype(np.float32), 8).astype(np.float64)
+    project = harmonics.evaluate(directions, 8) * (4.0 * np.pi / len(directions))
+    noise = np.random.default_rng(0).normal(0.0, 0.1, len(transfer))
+    log_captured = np.log(0.23 * np.maximum(transfer @ (project.T @ light), 1e-3)) + noise
+    ones, none = np.ones(len(transfer)), np.zeros(len(transfer))
+    patches = contrast.Patches(log_captured, transfer, none, none.astype(int), ones)
+    found = contrast.brightness_of(patches, directions, bound, clipped, high.astype(float))
+    assert found.beyond == beyond and found.sun is None
+    region = clipped + (high if beyond else 0.0)
+    told = bound + region * found.excess * np.exp(directions @ found.lean)
+    assert 0.7 < told.mean() / light.mean() < 1.4
 
 
 def test_too_few_patches_tell_nothing(place):
