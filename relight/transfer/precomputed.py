@@ -59,8 +59,8 @@ class Precomputed:
 
     @property
     def traced(self):
-        """(V,) bool, the vertices that light is traced for; None for all, and as long as nobody asked for any."""
-        return None if self._receivers is None or self._receivers.all else self._receivers.traced
+        """(V,) bool, the vertices that light is traced for; None for all."""
+        return None if self.receivers.all else self.receivers.traced
 
     def _found(self):
         shown, occluder = self._shown(), self.occluder
@@ -74,8 +74,6 @@ class Precomputed:
 
     def there(self):
         """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
-        if self._receivers is None and self.partly:
-            return lambda settings: (False, False)
         keys = [*self._transfers, *filter(None, map(_key_of, self.cache.settings_of("transfer")))]
         keys, most = [each for each in keys if each[4] == self.seed], max(self._matrices(), default=0)
 
