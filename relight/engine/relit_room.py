@@ -4,14 +4,18 @@ The change is that of the model, new over captured, both by the same rays: where
 the model gets wrong in one light it mostly gets wrong in the other.
 """
 
+import warnings
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.errors import DataWarning
+
 from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from ..rooms.room import Room
+from ..transfer import SHADOWING
 from ..transfer.settings import Settings
 from .appearance import Appearance
 from .relighter import Relighter, Shading
@@ -45,6 +49,10 @@ class RelitRoom:
         self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
         self._shut = look.room is not None and look.room.told["windows"] is None
         self.steady = look.kept or (self._shut and not self._opened)
+        method = relighter.options.method
+        if not self.steady and method != "auto" and method not in SHADOWING:
+            told = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
+            warnings.warn(f"{told}; auto traces rays", DataWarning, stacklevel=3)
 
     @cached_property
     def lit(self) -> Relighter:
