@@ -64,8 +64,8 @@ bright all are together, and pairs say how much each is of it."""
 
 LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
 """Mean part of the sky that places see, from which windows are an emitter, and the same where no sky was captured in
-them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014, which
-turned patches of a green wall blue."""
+them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
+which turned patches of a green wall blue."""
 
 LEVELS = -8.0, 8.0
 """Range in which the logarithm of what all emitters have in common is looked for, from where it was."""
