@@ -26,6 +26,9 @@ from .seen import seen_from
 LEAST_EVIDENCE = 0.5
 """Of an emitter, below which it is not told apart from the colours of what it lights."""
 
+LEAST_OF_WINDOWS = 0.8
+"""The same for windows, whose sky has more freedom: colours at random have 0.73, rooms 0.91 to 0.98."""
+
 ALBEDOS = 0.06, 0.85
 """Median albedo, in luminance, of rooms that there are: outside of it, light was not seen or not understood."""
 
@@ -131,7 +134,9 @@ def _kept(found, lights, solved, interreflection, captured, areas):
 
 def _unlikely(solved):
     """Why the Strengths are not to be believed, or an empty text."""
-    if solved.evidence.max() < LEAST_EVIDENCE:
+    least = np.full(len(solved.evidence), LEAST_EVIDENCE)
+    least[len(solved.radiance) :] = LEAST_OF_WINDOWS
+    if (solved.evidence < least).all():
         return "its surfaces do not tell how bright its lamps and windows are"
     if not ALBEDOS[0] < solved.albedo < ALBEDOS[1]:
         return f"its surfaces would have an albedo of {solved.albedo:.2f}"

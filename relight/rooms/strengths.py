@@ -62,8 +62,10 @@ STIFF = 1e3
 lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo says how
 bright all are together, and pairs say how much each is of it."""
 
-LEAST_OPEN = 0.01
-"""Mean part of the sky that places see, from which windows are an emitter; a scan's holes let in .002."""
+LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
+"""Mean part of the sky that places see, from which windows are an emitter, and the same where no sky was captured in
+them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
+which turned patches of a green wall blue."""
 
 LEVELS = -8.0, 8.0
 """Range in which the logarithm of what all emitters have in common is looked for, from where it was."""
@@ -147,7 +149,7 @@ def places_of(
     bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
     known, patches = np.zeros((len(vertices), 3)), np.zeros((0, 3))
-    if len(vertices) and float(free.sum(axis=1).mean()) > LEAST_OPEN:
+    if len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN):
         known_part, unknown_part = sky_parts(sky, directions)
         known = free @ known_part
         patches, owner = _patches(directions, free.sum(axis=0) * unknown_part.mean(axis=1))
