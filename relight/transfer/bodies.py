@@ -6,6 +6,7 @@ Everything here lives in the unit frame of the first pose, which stays (Frame). 
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.distinct import distinct
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
@@ -89,7 +90,7 @@ class Body:
 
     def __init__(self, number, rows, faces, bands):
         self.number, self.rows, self.faces = number, rows, np.ascontiguousarray(faces, np.uint32)
-        self._corners = np.unique(self.faces)
+        self._corners = distinct(self.faces.ravel())
         self.box = self.rings = self.ranks = self.sight = None
         self._bands, self.poses = bands, 0
 

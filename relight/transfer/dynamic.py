@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from splat2mesh.base.distinct import distinct
 from splat2mesh.base.errors import InputError
 
 from ..sh import harmonics, rotors
@@ -118,7 +119,7 @@ class DynamicTransfer:
         carried = [self._carry(self.bodies[number]) for number in sorted(fast)]
         self.stale |= fast
         slow = [self.bodies[number] for number in sorted(set(moved) - fast)]
-        return np.unique(np.concatenate([*carried, self._move(slow)]))
+        return distinct(np.concatenate([*carried, self._move(slow)]))
 
     def catch_up(self):
         """Compute what was left out, because bodies were too fast: the sorted rows of the transfer that may be new."""

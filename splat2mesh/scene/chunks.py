@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..base.distinct import distinct
 from ..base.errors import InputError
 from .mesh import Mesh
 
@@ -30,7 +31,7 @@ def _bisect(faces, centroids, max_vertices):
     pending, parts = [np.arange(len(faces))], []
     while pending:
         part = pending.pop()
-        count = len(np.unique(faces[part]))
+        count = len(distinct(faces[part].ravel()))
         if count <= max_vertices:
             parts.append(part)
             continue

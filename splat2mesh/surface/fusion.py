@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from ..base.distinct import distinct
 from ..render.view import View
 
 BLOCK = 8
@@ -44,6 +45,9 @@ class DepthMap:
         weight = np.maximum(frontal, 0) / (1 + (spread / (SHARP * radius)) ** 2)
         plane = np.concatenate([normal, depth[..., None]], axis=-1)
         return cls(view, plane.astype(np.float32), np.where(np.isfinite(depth), weight, 0).astype(np.float32))
+
+
+_HALF = 2**20
 
 
 def fuse(maps, voxel, advance=lambda: None):
@@ -86,16 +90,19 @@ def _blocks_near(maps, origin, voxel):
     for m in maps:
         trusted = m.weight > 0.02
         points = m.view.center - origin + m.view.ray_directions()[trusted] * m.plane[trusted, 3:]
-        cells = np.unique(np.floor(points / voxel).astype(np.int32), axis=0) * voxel
+        cells = _unique_rows(np.floor(points / voxel).astype(np.int32)) * voxel
         for corner in corners:
             found.append(_unique_rows(np.floor((cells + corner) / side).astype(np.int32)))
     return _unique_rows(np.concatenate(found))
 
 
 def _unique_rows(keys):
-    packed = np.unique((keys.astype(np.int64) + 2**20) @ np.array([2**42, 2**21, 1]))
+    """Rows (N, 3) int32, each once, in the order of their numbers."""
+    if np.abs(keys).max(initial=0) >= _HALF:  # too far out for a key of three times 21 bits
+        return np.unique(keys, axis=0)
+    packed = distinct((keys.astype(np.int64) + _HALF) @ np.array([2**42, 2**21, 1]))
     columns = [packed >> 42, packed >> 21 & (2**21 - 1), packed & (2**21 - 1)]
-    return (np.stack(columns, axis=1) - 2**20).astype(np.int32)
+    return (np.stack(columns, axis=1) - _HALF).astype(np.int32)
 
 
 def _in_fixed_order(vertices, faces):

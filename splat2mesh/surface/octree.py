@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from ..base.distinct import distinct
+
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""
 
@@ -129,20 +131,14 @@ def leaves_of(requested):
     ancestors = [np.zeros(0, np.int64)]
     for level in range(1, LEVELS):
         below = np.concatenate([by_level[level - 1], ancestors[level - 1]])
-        ancestors.append(each_once(_parents(below)))
+        ancestors.append(distinct(_parents(below)))
     leaves, nodes = [], np.zeros(0, np.int64)
     for level in range(LEVELS - 1, -1, -1):
-        nodes = each_once(np.concatenate([by_level[level], nodes]))
+        nodes = distinct(np.concatenate([by_level[level], nodes]))
         internal = np.isin(nodes, ancestors[level], assume_unique=True)
         leaves.append(nodes[~internal])
         nodes = _children(nodes[internal])
     return np.sort(np.concatenate(leaves))
-
-
-def each_once(keys):
-    """Sorted keys, each once: as np.unique, whose hashing takes thirty times as long on these."""
-    keys = np.sort(keys)
-    return keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
 
 @_function
@@ -252,8 +248,8 @@ def dual_mesh(leaves, corners, values, weights, enough):
     vertices = sums[used] / counts[used, None]
     quads = number[quads]
     faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-    distinct = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return vertices, faces[distinct].astype(np.int32), (leaves[used] >> (3 * BITS)).astype(np.int8)
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return vertices, faces[proper].astype(np.int32), (leaves[used] >> (3 * BITS)).astype(np.int8)
 
 
 @_function

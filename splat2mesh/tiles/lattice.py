@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.distinct import distinct
 from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
-from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, each_once, leaves_of, requested_cells
+from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
 from .plan import LEVELS, RING, Plan
 
 MOST_CELLS = 24_000_000
@@ -127,7 +128,7 @@ def seam_edges(raw: Raw, tile: int) -> tuple[NDArray[np.int64], NDArray[np.int64
     starts, ends = raw.faces.ravel().astype(np.int64), np.roll(raw.faces, -1, axis=1).ravel().astype(np.int64)
     near = np.flatnonzero(seam[starts] & seam[ends])
     key, owner = np.minimum(starts, ends)[near] * count + np.maximum(starts, ends)[near], raw.owner[near // 3]
-    mine = each_once(key[owner == tile])
+    mine = distinct(key[owner == tile])
     shared = np.searchsorted(mine, key, side="right") > np.searchsorted(mine, key)
     other = (owner != tile) & (owner >= 0) & shared
     pairs = np.unique(np.stack([key[other], owner[other]], axis=1), axis=0)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.distinct import distinct
 from .viewpoints import fibonacci_sphere
 
 SOLID = 0.3
@@ -152,7 +153,7 @@ def _cells(splats):
     radius = _weighted_median(distance, detail) + 1e-30
     index = np.floor(means[distance < REACH * radius] * (CELLS / radius)).astype(np.int64)
     wide = 2 * round(REACH) * CELLS
-    keys = np.unique(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
+    keys = distinct(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
     cells = np.stack([keys // (4 * wide * wide), keys // (2 * wide) % (2 * wide), keys % (2 * wide)], axis=1)
     return cells - wide + 0.5, float((distance > FAR * radius).mean())
 
@@ -192,7 +193,7 @@ def _outline(points, normal):
     """Area of points seen along a normal, in squares of two cells."""
     side = np.linalg.svd(normal[None])[2][1]
     squares = [np.floor(_along(points, axis) / 2).astype(np.int64) for axis in (side, np.cross(normal, side))]
-    return len(np.unique(squares[0] * 65536 + squares[1]))
+    return len(distinct(squares[0] * 65536 + squares[1]))
 
 
 def _along(points, direction):
