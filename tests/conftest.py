@@ -1,6 +1,11 @@
 """What the tests share."""
 
 import os
+import signal
+
+# A shell that starts the tests in the background has them ignore Ctrl-C, and whatever they start would too.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # As the commands set them, before any library reads them: waiting threads must not take the cores of other tests.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")

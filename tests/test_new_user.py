@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -151,7 +152,7 @@ def test_the_shell_completes_and_man_shows_the_page(run, name):
     if not shutil.which("groff"):
         pytest.skip("groff, which sets manual pages, is not installed")
     done = subprocess.run(["groff", "-man", "-Tutf8", "-ww"], input=page, capture_output=True, text=True)
-    assert done.returncode == 0 and done.stderr == "" and "EXAMPLES" in done.stdout.upper()
+    assert done.returncode == 0 and done.stderr == "" and "EXAMPLES" in re.sub(".\b", "", done.stdout).upper()
 
 
 @pytest.fixture

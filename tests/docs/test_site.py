@@ -15,6 +15,7 @@ import relight.cli
 import splat2mesh
 import splat2mesh.cli
 from splat2mesh.splats.formats import write_inria_ply
+from splat2mesh.surface.extract import EFFORTS
 
 ROOT = Path(__file__).parents[2]
 
@@ -83,7 +84,9 @@ def test_the_commands_of_the_first_hour_run(tmp_path, monkeypatch, capsys):
     commands = [shlex.split(line, comments=True) for line in lines if line.startswith(("relight ", "splat2mesh "))]
     assert len(commands) >= 7
     monkeypatch.chdir(tmp_path)
-    write_inria_ply(Path("garden.ply"), solid_ball(1500))
+    monkeypatch.setitem(EFFORTS, "normal", EFFORTS["draft"])
+    monkeypatch.setattr("relight.job.DEFAULT_TOLERANCE", 0.1)
+    write_inria_ply(Path("garden.ply"), solid_ball(600))
     for name, *arguments in commands:
         command = relight.cli.main if name == "relight" else splat2mesh.cli.main
         assert command(arguments) == 0, (name, arguments, capsys.readouterr().err)
