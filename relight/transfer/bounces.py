@@ -16,11 +16,11 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
 from splat2mesh.base.errors import InputError
 
 from . import check_rays, sampling
+from .bounce_rows import gather, gather_rgb, join, merge, packed
 from .checks import check_shape, checked_albedo
 from .neighbors import ranked_nodes
 from .threads import in_order, in_slices
@@ -115,11 +115,11 @@ class Interreflection:
             met, used, behind = np.zeros((3, len(shot)), np.int32)
             hits = occluder.first_hits(shot)[1:]
             mesh = occluder.faces, occluder.normals
-            in_slices(_merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, met, behind)
-            in_slices(_join, len(shot), used, node, copies, columns, weights)
+            in_slices(merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, met, behind)
+            in_slices(join, len(shot), used, node, copies, columns, weights)
             self.hits[part] = met
             back += int(behind.sum())
-            self._blocks.append(_packed(columns, weights, used))
+            self._blocks.append(packed(columns, weights, used))
             advance(len(shot))
         self.back_hits = back / max(int(self.hits.sum()), 1)
         self.scale_to(visible)
@@ -182,7 +182,7 @@ class Interreflection:
         columns = np.ascontiguousarray(radiance.reshape(len(radiance), -1))
         scale = self._scale if self._rows is None else self._scale[self._rows]
         result = np.zeros((len(scale), columns.shape[1]), np.float32)
-        kernel = _gather_rgb if columns.shape[1] == 3 else _gather
+        kernel = gather_rgb if columns.shape[1] == 3 else gather
         cuts = np.cumsum([0] + [len(starts) - 1 for starts, _, _ in self._blocks])
         parts = [slice(*span) for span in pairwise(cuts)]
 
@@ -299,121 +299,3 @@ def _norm(values, shares):
 
 def _described(array):
     return f"shape {array.shape}, values {array.min(initial=np.inf):g} to {array.max(initial=-np.inf):g}"
-
-
-def _packed(columns, weights, used):
-    """The used beginnings of the rows as row starts (N + 1,), columns and weights, end to end."""
-    starts = np.append(0, np.cumsum(used, dtype=np.int64))
-    packed = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
-    in_slices(_pack, len(used), columns, weights, starts, *packed)
-    return starts, *packed
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _merge(begin, end, rays, faces, uv, normals, corners, vertex_normals, grid, columns, weights, used, hits, behind):
-    """Rows of the matrix, unscaled: the weight of every vertex over all hits of a ray set, by first occurrence.
-
-    The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit.
-    Weights are rounded to whole parts of 1 / grid, so coarse that no sum over a row rounds, in whatever order.
-    """
-    size = 8
-    while size < 6 * rays.shape[1]:
-        size *= 2
-    slots = np.zeros(size, np.int32)  # open addressing, at most half full: entry number + 1, or 0
-    for v in range(begin, end):
-        slots[:] = 0
-        count = 0
-        for i in range(rays.shape[1]):
-            if faces[v, i] < 0:
-                continue
-            hits[v] += 1
-            a, b, c = corners[faces[v, i]]
-            outward, facing = np.float32(0), np.float32(0)
-            for axis in range(3):
-                common = vertex_normals[a, axis] + vertex_normals[b, axis] + vertex_normals[c, axis]
-                outward += normals[v, i, axis] * common
-                facing += normals[v, i, axis] * rays[v, i, 3 + axis]
-            if (facing if outward >= 0 else -facing) >= 0:
-                behind[v] += 1
-                continue
-            # Within rounding: a hit on an edge may come with a weight just below 0.
-            second = np.rint(min(max(uv[v, i, 0], np.float32(0)), np.float32(1)) * grid) / grid
-            third = np.rint(min(max(uv[v, i, 1], np.float32(0)), np.float32(1) - second) * grid) / grid
-            for vertex, weight in ((a, np.float32(1) - second - third), (b, second), (c, third)):
-                slot = (np.int64(vertex) * np.int64(0x9E3779B1) >> 8) & (size - 1)
-                while slots[slot] and columns[v, slots[slot] - 1] != vertex:
-                    slot = (slot + 1) & (size - 1)
-                if slots[slot] == 0:
-                    columns[v, count], weights[v, count] = vertex, np.float32(0)
-                    count += 1
-                    slots[slot] = count
-                weights[v, slots[slot] - 1] += weight
-        used[v] = count
-
-
-@njit(cache=True, nogil=True)
-def _join(begin, end, used, node, copies, columns, weights):
-    """Bring vertices of one node side by side in every row; all but the last of them are marked by ~vertex.
-
-    A product of such a weight with a float32 is exact in float64, and so is the sum over a node whose vertices
-    are equally bright. Whether they are one vertex or several then makes no difference.
-    """
-    for v in range(begin, end):
-        for i in range(used[v]):
-            if copies[columns[v, i]] == 1:
-                continue
-            for j in range(i + 1, used[v]):
-                if node[columns[v, j]] == node[columns[v, i]]:
-                    vertex, weight = columns[v, j], weights[v, j]
-                    for k in range(j, i + 1, -1):
-                        columns[v, k], weights[v, k] = columns[v, k - 1], weights[v, k - 1]
-                    columns[v, i + 1], weights[v, i + 1] = vertex, weight
-                    columns[v, i] = ~columns[v, i]
-                    break
-
-
-@njit(cache=True, nogil=True)
-def _pack(begin, end, columns, weights, starts, packed_columns, packed_weights):
-    for v in range(begin, end):
-        for i in range(starts[v + 1] - starts[v]):
-            packed_columns[starts[v] + i] = columns[v, i]
-            packed_weights[starts[v] + i] = weights[v, i]
-
-
-@njit(cache=True, nogil=True)
-def _gather_rgb(starts, columns, weights, scale, radiance, result):
-    for v in range(len(result)):
-        red, green, blue = 0.0, 0.0, 0.0
-        node_red, node_green, node_blue = 0.0, 0.0, 0.0
-        for i in range(starts[v], starts[v + 1]):
-            vertex, weight = max(columns[i], ~columns[i]), np.float64(weights[i])
-            node_red += weight * radiance[vertex, 0]
-            node_green += weight * radiance[vertex, 1]
-            node_blue += weight * radiance[vertex, 2]
-            if columns[i] >= 0:
-                red, green, blue = red + node_red, green + node_green, blue + node_blue
-                node_red, node_green, node_blue = 0.0, 0.0, 0.0
-        result[v, 0], result[v, 1], result[v, 2] = scale[v] * red, scale[v] * green, scale[v] * blue
-
-
-@njit(cache=True, nogil=True)
-def _gather(starts, columns, weights, scale, radiance, result):
-    width = radiance.shape[1]
-    total, node = np.zeros(width), np.zeros(width)
-    for v in range(len(result)):
-        total[:] = 0.0
-        joined = False  # to the one before
-        for i in range(starts[v], starts[v + 1]):
-            vertex, weight = max(columns[i], ~columns[i]), np.float64(weights[i])
-            if columns[i] >= 0 and not joined:
-                for c in range(width):
-                    total[c] += weight * radiance[vertex, c]
-                continue
-            for c in range(width):
-                node[c] = weight * radiance[vertex, c] + (node[c] if joined else 0.0)
-            joined = columns[i] < 0
-            if not joined:
-                for c in range(width):
-                    total[c] += node[c]
-        for c in range(width):
-            result[v, c] = scale[v] * total[c]

@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,6 @@ from .measured import FILE as MEASURED
 from .measured import Measured
 from .mesh import Mesh
 from .meshfile import read_mesh, write_mesh_ply
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 SCHEMA_VERSION = 2
 """1 had no checksums; scenes of it are read as they are."""
@@ -87,8 +84,8 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     return chunks, background, fields
 
 
-def write_folder(scene: "Scene", path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a Scene; the folder appears complete or not at all.
+def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write a `scene.Scene`; the folder appears complete or not at all.
 
     Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
     """
