@@ -3,9 +3,11 @@
 Scheduler, workers and client are three processes, so that each shows its own processor time and memory.
 """
 
+import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -65,11 +67,12 @@ def simulate(tiles, workers):
     from dask.distributed import Client
 
     side = max(2, round(np.sqrt(tiles)))
-    scheduler = subprocess.Popen([sys.executable, "-c", SCHEDULER], stdout=subprocess.PIPE, text=True)
+    known = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}  # where they find `nothing`
+    scheduler = subprocess.Popen([sys.executable, "-c", SCHEDULER], stdout=subprocess.PIPE, text=True, env=known)
     others = None
     try:
         address = scheduler.stdout.readline().strip()
-        others = subprocess.Popen([sys.executable, "-c", WORKERS, address, str(workers)])
+        others = subprocess.Popen([sys.executable, "-c", WORKERS, address, str(workers)], env=known)
         with Client(address) as client:
             client.wait_for_workers(workers, timeout=300)
             seen = psutil.Process(scheduler.pid)
