@@ -16,14 +16,7 @@ from relight.transfer.occluder import Occluder
 from relight.transfer.sunlight import sunlight
 from splat2mesh.base.errors import DataWarning, InputError
 
-
-@pytest.fixture(scope="module", autouse=True)
-def fewer():
-    """A third of the places and a quarter of the suns: everything works the same, in a fraction of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(samples, "SAMPLES", 800)
-        patch.setattr(sun, "CANDIDATES", 2048)
-        yield
+pytestmark = pytest.mark.usefixtures("fewer_samples")
 
 
 def flat(count=40):

@@ -5,7 +5,7 @@ import pytest
 from captured_scenes import given, lamp_light, objects, patchy, photographed
 
 from relight import Environment
-from relight.albedo import estimate, samples, skylight, sun
+from relight.albedo import estimate, skylight
 from relight.albedo.check import drawn_to_none, self_relight
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.sh.sphere import fibonacci_sphere
@@ -14,13 +14,7 @@ from splat2mesh.scene.measured import CapturedSky
 DIRECTIONS = texel_directions(64, 128)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fewer():
-    """A third of the places and a quarter of the suns: everything works the same, in a fraction of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(samples, "SAMPLES", 800)
-        patch.setattr(sun, "CANDIDATES", 2048)
-        yield
+pytestmark = pytest.mark.usefixtures("fewer_samples")
 
 
 def photographed_sky(environment, exposure=1.0, seen=None):

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from relight import Environment, LightingOptions
-from relight.albedo import samples, sun
 from relight.job import Job
 from relight.splats import Binding
 from scenes import capture_views
@@ -26,13 +25,7 @@ from splat2mesh.splats.splats import SH_C0
 VERTICES, SPLATS = 2500, 2500
 
 
-@pytest.fixture(scope="module", autouse=True)
-def fewer():
-    """A third of the places and a quarter of the suns: everything works the same, in a fraction of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(samples, "SAMPLES", 800)
-        patch.setattr(sun, "CANDIDATES", 2048)
-        yield
+pytestmark = pytest.mark.usefixtures("fewer_samples")
 
 
 @cache
