@@ -349,10 +349,17 @@ class Job:
         return self._as_captured(auto_exposure(radiance), light)
 
     def _as_captured(self, exposure: float, light: Environment) -> float:
+        """Captured units per unit of this light, within a stop below what shows its bright end and little above: not
+        much more may burn out than did in the capture. exposure: of `auto_exposure`."""
         capture, mean = self.appearance.capture, light.mean_luminance
         if capture is None or not mean > 0.0:
             return exposure
-        return float(min(max(capture["brightness"] / mean, exposure / 2.0), exposure * 2.0))
+        most = OVER_BRIGHT * exposure * max(1.0, 1.0 / auto_exposure(self.appearance.captured))
+        return float(min(max(capture["brightness"] / mean, exposure / 2.0), most))
+
+
+OVER_BRIGHT = 1.25
+"""A third of a stop: by how much the bright end of a place in a new light may lie above that of its capture."""
 
 
 def level_of(look: Appearance, light: Environment) -> float:

@@ -19,6 +19,7 @@ from ..sh import harmonics
 from . import contrast, fit, samples, skylight, sun
 from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
+from .seen import looks_over
 
 LIGHT_BANDS = 5
 """Of the logarithm of the light. Albedo error by bands 3 to 7: on a trained object .18 .15 .14 .14 .14, on
@@ -118,7 +119,10 @@ def estimate(
     if problem:
         return scene.as_captured(problem)
     if scene.under_sky:
-        return _under_sky(scene, sky, volume)._replace(under_sky=True)
+        found = _under_sky(scene, sky, volume)
+        if found is None:
+            return estimate(occluder, captured, seed, advance, scene.transfer, scene.interreflection, sunlit=sunlit)
+        return found._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -133,16 +137,21 @@ def estimate(
 
 
 def _under_sky(scene, sky, volume=None):
-    """The Estimate of a _Scene that was captured under a CapturedSky. volume: as in `estimate`."""
-    places = scene.places
+    """The Estimate of a _Scene that was captured under a CapturedSky; None where that shows little, nobody stood
+    within, and no sun is told by its shadows. volume: as in `estimate`."""
+    places, told = scene.places, skylight.told_by_sky(sky)
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)
     begin = light, parts, places.directions, colors, scene.start()
     start = skylight.start_of(*begin)
-    patches = scene.patches(volume)
+    within, little = scene.looks is not None, told < skylight.LITTLE_TOLD
+    patches = scene.patches(volume) if within or little else None
     if patches is not None:
-        return scene.result(_by_contrast(patches, sky, parts, start, places), skylight.told_by_sky(sky), brighter=False)
+        environment, sunny = _by_contrast(patches, sky, parts, start, places)
+        return scene.result(environment, told, brighter=False) if within or sunny else None
+    if little:
+        return None
     prior = skylight.prior_of(_prior)
     found = scene.fitted(light, start, prior)
 
@@ -158,11 +167,12 @@ def _under_sky(scene, sky, volume=None):
     image = (known + free).reshape(HEIGHT, WIDTH, 3)
     if lamp is not None:
         image += _sun_image(lamp)
-    return scene.result(Environment(image.astype(np.float32), "estimated"), skylight.told_by_sky(sky), brighter=False)
+    return scene.result(Environment(image.astype(np.float32), "estimated"), told, brighter=False)
 
 
 def _by_contrast(patches, sky, parts, start, places):
-    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells."""
+    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells; and whether
+    that is a sun."""
     directions = places.directions
     bound = luminance(skylight.without_excess(parts, start, directions))
     above = directions[:, 1] > 0.0
@@ -176,7 +186,7 @@ def _by_contrast(patches, sky, parts, start, places):
     image = image.reshape(HEIGHT, WIDTH, 3)
     if found.sun is not None:
         image += _sun_image(sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance)))
-    return Environment(image.astype(np.float32), "estimated")
+    return Environment(image.astype(np.float32), "estimated"), found.sun is not None
 
 
 def with_known_light(
@@ -205,6 +215,7 @@ def with_known_light(
         return scene.as_captured(problem)
     measured = skylight.exposure_of(sky, environment) if scene.under_sky else None
     if measured is not None:
+        measured = scene.usual(measured, luminance(received))
         shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
         result = scene.result(shown, skylight.told_by_sky(sky), direct * measured, brighter=False)
         return result._replace(under_sky=True)
@@ -255,6 +266,7 @@ class _Scene:
         if interreflection is None:
             visible = visible_fraction(self.transfer)
             interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
+        self.interreflection = interreflection
         self.bounce = interreflection.bounce(self.captured)
         self.looks = looks
         self.areas = samples.vertex_areas(occluder) if looks is None else looks.sizes(count)
@@ -281,11 +293,10 @@ class _Scene:
         return self.bounce[self.places.vertices].astype(np.float64)
 
     def patches(self, volume):
-        """The Patches of what was looked at, or None."""
-        if self.looks is None:
-            return None
+        """The Patches of what was looked at, or None where they are too few."""
+        looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
         content = self.captured, self.usable, self.transfer, self.bounce
-        return contrast.patches_of(self.looks, self.occluder, *content, volume)
+        return contrast.patches_of(looks, self.occluder, *content, volume)
 
     def start(self):
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
@@ -329,6 +340,18 @@ class _Scene:
             lightest = weighted_quantile((captured / received).max(axis=1), shares, LIGHT_PART)
             gain *= max(lightest / LIGHTEST, 1.0)
         return gain
+
+    def usual(self, exposure, direct):
+        """The exposure, float32, nearest to this one whose median albedo a place may have. direct: (N,) luminance of
+        the known light at the places. Of a sky clipped all around trees are what binds: they tell too dark a light.
+        """
+        captured, bounced = luminance(self.captured[self.places.vertices]), luminance(self.bounced())
+        lit = direct > 0.0
+        bounds = [
+            weighted_median((captured[lit] / albedo - bounced[lit]) / direct[lit], np.ones(np.count_nonzero(lit)))
+            for albedo in (contrast.ALBEDOS[-1], contrast.ALBEDOS[0])
+        ]
+        return np.float32(np.clip(exposure, max(bounds[0], 1e-6), max(bounds[1], 1e-6)))
 
     def as_captured(self, reason, evidence=0.0):
         """The captured colours as albedo under a uniform light, scaled down where they are brighter than a surface."""

@@ -16,6 +16,9 @@ from ..transfer.occluder import Frame, Occluder
 LOOKS = 4096
 """Directions from each place where the capture stood: 3 degrees apart; 24 places make 98,000 rays."""
 
+OVER = 60_000
+"""Vertices that stand for what is seen where nobody knows from where."""
+
 
 class Looks(NamedTuple):
     """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
@@ -36,6 +39,17 @@ class Looks(NamedTuple):
     def sizes(self, count: int) -> np.ndarray:
         """(V,) float64: how many looks each of `count` vertices was met by, in parts."""
         return np.bincount(self.corners.ravel(), self.shares.ravel(), count)
+
+
+def looks_over(occluder: Occluder, areas: np.ndarray, seed: int) -> Looks:
+    """What is seen of a scene whose cameras are not known: vertices spread evenly over the area of its surface, as from
+    half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
+    from .samples import places
+
+    rows = places(occluder, areas, areas > 0.0, OVER, seed)
+    shares = np.zeros((len(rows), 3), np.float32)
+    shares[:, 0] = 1.0
+    return Looks(np.repeat(rows[:, None], 3, axis=1), shares, np.full(len(rows), 0.5, np.float32))
 
 
 def standing(scene: Scene) -> np.ndarray:

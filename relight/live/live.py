@@ -12,6 +12,7 @@ from splat2mesh.surface.decimate import decimate
 
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
+from ..splats.sky import shown_as_sky
 from .basis import Packed, packed, reduced, usual_moment
 from .compression import choices_for, cluster_centers, compress
 from .harmonics import turned
@@ -80,8 +81,8 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
     kinds[~binding.lit] = UNLIT
     if appearance.kept:
         kinds[:] = UNLIT
-    if sky != "keep" and len(scene.background_splats):
-        kinds[scene.background_splats] = SKY
+    if sky != "keep":
+        kinds[shown_as_sky(splats, scene, appearance)] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
         known = room if room is not None and appearance.room is not None and not appearance.kept else None

@@ -103,10 +103,10 @@ class EngineFiles:
 
     def _albedo(self, bound):
         """The splats with the light of the capture taken out, and their normals (N, 3)."""
-        from ..splats import albedo_splats, normals_of
+        from ..splats import albedo_splats, normals_of, shown_as_sky
 
         if self._bare is None:
-            binding, rows = bound(), self._scene.background_splats
+            binding, rows = bound(), shown_as_sky(self._splats, self._scene, self._appearance)
             with self._stages.stage("albedo splats"):
                 sky = "keep" if self._sky == "keep" else "drop"
                 used = None if self._appearance.kept else binding

@@ -63,6 +63,7 @@ class Results:
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._bound = binding
         self._texture: Any = None
+        self._sky_rows: Any = None
 
     def write(
         self, folder: Path, light: "Environment", radiance: NDArray[np.float32], exposure: float
@@ -155,9 +156,11 @@ class Results:
 
     def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
-        from ..splats import under_sky
+        from ..splats import shown_as_sky, under_sky
 
-        rows, frame = self._scene.background_splats, self._scene.scene_from_splat
+        if self._sky_rows is None:
+            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
+        rows, frame = self._sky_rows, self._scene.scene_from_splat
         capture = self._appearance.capture
         if (
             capture is not None and self._appearance.kept

@@ -6,7 +6,7 @@ write_relit_ply("relit_splat.ply", binding.relit(before, after), "point_cloud.pl
 
 from .albedo import albedo_splats, normals_of
 from .binding import Binding, relit
-from .sky import SKIES, under_sky
+from .sky import SKIES, shown_as_sky, under_sky
 from .write import write_relit_ply
 
-__all__ = ["SKIES", "Binding", "albedo_splats", "normals_of", "relit", "under_sky", "write_relit_ply"]
+__all__ = ["SKIES", "Binding", "albedo_splats", "normals_of", "relit", "shown_as_sky", "under_sky", "write_relit_ply"]

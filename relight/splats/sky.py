@@ -1,18 +1,80 @@
 """The sky of a relit splat: its far background shows the new environment, stays as it was, or goes.
 
 Far splats are a picture of the light of the capture day. Each takes the radiance that arrives from where it stands, as
-seen from the middle of the scene, and no longer depends on the view.
+seen from the middle of the scene, and no longer depends on the view. Out there stand lawns, hedges and houses as well:
+they are no sky, and take the change of light of the mesh's edge.
 """
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 
+from ..albedo.division import weighted_quantile
 from ..light.tonemap import tone_map
 
 SKIES = ("new", "keep", "drop")
 """What becomes of the far background of a relit splat."""
+
+BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
+"""Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read
+there. These numbers and those below were chosen by eye on a trained garden and three generated places."""
+
+DARK, LEVEL = 0.12, 0.75
+"""Part of the sky's luminance below which a far splat is a surface whatever its hue, and the quantile of what is high
+that tells that luminance: surfaces send back a part of the light of the sky, and clouds are darker than it, but not by
+so much."""
+
+GREEN, GREEN_PART, WARM, WARM_PART = 0.06, 0.8, 0.12, 0.6
+"""Excess of green over red and blue, and of red over blue, in sRGB, of leaves and of bricks, and parts of the sky's
+luminance below which they are that, and not a sky at evening."""
+
+NEAR_PART = 0.4
+"""Of the sky's usual distance: what is nearer is a surface. A sky has no parallax, so it is trained to be far."""
+
+VOTES = 9
+"""Neighbours, itself among them, whose majority a far splat follows."""
+
+
+def shown_as_sky(splats, scene, appearance):
+    """Rows (M,) of the far background of a Scene of these Splats that show the sky: in the windows of a closed room,
+    and where all stays as captured, all of it."""
+    rows = scene.background_splats
+    indoors = appearance.room is not None or appearance.kept
+    return rows if indoors or not len(rows) else sky_rows(splats, rows, scene.scene_from_splat)
+
+
+def sky_rows(
+    splats,  # Splats as captured, every row of the source
+    rows,  # (M,) which of them are far background
+    scene_from_splat,  # (4, 4)
+):
+    """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order."""
+    some = splats.take(rows)
+    finite = np.isfinite(some.means).all(axis=1)
+    near = np.delete(splats.means, rows, axis=0)
+    near = near[np.isfinite(near).all(axis=1)]
+    if not finite.any() or not len(near):
+        return rows
+    off = np.where(finite[:, None], some.means - np.median(near, axis=0), np.float32(1.0)).astype(np.float64)
+    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
+    up = np.asarray(scene_from_splat, np.float64)[1, :3]
+    height = off @ (up / np.linalg.norm(up)) / distance
+    color = np.clip(some.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5), 0.0, 1.0)
+    bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
+    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2) + 1e-30  # about what it covers
+    high = height > min(HIGH, height.max() - 1e-9)
+    level = weighted_quantile(bright[high], size[high], LEVEL)
+    surface = (height < BELOW) | (bright < DARK * level)
+    surface |= (green - np.maximum(red, blue) > GREEN) & (bright < GREEN_PART * level)
+    surface |= (red - blue > WARM) & (bright < WARM_PART * level)
+    if surface.all():
+        return rows[:0]
+    surface |= distance < NEAR_PART * weighted_quantile(distance[~surface], size[~surface], 0.5)
+    around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
+    return rows[(~surface)[around].mean(axis=1) > 0.5]
 
 
 def under_sky(

@@ -8,6 +8,7 @@ from relight import Environment
 from relight.albedo import contrast, estimate, samples, with_known_light
 from relight.albedo.check import self_relight
 from relight.albedo.seen import LOOKS, looks_from, standing
+from relight.albedo.skylight import LITTLE_TOLD, told_by_sky
 from relight.light.projections import texel_directions
 from relight.sh import harmonics
 from relight.sh.sphere import fibonacci_sphere
@@ -138,6 +139,22 @@ def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
     assert check["mesh_self_relight_db"] > 25.0 and check["self_relight_db"] > 34.0
 
 
+def test_a_sun_over_what_was_photographed_from_outside_is_found_where_little_sky_was_seen(place):
+    _, geometry, albedo, _ = place
+    toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
+    above = SKY[..., 1:2] > 0.0
+    light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
+    captured = photographed(geometry, albedo, light)
+    bound = np.broadcast_to(above & (SKY[..., 2:] < -0.9), (64, 128, 3)).astype(np.float32)
+    sky = CapturedSky(0.4 * bound, bound, np.zeros_like(bound))
+    assert 0.0 < told_by_sky(sky) < LITTLE_TOLD
+    found = estimate(geometry[0], captured, **given(geometry), sky=sky)
+    assert found.direction @ toward > np.cos(np.radians(12.0)) and found.under_sky
+    level = Environment(np.where(above, 0.4, 0.05) * np.ones(3), "level")
+    soft = estimate(geometry[0], photographed(geometry, albedo, level), **given(geometry), sky=sky)
+    assert not soft.under_sky  # no sun is told: it is estimated as without a sky
+
+
 @pytest.mark.parametrize("beyond", [False, True])
 def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
     directions = fibonacci_sphere(1024)
@@ -183,3 +200,14 @@ def test_a_known_light_takes_its_exposure_from_the_captured_sky(place):
     away = np.abs(found.albedo - albedo)[seen]
     assert np.median(away) < 0.03
     assert BANDS**2 == geometry[1].shape[1]
+
+
+def test_of_a_sky_clipped_all_around_trees_do_not_tell_the_exposure_of_a_known_light(place):
+    _, geometry, albedo, looks = place
+    above = SKY[..., 1:2] > 0.0
+    light = Environment(np.where(above, 2.0, 0.2) * np.ones(3), "overcast")
+    captured = photographed(geometry, albedo, light)
+    trees = (above & (SKY[..., 1:2] < 0.2)).astype(np.float32) * np.ones(3, np.float32)
+    sky = CapturedSky(0.1 * trees, trees, (above - trees).astype(np.float32))
+    found = with_known_light(geometry[0], captured, light, **given(geometry), sky=sky, looks=looks)
+    assert 0.5 < found.brightness / light.mean_luminance < 1.2  # by the trees alone it is .05

@@ -1,16 +1,19 @@
 """The sky of a relit splat: the new light at the right angle, as captured, or gone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from relight import Environment
 from relight.light.projections import texel_directions
-from relight.splats import under_sky, write_relit_ply
+from relight.splats import shown_as_sky, under_sky, write_relit_ply
+from relight.splats.sky import sky_rows
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.inria import write_inria_ply
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import SH_C0, Splats
 
 AXES = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]])
 
@@ -85,3 +88,50 @@ def test_rows_of_another_splat_are_refused():
     splats, far = captured()
     with pytest.raises(InputError, match=f"there are {len(splats)}"):
         under_sky(splats, far + 1, striped(), np.eye(4), 1.0)
+
+
+def open_air():
+    """Near splats, far lawn, hedge, blossoms and a white sky behind: Splats y up, far rows, those of the sky."""
+    rng = np.random.default_rng(1)
+
+    def ring(count, distance, low, high, color):
+        turn, height = rng.uniform(0, 2 * np.pi, count), np.radians(rng.uniform(low, high, count))
+        at = np.stack([np.cos(height) * np.cos(turn), np.sin(height), np.cos(height) * np.sin(turn)], axis=1)
+        return distance * rng.uniform(0.95, 1.05, (count, 1)) * at, np.tile(color, (count, 1))
+
+    parts = [
+        (rng.uniform(-1, 1, (200, 3)), np.full((200, 3), 0.5)),
+        ring(300, 20.0, -12, -4, [0.45, 0.6, 0.3]),
+        ring(300, 30.0, -2, 6, [0.15, 0.25, 0.12]),
+        ring(100, 15.0, 4, 12, [0.9, 0.85, 0.9]),
+        ring(900, 90.0, 7, 60, [0.95, 0.97, 1.0]),
+    ]
+    means, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    count = len(means)
+    sh = ((colors - 0.5) / SH_C0)[:, None].astype(np.float32)
+    scales = 0.02 * np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1.0) * np.ones((1, 3))
+    splats = Splats(means, scales, np.tile([1.0, 0, 0, 0], (count, 1)), np.full(count, 0.7), sh)
+    return splats, np.arange(200, count), np.arange(count - 900, count)
+
+
+@pytest.mark.parametrize("flip", [1.0, -1.0])
+def test_far_lawns_hedges_and_blossoms_are_no_sky(flip):
+    splats, far, sky = open_air()
+    turn = np.diag([1.0, flip, flip, 1.0])
+    splats.means[:] = splats.means @ turn[:3, :3]
+    found = sky_rows(splats, far, turn)
+    assert len(np.setdiff1d(found, sky)) == 0  # no surface is taken for sky
+    assert len(found) > 0.98 * len(sky)  # a few stand among the hedge, and follow their neighbours
+
+
+def test_a_far_background_of_ground_alone_has_no_sky():
+    splats, far, _ = open_air()
+    assert len(sky_rows(splats, far[:300], np.eye(4))) == 0
+
+
+def test_windows_of_rooms_and_what_stays_as_captured_show_all_of_it():
+    splats, far, sky = open_air()
+    scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4))
+    for look in (SimpleNamespace(room=object(), kept=False), SimpleNamespace(room=None, kept=True)):
+        np.testing.assert_array_equal(shown_as_sky(splats, scene, look), far)
+    assert len(shown_as_sky(splats, scene, SimpleNamespace(room=None, kept=False))) <= len(sky)
