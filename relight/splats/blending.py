@@ -89,11 +89,16 @@ def blending_of(
     near,  # camera z of the near plane
     look=lambda number, alpha, depth: None,  # called with the number of a view, its alpha (H, W) and its median depth
 ):
-    """The Blending of some views. What the look is given is as of `Rendering`."""
+    """The Blending of some views. What the look is given is as of `Rendering`.
+
+    The look may return the pixels that are wanted, (H, W) bool: then no other has shares.
+    """
     tiles, parts = [0], []
     for number, view in enumerate(views):
         part, alpha, depth = _listed(splats, view, near)
-        look(number, alpha, depth)
+        wanted = look(number, alpha, depth)
+        if wanted is not None:
+            part = _within(part, in_tiles(wanted))
         parts.append(part)
         tiles.append(tiles[-1] + len(part[0]))
     runs, items, *lists = ([part[i] for part in parts] for i in range(6))
@@ -158,6 +163,35 @@ def _merged(found, tiles):
             _lay(each[2 + field], each[counts], cursor, whole)
         result.append(whole)
     return runs, items, *result
+
+
+def _within(part, wanted):
+    """The lists of a view's tiles with nothing but the pixels wanted, (P,) bool."""
+    runs, items, *lists = part
+    left, held = np.zeros_like(runs), np.zeros_like(items)
+    ends = _drop(runs, items, wanted, *lists, left, held)
+    return left, held, *(each[:end].copy() for each, end in zip(lists, np.repeat(ends, 2), strict=True))
+
+
+@_serial
+def _drop(runs, items, wanted, splats, counts, pixels, shares, left, held):
+    """Move what is wanted of all lists to their beginnings: how many runs and items that is."""
+    run, item, to_run, to_item = 0, 0, 0, 0
+    for tile in range(len(runs)):
+        first_run, first_item = to_run, to_item
+        for _ in range(runs[tile]):
+            splat, before = splats[run], to_item
+            for _ in range(counts[run]):
+                if wanted[tile * AREA + pixels[item]]:
+                    pixels[to_item], shares[to_item] = pixels[item], shares[item]
+                    to_item += 1
+                item += 1
+            if to_item > before:
+                splats[to_run], counts[to_run] = splat, to_item - before
+                to_run += 1
+            run += 1
+        left[tile], held[tile] = to_run - first_run, to_item - first_item
+    return to_run, to_item
 
 
 @_kernel
