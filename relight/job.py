@@ -256,9 +256,11 @@ class Job:
         closed = look.capture is not None and "room" in look.capture
         if options.opened and not closed:
             raise InputError("`opened` ceiling: expected a closed room that was captured from within, found none")
-        from .engine.relit_room import RelitRoom
+        room = None
+        if closed:
+            from .engine.relit_room import RelitRoom
 
-        room = RelitRoom(look, self.relighter, self._level) if closed else None
+            room = RelitRoom(look, self.relighter, self._level)
         if options.lamps != "keep" and not (room and room.lamps_found):
             told = "`lamps`: no lamp was found whose strength is known, and none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)

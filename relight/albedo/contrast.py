@@ -6,6 +6,8 @@ and each counts by how much of the variance of log colour it explains within mat
 a slope that is free, as regression on noisy values asks for.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +80,8 @@ MOSTLY = 0.5
 """Part of a direction that must have been clipped or not seen for a sun to stand there."""
 
 
-class Patches(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Patches:
     """N patches of surfaces. log_captured: (N,) of luminance. transfer: (N, K). bounced: (N,) luminance. material:
     (N,) numbers. weight: (N,)."""
 
@@ -93,8 +96,14 @@ class Patches(NamedTuple):
         if len(self.weight) <= count:
             return self
         rows = np.arange(count) * len(self.weight) // count
-        some = Patches(*(each[rows] for each in self))
-        return some._replace(material=np.unique(some.material, return_inverse=True)[1].reshape(-1))
+        _, material = np.unique(self.material[rows], return_inverse=True)
+        others = self.log_captured[rows], self.transfer[rows], self.bounced[rows]
+        return Patches(*others, material.reshape(-1), self.weight[rows])
+
+    @cached_property
+    def within(self):
+        """The _Within of them."""
+        return _Within(self)
 
 
 def patches_of(
@@ -296,16 +305,27 @@ def _slope(patches, received):
 
 def _moments(patches, log_received):
     """Within materials: the weighted sums of log colour times log irradiance, and of the squares of both."""
-    weight, material = patches.weight, patches.material
-    off = _within(patches.log_captured, weight, material)
-    weight = weight / (1.0 + (off / OUTLIER) ** 2)
-    colors, light = (_within(values, weight, material) for values in (patches.log_captured, log_received))
-    return weight @ (colors * light), weight @ colors**2, weight @ light**2
+    within = patches.within
+    light = within.off(log_received)
+    return within.weight @ (within.colors * light), within.own, within.weight @ light**2
 
 
-def _within(values, weight, groups):
-    """Values (N,) less the weighted mean of their group."""
-    return values - (np.bincount(groups, weight * values) / np.bincount(groups, weight))[groups]
+class _Within:
+    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
+    whatever the light. own: their weighted square."""
+
+    def __init__(self, patches):
+        self.weight, self._groups = patches.weight, patches.material
+        self._total = np.bincount(self._groups, self.weight)
+        off = self.off(patches.log_captured)
+        self.weight = self.weight / (1.0 + (off / OUTLIER) ** 2)
+        self._total = np.bincount(self._groups, self.weight)
+        self.colors = self.off(patches.log_captured)
+        self.own = self.weight @ self.colors**2
+
+    def off(self, values):
+        """Values (N,) less the weighted mean of their group."""
+        return values - (np.bincount(self._groups, self.weight * values) / self._total)[self._groups]
 
 
 def _numbered(columns):

@@ -52,7 +52,7 @@ LEAST_TOLD = 0.05
 
 LITTLE_TOLD = 0.25
 """Of the same, below which what was not seen decides: without looks from within, such a sky is used beside a sun
-alone. In two nooks whose sky showed .06, relit splats were 1 to 8 dB worse by pairs under it than by pairs without it."""
+alone. In two nooks whose sky showed .06 relit splats were 1 to 8 dB worse by pairs under it than without it."""
 
 LEAST_OPEN = 0.3
 """Mean part of the sky that the surfaces of a scene see, from which a captured sky is its light: a garden's see 0.59,

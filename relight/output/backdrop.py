@@ -36,9 +36,14 @@ def behind(
     """
     if environment.formula is not None:
         return _sky(environment.formula, _unturned(directions, environment.rotation_deg), exposure)
-    if np.pi / environment.radiance.shape[0] <= COARSE * pixel:
-        return environment.lookup(directions) * np.float32(exposure)
-    return _soft_lookup(environment, directions) * np.float32(exposure)
+    if is_soft(environment, pixel):
+        return _soft_lookup(environment, directions) * np.float32(exposure)
+    return environment.lookup(directions) * np.float32(exposure)
+
+
+def is_soft(environment: "Environment", pixel: float) -> bool:
+    """Whether it is shown out of focus where a pixel covers this angle."""
+    return environment.formula is None and np.pi / environment.radiance.shape[0] > COARSE * pixel
 
 
 def _sky(name, directions, exposure):

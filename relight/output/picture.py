@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.render.rasterize import rasterize
-from splat2mesh.render.view import View
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.splats.splats import Splats
 
 from ..light.tonemap import compress_highlights
-from .backdrop import behind
+from .backdrop import behind, is_soft
 from .catcher import Catcher
 from .inset import add_inset
 from .preview import Preview
@@ -51,8 +50,6 @@ class Picture:
         self.mesh = Preview(scene, camera, width, height, samples)
         self.camera, self.view = self.mesh.camera, self.mesh.view
         self._catcher: Catcher | None = None
-        directions = _fine(self.view).ray_directions().reshape(-1, 3)
-        self._directions = (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
         self._pixel = 1.0 / self.view.fx
 
     def of_splats(
@@ -103,15 +100,25 @@ class Picture:
         if environment is None:
             image[wanted] = PLAIN
             return image
-        fine = np.repeat(np.repeat(wanted, FINE, axis=0), FINE, axis=1).reshape(-1)
-        directions, shown = self._directions[fine], np.zeros((len(fine), 3), np.float32)
+        soft = self._scene.is_place and is_soft(environment, self._pixel / FINE)  # nothing is finer than a pixel
+        samples = 1 if soft else FINE
+        directions = self._toward(wanted, samples)
         part = behind(environment, directions, self._pixel / FINE, exposure)
         if not self._scene.is_place:
             self._shade_ground(part, directions, environment)
-        shown[fine] = compress_highlights(part)
-        mean = shown.reshape(len(wanted), FINE, -1, FINE, 3).mean(axis=(1, 3))
-        image[wanted] = srgb_from_linear(mean[wanted])
+        mean = compress_highlights(part).reshape(-1, samples**2, 3).mean(axis=1)
+        image[wanted] = srgb_from_linear(mean)
         return image
+
+    def _toward(self, wanted, samples):
+        """Unit directions (N * samples^2, 3) float32 through the N pixels wanted, so many along a side of each."""
+        view, (rows, columns) = self.view, np.nonzero(wanted)
+        within = (np.arange(samples) + 0.5) / samples
+        x = np.broadcast_to(columns[:, None, None] + within, (len(rows), samples, samples))
+        y = np.broadcast_to(rows[:, None, None] + within[:, None], x.shape)
+        seen = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1).reshape(-1, 3)
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True)
+        return (seen @ view.camera_from_world[:3, :3]).astype(np.float32)
 
     def _shade_ground(self, shown, directions, environment):
         if self._catcher is None:
@@ -131,18 +138,6 @@ def _over(color, alpha, back):
     alpha = alpha[..., None]
     own = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0.0)
     return srgb_from_linear(own) * alpha + back * (1.0 - alpha)
-
-
-def _fine(view: View) -> View:
-    return replace(
-        view,
-        width=view.width * FINE,
-        height=view.height * FINE,
-        fx=view.fx * FINE,
-        fy=view.fy * FINE,
-        cx=view.cx * FINE,
-        cy=view.cy * FINE,
-    )
 
 
 def _scale(matrix):

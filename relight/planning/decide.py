@@ -2,6 +2,7 @@
 
 import math
 import time
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -137,13 +138,16 @@ class _Choice:
     """All settings worth considering for what was measured."""
 
     def __init__(self, measured, environment, options, tolerance, angles, leaves, there):
-        self._leaves, self._there = leaves, there
+        self._leaves, self._there = leaves, lru_cache(None)(there)
+        self._levels = lru_cache(None)(self._level_of)
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
         self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
         self._target = SAFETY * tolerance
         self._splits, self._sun_factor = {}, 1.0
+        sample = measured.sample
+        self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
         self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
         self._candidates = list(self._all())
 
@@ -299,11 +303,11 @@ class _Choice:
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        sample, there = self.measured.sample, self._there(settings)
+        sample, there = self.measured.sample, self._there(settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0))
         once, each = costs.seconds(
             settings,
             int(sizes.sum()),
-            int(traced * sample.weights[sample.solid > 0.0].sum() * sample.traced_share),
+            int(traced * self._solid),
             sample.ray_s,
             self.sun_count(settings),
             sample.traced_share,
@@ -344,10 +348,14 @@ class _Choice:
         key = settings.bands, settings.sun_tolerance
         if key in self._splits:
             return {"image": self._splits[key][0]}
+        return {"level": self._levels(*key)}
+
+    def _level_of(self, bands, sun_tolerance):
+        """The highest of LEVELS at which the light is cut off smooth enough for so many bands, or the smoothest."""
         levels = range(len(sun_split.LEVELS))
-        errors = [self.measured.truncation(settings.bands, level) for level in levels]
-        good = [level for level in levels if errors[level] <= 0.5 * settings.sun_tolerance]
-        return {"level": good[0] if good else int(np.argmin(errors))}
+        errors = [self.measured.truncation(bands, level) for level in levels]
+        good = [level for level in levels if errors[level] <= 0.5 * sun_tolerance]
+        return good[0] if good else int(np.argmin(errors))
 
     def _split(self, key):
         rest, found = sun_split.split(self._environment, *key)

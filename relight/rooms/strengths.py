@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from splat2mesh.scene.color import luminance
@@ -180,6 +179,8 @@ def sky_parts(
 
 def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
     """The Strengths of the emitters, whose lamps' captured colours are (L, 3); None where they tell nothing."""
+    from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
+
     light, count, lamps = _Emitters(places), len(places.emitters), places.lamps
     if not count or len(places.vertices) < 64 or not places.emitters.any(axis=(1, 2)).all():
         return None

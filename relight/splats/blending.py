@@ -12,7 +12,8 @@ import numpy as np
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.footprints import TILE, camera_of, footprint_batches
-from splat2mesh.render.rasterize import AREA, HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, _exp_minus_half
+from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, _exp_minus_half
+from splat2mesh.render.tiles import AREA, Tiles
 
 LEAST_SHARE = np.float32(1 / 512)
 """Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
@@ -89,11 +90,16 @@ def blending_of(
     near,  # camera z of the near plane
     look=lambda number, alpha, depth: None,  # called with the number of a view, its alpha (H, W) and its median depth
 ):
-    """The Blending of some views. What the look is given is as of `Rendering`."""
+    """The Blending of some views. What the look is given is as of `Rendering`.
+
+    The look may return the pixels that are wanted, (H, W) bool: then no other has shares.
+    """
     tiles, parts = [0], []
     for number, view in enumerate(views):
         part, alpha, depth = _listed(splats, view, near)
-        look(number, alpha, depth)
+        wanted = look(number, alpha, depth)
+        if wanted is not None:
+            part = _within(part, in_tiles(wanted))
         parts.append(part)
         tiles.append(tiles[-1] + len(part[0]))
     runs, items, *lists = ([part[i] for part in parts] for i in range(6))
@@ -113,36 +119,28 @@ def in_tiles(image):
 def _listed(splats, view, near):
     """((runs and items of each tile, splats, counts, pixels, shares), alpha (H, W), median depth (H, W)) of a view."""
     camera = camera_of(view, near)
-    height, width = camera.height, camera.width
-    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
-    tiles = tiles_y * tiles_x
-    block = np.zeros((tiles, PLANES * AREA), np.float32)
-    planes = block.reshape(tiles_y, tiles_x, PLANES, TILE, TILE).transpose(2, 0, 3, 1, 4)
-    inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
-    inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
-    planes[0], planes[1] = inside.reshape(planes.shape[1:]), np.nan
-    open_tiles = np.ones(tiles, np.bool_)
-    dealt = np.random.default_rng(0).permutation(tiles)
-    found, left = [], np.full(tiles, MOST_ITEMS, np.int64)
-    for batch in footprint_batches(splats, camera, open_tiles):
-        wanted = np.where(open_tiles, np.minimum(AREA * np.diff(batch.starts), left), 0)
+    tiles = Tiles.of(camera, PLANES, transmittance=0, median=1)
+    count = len(tiles.open)
+    found, left = [], np.full(count, MOST_ITEMS, np.int64)
+    for batch in footprint_batches(splats, camera, tiles.open):
+        wanted = np.where(tiles.open, np.minimum(AREA * np.diff(batch.starts), left), 0)
         begins = np.append(0, np.cumsum(wanted))
         raw = np.empty(begins[-1], np.uint8), np.empty(begins[-1], np.uint16)  # memory is taken as it is written
-        number, count = np.empty(len(batch.entries), np.int32), np.empty(len(batch.entries), np.uint16)
-        used, ran = np.zeros(tiles, np.int64), np.zeros(tiles, np.int64)
-        lists = batch.footprints, batch.starts, batch.entries
-        _record(*lists, dealt, open_tiles, tiles_x, block, begins, *raw, number, count, used, ran)
+        number, shared = np.empty(len(batch.entries), np.int32), np.empty(len(batch.entries), np.uint16)
+        used, ran = np.zeros(count, np.int64), np.zeros(count, np.int64)
+        lists = batch.footprints, batch.starts, batch.entries, tiles.dealt, tiles.open, tiles.across, tiles.pixels
+        _record(*lists, begins, *raw, number, shared, used, ran)
         packed = [np.empty(ran.sum(), np.int32), np.empty(ran.sum(), np.uint16)]
         packed += [np.empty(used.sum(), np.uint8), np.empty(used.sum(), np.uint16)]
         _pack(batch.starts, ran, number, packed[0])
-        _pack(batch.starts, ran, count, packed[1])
+        _pack(batch.starts, ran, shared, packed[1])
         _pack(begins, used, raw[0], packed[2])
         _pack(begins, used, raw[1], packed[3])
         packed[0] = batch.order[packed[0]].astype(np.int32)
         found.append((ran, used, *packed))
         left -= used
-    images = planes.reshape(PLANES, *inside.shape)[:, :height, :width]
-    return _merged(found, tiles), 1 - images[0], images[1].copy()
+    images = tiles.images(camera)
+    return _merged(found, count), 1 - images[0], images[1].copy()
 
 
 def _merged(found, tiles):
@@ -158,6 +156,35 @@ def _merged(found, tiles):
             _lay(each[2 + field], each[counts], cursor, whole)
         result.append(whole)
     return runs, items, *result
+
+
+def _within(part, wanted):
+    """The lists of a view's tiles with nothing but the pixels wanted, (P,) bool."""
+    runs, items, *lists = part
+    left, held = np.zeros_like(runs), np.zeros_like(items)
+    ends = _drop(runs, items, wanted, *lists, left, held)
+    return left, held, *(each[:end].copy() for each, end in zip(lists, np.repeat(ends, 2), strict=True))
+
+
+@_serial
+def _drop(runs, items, wanted, splats, counts, pixels, shares, left, held):
+    """Move what is wanted of all lists to their beginnings: how many runs and items that is."""
+    run, item, to_run, to_item = 0, 0, 0, 0
+    for tile in range(len(runs)):
+        first_run, first_item = to_run, to_item
+        for _ in range(runs[tile]):
+            splat, before = splats[run], to_item
+            for _ in range(counts[run]):
+                if wanted[tile * AREA + pixels[item]]:
+                    pixels[to_item], shares[to_item] = pixels[item], shares[item]
+                    to_item += 1
+                item += 1
+            if to_item > before:
+                splats[to_run], counts[to_run] = splat, to_item - before
+                to_run += 1
+            run += 1
+        left[tile], held[tile] = to_run - first_run, to_item - first_item
+    return to_run, to_item
 
 
 @_kernel

@@ -25,8 +25,8 @@ CAUTION = 0.5
 
 
 class Looks(NamedTuple):
-    """Pictures of N Gaussians. blending: Blending. known: (Q,) int64, the pixels that show the mesh. corners: (Q, 3)
-    int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third."""
+    """Pictures of N Gaussians. blending: Blending of the pixels that show the mesh. known: (Q,) int64, these pixels.
+    corners: (Q, 3) int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third."""
 
     blending: Blending
     known: np.ndarray
@@ -41,6 +41,7 @@ class Looks(NamedTuple):
         def look(number, alpha, depth):
             found.append(_shown(views[number], alpha, depth, surface))
             advance(1)
+            return found[-1][0]
 
         blending = blending_of(splats, views, near, look)
         known = np.concatenate([in_tiles(each[0]) for each in found])

@@ -86,8 +86,9 @@ def _pack(begin, end, columns, weights, starts, packed_columns, packed_weights):
 
 
 @njit(cache=True, nogil=True)
-def gather_rgb(starts, columns, weights, scale, radiance, result):
-    for v in range(len(result)):
+def gather_rgb(rows, starts, columns, weights, scale, radiance, result):
+    """Products of the rows with radiance (V, 3) into the result (V, 3), times the scale of each, (V,)."""
+    for v in range(len(rows)):
         red, green, blue = 0.0, 0.0, 0.0
         node_red, node_green, node_blue = 0.0, 0.0, 0.0
         for i in range(starts[v], starts[v + 1]):
@@ -98,14 +99,16 @@ def gather_rgb(starts, columns, weights, scale, radiance, result):
             if columns[i] >= 0:
                 red, green, blue = red + node_red, green + node_green, blue + node_blue
                 node_red, node_green, node_blue = 0.0, 0.0, 0.0
-        result[v, 0], result[v, 1], result[v, 2] = scale[v] * red, scale[v] * green, scale[v] * blue
+        row = rows[v]
+        result[row, 0], result[row, 1], result[row, 2] = scale[row] * red, scale[row] * green, scale[row] * blue
 
 
 @njit(cache=True, nogil=True)
-def gather(starts, columns, weights, scale, radiance, result):
+def gather(rows, starts, columns, weights, scale, radiance, result):
+    """The same of radiance (V, C)."""
     width = radiance.shape[1]
     total, node = np.zeros(width), np.zeros(width)
-    for v in range(len(result)):
+    for v in range(len(rows)):
         total[:] = 0.0
         joined = False  # to the one before
         for i in range(starts[v], starts[v + 1]):
@@ -121,4 +124,4 @@ def gather(starts, columns, weights, scale, radiance, result):
                 for c in range(width):
                     total[c] += node[c]
         for c in range(width):
-            result[v, c] = scale[v] * total[c]
+            result[rows[v], c] = scale[rows[v]] * total[c]

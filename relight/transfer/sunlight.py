@@ -5,6 +5,7 @@ from numba import njit
 
 from splat2mesh.base.errors import InputError
 
+from .neighbors import along_curve
 from .threads import in_slices
 
 BATCH_RAYS = 2**20
@@ -26,8 +27,10 @@ def sunlight(
     over the suns as they stand, in float64. Raises InputError for directions that are not unit vectors.
     """
     origins, normals = occluder.origins[rows], occluder.normals[rows]
-    radiance = np.zeros((len(origins), 3), np.float32)
     directions, weights = shining(suns)
+    order = along_curve(origins)
+    origins, normals = origins[order], normals[order]
+    ordered = np.zeros((len(origins), 3), np.float32)
     batch = max(1, BATCH_RAYS // max(1, len(directions)))
     for start in range(0, len(origins), batch):
         part = slice(start, start + batch)
@@ -40,8 +43,10 @@ def sunlight(
         in_slices(_aim, count, origins[part], normals[part], directions, ends, rays, sun)
         if len(rays):
             hidden = occluder.occluded(rays)
-            in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, radiance[part])
+            in_slices(_sum, count, normals[part], weights, ends, rays, sun, hidden, ordered[part])
         advance(count)
+    radiance = np.empty_like(ordered)
+    radiance[order] = ordered
     return radiance
 
 

@@ -168,19 +168,9 @@ class _Lattice:
         self._keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
         self._cell, self._held = cell, count
         self.points = np.stack([self.means(column)[:, 0] for column in points.T], axis=1)
-        base = np.floor(at - 0.5).astype(np.int64)
-        beyond = at - 0.5 - base
-        columns, weights = [], []
-        for corner in np.ndindex(2, 2, 2):
-            key = np.ravel_multi_index((base + corner).T, size)
-            found = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
-            weight = np.where(corner, beyond, 1.0 - beyond).prod(axis=1)
-            there = self._keys[found] == key
-            columns.append(np.where(there, found, cell))
-            weights.append(np.where(there, weight, 0.0))
-        weights = np.stack(weights, axis=1)
-        self._columns = np.stack(columns, axis=1)
-        self._weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+        self._columns = np.zeros((len(at), 8), np.int32)
+        self._weights = np.zeros((len(at), 8), np.float32)
+        in_slices(_surround, len(at), at, size, self._keys, cell, self._columns, self._weights)
 
     def means(self, values):
         """Means of values (R,) of the points by their probes: (P, 1)."""
@@ -196,6 +186,31 @@ class _Lattice:
         result = np.zeros((len(columns), values.shape[1]), np.float32)
         in_slices(_interpolate, len(columns), columns, weights, values, result)
         return result
+
+
+@njit(cache=True, nogil=True)
+def _surround(begin, end, at, size, keys, cell, columns, weights):
+    """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
+
+    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own.
+    """
+    shares = np.zeros(8)
+    for r in range(begin, end):
+        x, y, z = at[r, 0] - 0.5, at[r, 1] - 0.5, at[r, 2] - 0.5
+        i, j, k = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
+        x, y, z = x - i, y - j, z - k
+        for corner in range(8):
+            a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
+            key = ((i + a) * size[1] + j + b) * size[2] + k + c
+            found = min(np.searchsorted(keys, key), len(keys) - 1)
+            there = keys[found] == key
+            columns[r, corner] = found if there else cell[r]
+            shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
+        total = ((shares[0] + shares[1]) + (shares[2] + shares[3])) + (
+            (shares[4] + shares[5]) + (shares[6] + shares[7])
+        )
+        for corner in range(8):
+            weights[r, corner] = shares[corner] / total
 
 
 @njit(cache=True, nogil=True)

@@ -92,6 +92,11 @@ def _drop_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def owns_process() -> bool:
+    """Whether this process is a command's, not that of somebody who uses the library."""
+    return _owns_process
+
+
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
     """Within a command, keep what native libraries print of their own off stderr; elsewhere stderr is the host's.

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 
 from .footprints import NEAR, TILE, camera_of, footprint_batches
+from .tiles import AREA, Tiles
 
 MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
@@ -22,7 +23,6 @@ CLOSING_INTERVAL = 8  # splats blended between two looks whether a tile is finis
 
 # What is kept of a pixel while splats are blended into it: the planes of its tile's block of floats.
 PLANES = 6
-AREA = TILE * TILE
 RED, GREEN, BLUE, DEPTH, TRANSMITTANCE, MEDIAN = (np.uint64(plane * AREA) for plane in range(PLANES))
 
 
@@ -55,21 +55,10 @@ def rasterize(splats, view, near=NEAR):
     Raises InputError when `near` is not positive.
     """
     camera = camera_of(view, near)
-    height, width = camera.height, camera.width
-    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
-    tiles = tiles_y * tiles_x
-    pixels = np.zeros((tiles, PLANES * AREA), np.float32)
-    planes = pixels.reshape(tiles_y, tiles_x, PLANES, TILE, TILE).transpose(2, 0, 3, 1, 4)
-    inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
-    inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
-    planes[4], planes[5] = inside.reshape(planes.shape[1:]), np.nan
-    open_tiles = np.ones(tiles, np.bool_)
-    dealt = np.random.default_rng(0).permutation(tiles)  # spreads the crowded tiles evenly over the threads
-
-    for batch in footprint_batches(splats, camera, open_tiles):
-        _blend(batch.footprints, batch.starts, batch.entries, dealt, open_tiles, tiles_x, pixels)
-
-    images = planes.reshape(PLANES, *inside.shape)[:, :height, :width]
+    tiles = Tiles.of(camera, PLANES, transmittance=4, median=5)
+    for batch in footprint_batches(splats, camera, tiles.open):
+        _blend(batch.footprints, batch.starts, batch.entries, tiles.dealt, tiles.open, tiles.across, tiles.pixels)
+    images = tiles.images(camera)
     depth_sum, transmittance, depth_median = images[3:]
     alpha = 1 - transmittance
     drawn = alpha >= MIN_DEPTH_ALPHA

@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.meshlibrary import open3d
+
 
 class Hits(NamedTuple):
     """What rays (..., 6) meet first.
@@ -36,7 +38,7 @@ class RayCaster:
         vertices: ArrayLike,  # (V, 3)
         faces: ArrayLike,  # (F, 3) integers
     ) -> None:
-        import open3d as o3d
+        o3d = open3d()
 
         self._scene = o3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(_tensor(vertices, np.float32), _tensor(faces, np.uint32))
@@ -59,6 +61,6 @@ class RayCaster:
 
 
 def _tensor(array, dtype):
-    import open3d as o3d
+    o3d = open3d()
 
     return o3d.core.Tensor.from_numpy(np.ascontiguousarray(array, dtype))

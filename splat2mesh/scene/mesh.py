@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.meshlibrary import open3d
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -25,7 +27,7 @@ def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
 
     Where these cancel, as on the edge of a sheet of two sides, a vertex has that of its largest face; +y without any.
     """
-    import open3d as o3d
+    o3d = open3d()
 
     mesh = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(points), o3d.utility.Vector3iVector(faces))
     mesh.compute_vertex_normals()

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..base.meshlibrary import open3d
+
 
 def decimate(points, faces, vertices):
     """Quadric decimation of a mesh, points (V, 3) and faces (F, 3), to about `vertices` vertices, and cleaning.
@@ -9,7 +11,8 @@ def decimate(points, faces, vertices):
     Returns vertices (V, 3) float64 and faces (F, 3) int32, without degenerate faces and non-manifold edges.
     """
     import fast_simplification
-    import open3d as o3d
+
+    o3d = open3d()
 
     faces = faces.astype(np.int32)
     if len(points) > vertices:

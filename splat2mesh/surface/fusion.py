@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from ..base.distinct import distinct
+from ..base.meshlibrary import open3d
 from ..render.view import View
 
 BLOCK = 8
@@ -52,7 +53,7 @@ _HALF = 2**20
 
 def fuse(maps, voxel, advance=lambda: None):
     """Fuse DepthMaps at a voxel size in world units. Returns an open3d TriangleMesh (legacy), in a fixed order."""
-    import open3d as o3d
+    o3d = open3d()
 
     origin = np.floor(np.mean([m.view.center for m in maps], axis=0))
     keys = _blocks_near(maps, origin, voxel)

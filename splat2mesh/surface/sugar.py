@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..base.errors import InputError
+from ..base.meshlibrary import open3d
 
 LEVEL = 0.3
 """Density at which the surface lies: SuGaR's value."""
@@ -78,7 +79,7 @@ def poisson(surface, depth):
     depth: levels of the octree. Returns an open3d TriangleMesh. Raises InputError when the points make no surface.
     Source: Kazhdan and Hoppe, "Screened Poisson Surface Reconstruction" (2013).
     """
-    import open3d as o3d
+    o3d = open3d()
 
     if len(surface.points) == 0:
         raise InputError("no surface points were found: is this a splat of a solid object?")

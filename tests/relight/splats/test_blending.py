@@ -58,6 +58,25 @@ def test_no_pixel_is_made_of_more_than_itself(drawn):
     assert ones.max() > 0.98
 
 
+def test_only_what_is_wanted_is_kept(drawn):
+    """The same bits in the pixels wanted and nothing in the others, in pictures and on the way back."""
+    splats, views, blending, _ = drawn
+    rng = np.random.default_rng(5)
+    masks = [rng.random((view.height, view.width)) < 0.4 for view in views]
+    masks[0][:20] = False  # whole tiles among them
+    some = blending_of(splats, views, 0.01, lambda number, alpha, depth: masks[number]).checked(len(splats))
+    wanted = np.concatenate([in_tiles(mask) for mask in masks])
+    colors = rng.normal(size=(len(splats), 3)).astype(np.float32)
+    picture, found = blending.drawn(colors), some.drawn(colors)
+    np.testing.assert_array_equal(found, np.where(wanted[:, None], picture, 0.0))
+    values = np.where(wanted[:, None], picture, np.float32(0.0))
+    sums, again = np.zeros((2, len(splats), 3), np.float32)
+    blending.spread(values, sums)
+    some.spread(values, again)
+    np.testing.assert_array_equal(again, sums)
+    assert 0 < len(some.pixels) < 0.5 * len(blending.pixels) and len(some.splats) < len(blending.splats)
+
+
 def test_what_was_kept_is_checked(drawn):
     splats, _, blending, _ = drawn
     assert blending.checked(len(splats)) is blending

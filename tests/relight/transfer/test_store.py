@@ -12,6 +12,7 @@ from relight import Environment, Relighter
 from relight.transfer import store
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.store import MOST_OF_A_KIND, Cache, array_key, geometry_key
+from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
@@ -331,6 +332,9 @@ def test_interreflection_comes_back_to_the_bit(folder, noon):
     kept = Cache.of_scene(scene)
     kept.put("bounces", 24, **made.arrays())
     arrays = kept.get("bounces", 24)
+    for rows in (np.zeros_like(arrays["rows"]), arrays["rows"] - 1, arrays["rows"][:-1]):
+        with pytest.raises(InputError, match="kept bounces"):
+            Interreflection.restored(24, arrays | {"rows": rows})
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     for each in (None, visible):
         fresh = Interreflection(occluder_of(scene), 24, 4, each)

@@ -1,0 +1,48 @@
+"""An image in square tiles, each of which one thread fills: its pixels while they are walked."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .footprints import TILE, Camera
+
+AREA = TILE * TILE
+
+
+class Tiles(NamedTuple):
+    """T tiles of a view, row after row, of planes that hold a float32 for each pixel.
+
+    pixels: (T, planes * AREA) float32, plane after plane of each tile. open: (T,) bool, which still let light through.
+    dealt: (T,) order of the tiles that spreads the crowded ones evenly over the threads. across: tiles in a row.
+    """
+
+    pixels: np.ndarray
+    open: np.ndarray
+    dealt: np.ndarray
+    across: int
+
+    @classmethod
+    def of(cls, camera: Camera, planes: int, transmittance: int, median: int) -> "Tiles":
+        """Empty ones of a Camera: zeros but for the planes of the transmittance, 1, and of the median depth, NaN."""
+        down, across = -(-camera.height // TILE), -(-camera.width // TILE)
+        tiles = cls(
+            np.zeros((down * across, planes * AREA), np.float32),
+            np.ones(down * across, np.bool_),
+            np.random.default_rng(0).permutation(down * across),
+            across,
+        )
+        whole = tiles._planes()
+        inside = np.zeros((down * TILE, across * TILE), np.float32)
+        inside[: camera.height, : camera.width] = 1  # what lies outside lets nothing through: finished from the start
+        whole[transmittance], whole[median] = inside.reshape(whole.shape[1:]), np.nan
+        return tiles
+
+    def images(self, camera: Camera) -> np.ndarray:
+        """The planes as images, (planes, H, W) float32."""
+        whole = self._planes()
+        planes, down, _, across, _ = whole.shape
+        return whole.reshape(planes, down * TILE, across * TILE)[:, : camera.height, : camera.width]
+
+    def _planes(self):
+        """The pixels as (planes, tiles down, TILE, tiles across, TILE)."""
+        return self.pixels.reshape(-1, self.across, self.pixels.shape[1] // AREA, TILE, TILE).transpose(2, 0, 3, 1, 4)

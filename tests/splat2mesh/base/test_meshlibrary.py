@@ -1,0 +1,25 @@
+"""open3d within a command and for somebody who uses the library."""
+
+import subprocess
+import sys
+
+import pytest
+
+TOLD = """
+import sys
+from splat2mesh.base import console
+from splat2mesh.base.meshlibrary import PAGES, open3d
+console._owns_process = {owned}
+package = open3d()
+package.t.geometry.RaycastingScene()
+assert package is open3d() is sys.modules["open3d"]
+print(*(name in sys.modules for name in PAGES))
+"""
+
+
+@pytest.mark.parametrize("owned", [True, False])
+def test_a_command_imports_no_web_pages(owned):
+    told = subprocess.run(
+        [sys.executable, "-c", TOLD.format(owned=owned)], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert told.stdout.split() == [str(not owned)] * 3
