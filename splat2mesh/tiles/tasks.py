@@ -143,7 +143,11 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
     import dask
     from dask.distributed import Client, LocalCluster
 
-    settings = {"distributed.scheduler.allowed-failures": DEATHS, "distributed.logging.distributed": "critical"}
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.logging.distributed": "critical",
+        "distributed.worker.profile.enabled": False,  # a thread that looks at the task all the time
+    }
     with dask.config.set(settings):
         if scheduler is not None:
             try:
@@ -206,18 +210,18 @@ def _checked(client, name):
     for address, version in versions.items():
         if version != VERSION:
             raise InputError(f"the worker at {address} has version {version} of splat2mesh, here is {VERSION}")
+    from .workers import Prepared
+
+    client.register_plugin(Prepared())
     return Cluster(client)
 
 
 def _version() -> str:
-    """The version on a worker; threads wait asleep there, as in a command."""
+    """The version on a worker."""
     try:
-        from splat2mesh.base.console import THREADS
         from splat2mesh.base.version import VERSION as here
     except ImportError:
         return "none"
-    for key, value in THREADS.items():
-        os.environ.setdefault(key, value)
     return here
 
 
