@@ -48,8 +48,9 @@ CARVE = 6
 BASE_GB, GB_PER_SPLAT = 1.1, 4.0e-6
 """Peak of a process: what its libraries take, and what a splat of the core and its halo adds."""
 
-MOST_SPLATS, LEAST_SPLATS = 400_000, 5_000
-"""Of a tile with its halo, whatever the memory: more tiles can share more machines; fewer are mostly halo."""
+USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
+"""Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
+at least, since what has less is mostly halo."""
 
 
 @dataclass
@@ -156,7 +157,7 @@ def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
     if wanted is not None:
         return wanted
     if memory_gb is None:
-        return MOST_SPLATS
+        return USUAL_SPLATS
     room = (memory_gb - BASE_GB) / GB_PER_SPLAT
     if room < LEAST_SPLATS:
         least = BASE_GB + LEAST_SPLATS * GB_PER_SPLAT
