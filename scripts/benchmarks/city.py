@@ -22,7 +22,7 @@ from splat2mesh.tiles.store import Store
 
 QUICK = ["1000", "--parts", "scheduler", "--dummies", "50"]
 
-PARTS = ("curve", "bytes", "scheduler")
+PARTS = ("curve", "workers", "bytes", "scheduler")
 
 SMALL, SMALL_TILE, SMALL_PIXELS = 24_000, 9_000, 40
 """Of the city that is made in every way: splats, those of a tile and its halo, side of the views."""
@@ -45,6 +45,7 @@ def arguments(parser):
     add(
         "--deaths", type=int, default=20, metavar="N", help="runs with a worker killed at random (default: %(default)s)"
     )
+    add("--shared", type=float, default=3e5, metavar="SPLATS", help="city that workers share (default: %(default)g)")
     add("--dummies", type=int, nargs="+", default=[100, 1000, 10_000], metavar="N", help="tiles of the simulation")
     add("--dummy-workers", type=int, default=4, metavar="N", help="its workers (default: %(default)s)")
     add("--folder", type=Path, help="keep the cities here, and take those that are (default: temporary)")
@@ -56,6 +57,8 @@ def run(options, report):
         folder.mkdir(parents=True, exist_ok=True)
         if "curve" in options.parts:
             curve(folder, options, report)
+        if "workers" in options.parts:
+            workers(folder, options, report)
         if "bytes" in options.parts:
             equal_bytes(folder, options, report)
     if "scheduler" in options.parts:
@@ -120,6 +123,30 @@ def curve(folder, options, report):
         sizes, costs = np.array(rows).T
         each, fixed = np.polyfit(sizes, costs, 1)
         report.note(f"processor seconds = {fixed:.1f} + {1e6 * each:.1f} for each million splats, least squares")
+
+
+def workers(folder, options, report):
+    """One city by the plain loop and by one and two workers, everything compiled before; what else ran shows in load,
+    the processes that wanted a core before each way, and in cpu over wall."""
+    source, settings = city(folder, int(options.shared)), {"tile_splats": options.tile_splats}
+    for number in (None, 1):
+        convert(city(folder, SMALL), _fresh(folder / "way"), number, tile_splats=SMALL_TILE, pixels=SMALL_PIXELS)
+    columns = {"way": "<12", "tiles": ".0f", "load": ".1f", "wall": ".1f", "tiles_wall": ".1f", "cpu": ".1f"}
+    table = report.table(f"a city of {int(options.shared):,} splats", **columns, peak_gib=".2f", differing=".0f")
+    found, expected = {}, None
+    for way, number in {"plain loop": None, "1 worker": 1, "2 workers": 2}.items():
+        load, output = os.getloadavg()[0], _fresh(folder / "way")
+        found[way] = convert(source, output, number, **settings)
+        expected = expected or checksums(output)
+        row = {name: found[way][name] for name in ("tiles", "wall", "cpu")}
+        row |= {"load": load, "tiles_wall": found[way]["seconds"]["tiles"], "peak_gib": found[way]["peak_mb"] / 1024}
+        table.add(way=way, **row, differing=differing(expected, checksums(output)))
+    plain, one, two = found.values()
+    report.note(
+        f"speed-up of 2 workers over 1: {one['wall'] / two['wall']:.2f}, over the plain loop "
+        f"{plain['wall'] / two['wall']:.2f}; processor seconds of 1 worker over those of the plain loop: "
+        f"{one['cpu'] / plain['cpu']:.2f}, wall-clock {one['wall'] / plain['wall']:.2f}"
+    )
 
 
 def equal_bytes(folder, options, report):
