@@ -17,6 +17,7 @@ import numpy as np
 
 from benchmarks.city_scheduler import simulate
 from benchmarks.harness import ROOT
+from splat2mesh.base.console import ONE_BLAS_THREAD
 from splat2mesh.tiles.seams import check_seams
 from splat2mesh.tiles.store import Store
 
@@ -93,7 +94,11 @@ def convert(source, output, workers=None, **settings):
 
 
 def _environment():
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    return {
+        **os.environ,
+        **ONE_BLAS_THREAD,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+    }
 
 
 def curve(folder, options, report):

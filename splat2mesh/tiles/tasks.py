@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from ..base.console import ONE_BLAS_THREAD
 from ..base.errors import InputError
 from ..base.extras import needed
 from ..base.version import VERSION
@@ -160,7 +161,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         assert workers is not None
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
-        with _environment({name: threads for name in _THREADS}):
+        with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -173,7 +174,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                 yield _checked(client, "the local cluster")
 
 
-_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables by which the libraries of a worker share the cores with its neighbours."""
 
 

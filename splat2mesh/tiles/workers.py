@@ -33,8 +33,9 @@ class Prepared(WorkerPlugin):
 
     def setup(self, worker: Any) -> None:
         """Threads wait asleep, as in a command; freed memory stays."""
-        from ..base.console import THREADS
+        from ..base.console import ONE_BLAS_THREAD, THREADS
 
         for key, value in THREADS.items():
             os.environ.setdefault(key, value)
+        os.environ.update(ONE_BLAS_THREAD)  # the nanny of dask has one already; without it, where NumPy has not loaded
         keep_memory()
