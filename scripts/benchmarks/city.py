@@ -132,11 +132,20 @@ def curve(folder, options, report):
 
 def workers(folder, options, report):
     """One city by the plain loop and by one and two workers, everything compiled before; what else ran shows in load,
-    the processes that wanted a core before each way, and in cpu over wall."""
+    the processes that wanted a core before each way, and in cpu over wall; busy: the share of their time in which
+    workers had a task, which says what the speed-up is where nothing else runs."""
     source, settings = city(folder, int(options.shared)), {"tile_splats": options.tile_splats}
     for number in (None, 1):
         convert(city(folder, SMALL), _fresh(folder / "way"), number, tile_splats=SMALL_TILE, pixels=SMALL_PIXELS)
-    columns = {"way": "<12", "tiles": ".0f", "load": ".1f", "wall": ".1f", "tiles_wall": ".1f", "cpu": ".1f"}
+    columns = {
+        "way": "<12",
+        "tiles": ".0f",
+        "load": ".1f",
+        "wall": ".1f",
+        "tiles_wall": ".1f",
+        "cpu": ".1f",
+        "busy": ".2f",
+    }
     table = report.table(f"a city of {int(options.shared):,} splats", **columns, peak_gib=".2f", differing=".0f")
     found, expected = {}, None
     for way, number in {"plain loop": None, "1 worker": 1, "2 workers": 2}.items():
@@ -144,6 +153,7 @@ def workers(folder, options, report):
         found[way] = convert(source, output, number, **settings)
         expected = expected or checksums(output)
         row = {name: found[way][name] for name in ("tiles", "wall", "cpu")}
+        row["busy"] = sum(found[way]["task_seconds"].values()) / sum(found[way]["seconds"].values()) / (number or 1)
         row |= {"load": load, "tiles_wall": found[way]["seconds"]["tiles"], "peak_gib": found[way]["peak_mb"] / 1024}
         table.add(way=way, **row, differing=differing(expected, checksums(output)))
     plain, one, two = found.values()
