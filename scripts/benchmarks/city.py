@@ -198,7 +198,7 @@ def equal_bytes(folder, options, report):
         found = json.loads(line)
         name = f"2 workers, death {found['number']}" if found["killed_after"] else "2 workers"
         found["differing"] = differing(expected, checksums(Path(found["output"])))
-        table.add(way=name, **{key: found[key] for key in ("killed_after", "tiles_done", "differing")})
+        table.add(way=name, killed=found["killed_after"], **{key: found[key] for key in ("tiles_done", "differing")})
         shutil.rmtree(found["output"])
     if process.wait():
         raise SystemExit(f"splat2mesh failed with {process.returncode}")
