@@ -94,7 +94,7 @@ def _prepared(store, plan, tile, sources):
     stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
     if len(splats):
         splats = splats.take(splats.spatial_order())
-    return dilated(splats, DILATION * plan.pixel), stations
+    return dilated(splats, DILATION * plan.trained), stations
 
 
 def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:

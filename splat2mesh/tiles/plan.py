@@ -27,6 +27,14 @@ LEVELS = 3
 FINEST_CELL = 0.7
 """Side of the finest cell in training pixels, as places have it."""
 
+LEAST_PIXEL = 0.5
+"""Size of a pixel that counts, over the distance of splats on the ground, at least. Dense captures of needles have
+training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
+
+PER_PLACE, LEAST_PER_PLACE, ROUNDS = 30, 3, 4
+"""Splats of the sample, on average and at least, in a square of the ground that counts as taken; and rounds in which
+the size of the squares is found."""
+
 REACH, SPACING = 1.3, 0.8
 """How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
@@ -57,8 +65,8 @@ at least, since what has less is mostly halo."""
 class Plan:
     """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
 
-    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel. finest: side of the
-    smallest cell. low, high: (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks.
+    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
+    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks.
     counts: expected splats of each core. fog, level: of the surfaces, by a sample. pixels: side of the views.
     """
 
@@ -73,6 +81,7 @@ class Plan:
     pieces: list[Any]
     splats: int
     pixels: int = REFERENCE_PIXELS
+    trained: float = 0.0
     fog: float = 0.0
     level: float = 0.5
     settings: dict[str, Any] = field(default_factory=dict)
@@ -137,6 +146,19 @@ class Plan:
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean."""
         return asdict(self)
+
+
+def apart_on_ground(places: NDArray, weights: NDArray) -> float:
+    """Distance of splats if they lay even on the ground that they take: places, (N, 2) x and z of a sample; weights,
+    (N,) splats that each stands for."""
+    low, high = np.percentile(places, [1, 99], axis=0)
+    inside = ((places >= low) & (places <= high)).all(axis=1)
+    area = max(float((high - low).prod()), 1e-30)
+    for _ in range(ROUNDS):  # squares of the size that suits the ground that is taken
+        side = math.sqrt(area * PER_PLACE / max(int(inside.sum()), 1))
+        counts = np.unique(np.floor((places[inside] - low) / side).astype(np.int64), axis=0, return_counts=True)[1]
+        area = side**2 * max(int((counts >= LEAST_PER_PLACE).sum()), 1)
+    return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
 
 
 def folder_of(tile: int) -> str:
