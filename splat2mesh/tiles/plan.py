@@ -66,8 +66,9 @@ class Plan:
     """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
 
     scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
-    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks.
-    counts: expected splats of each core. fog, level: of the surfaces, by a sample. pixels: side of the views.
+    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,)
+    box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
+    fog, level: of the surfaces, by a sample. pixels: side of the views.
     """
 
     scene_from_splat: list[list[float]]
