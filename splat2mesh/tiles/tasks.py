@@ -104,7 +104,9 @@ class Cluster:
         nodes: dict[str, Any] = {}
         for task in tasks:
             waits = [nodes[name] for name in task.after if name in nodes]
-            key = f"{task.name}-{id(self):x}-{self.runs}"
+            # dask takes what stands before the first number for the kind of task: without, each is a kind of its own,
+            # and the scheduler's time for a task grows with their number
+            key = f"{task.name.replace(' ', '-')}-{id(self):x}-{self.runs}"
             nodes[task.name] = work(task.name, task.function, task.arguments, *waits, dask_key_name=key)
         self.runs += 1
         futures = self.client.compute(list(nodes.values()), optimize_graph=False)
