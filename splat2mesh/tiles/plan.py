@@ -27,13 +27,13 @@ LEVELS = 3
 FINEST_CELL = 0.7
 """Side of the finest cell in training pixels, as places have it."""
 
-LEAST_PIXEL = 0.5
-"""Size of a pixel that counts, over the distance of splats on the ground, at least. Dense captures of needles have
+LEAST_PIXEL = 0.36
+"""Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
 training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
 
-PER_PLACE, LEAST_PER_PLACE, ROUNDS = 30, 3, 4
-"""Splats of the sample, on average and at least, in a square of the ground that counts as taken; and rounds in which
-the size of the squares is found."""
+PER_CUBE, LEAST_PER_CUBE, ROUNDS = 30, 3, 5
+"""Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
+the cubes is found."""
 
 REACH, SPACING = 1.3, 0.8
 """How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
@@ -53,8 +53,9 @@ along z, which is 10.4 along the ray in the corner of a view."""
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
 
-BASE_GB, GB_PER_SPLAT = 1.1, 4.0e-6
-"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds."""
+BASE_GB, GB_PER_SPLAT = 0.6, 7.0e-6
+"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds: 4.3e-6 in generated
+cities, 6e-6 in a trained plaza whose trees are fog."""
 
 USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
 """Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
@@ -149,16 +150,16 @@ class Plan:
         return asdict(self)
 
 
-def apart_on_ground(places: NDArray, weights: NDArray) -> float:
-    """Distance of splats if they lay even on the ground that they take: places, (N, 2) x and z of a sample; weights,
-    (N,) splats that each stands for."""
+def apart(places: NDArray, weights: NDArray) -> float:
+    """Distance of splats if they lay even on the surface: places, (N, 3) of a sample; weights, (N,) splats that each
+    stands for. The surface has as many squares as there are cubes with splats in them."""
     low, high = np.percentile(places, [1, 99], axis=0)
     inside = ((places >= low) & (places <= high)).all(axis=1)
-    area = max(float((high - low).prod()), 1e-30)
-    for _ in range(ROUNDS):  # squares of the size that suits the ground that is taken
-        side = math.sqrt(area * PER_PLACE / max(int(inside.sum()), 1))
+    area = max(float(np.sort(high - low)[1:].prod()), 1e-30)
+    for _ in range(ROUNDS):
+        side = math.sqrt(area * PER_CUBE / max(int(inside.sum()), 1))
         counts = np.unique(np.floor((places[inside] - low) / side).astype(np.int64), axis=0, return_counts=True)[1]
-        area = side**2 * max(int((counts >= LEAST_PER_PLACE).sum()), 1)
+        area = side**2 * max(int((counts >= LEAST_PER_CUBE).sum()), 1)
     return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
 
 

@@ -14,7 +14,7 @@ from ..surface.extract import EFFORTS, training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import Piece, read_piece
-from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, Plan, apart_on_ground, cut, splats_for
+from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, Plan, apart, cut, splats_for
 from .store import Store
 
 SAMPLE = 1_000_000
@@ -52,7 +52,7 @@ def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], set
     rotation, up_from = upright(settings["up"], (), sample)
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
-    pixel = max(trained, LEAST_PIXEL * apart_on_ground(turned.means[:, [0, 2]].astype(np.float64), weights))
+    pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))
     plan = Plan(
         scene_from_splat=rotation.tolist(),
         up_from=up_from,
