@@ -91,7 +91,8 @@ def parser() -> argparse.ArgumentParser:
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
-    kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one)"
+    kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one); of a city any of "
+    kinds += "glb ply npy splat sog"
     add("--format", nargs="+", action="extend", metavar="KIND", help=kinds)
     add("--sheet", action="store_true", help="sheet.png too: captured, albedo and the lights side by side")
     live = "with --format glb: live.glb too, whose light shaders turn (docs/engines.md)"

@@ -19,10 +19,11 @@ from ..options import PLACE_TOLERANCE, LightingOptions
 from ..splats.sky import SKIES
 from .local import NEAR
 from .shared import LIGHT, write_sky
-from .work import common_light, relit_far, relit_tile
+from .streamed import FOLDER, META, lod_meta
+from .work import common_light, relit_environment, relit_far, relit_tile
 
-FORMATS = ("glb", "ply", "npy", "splat")
-"""What a tile can be written as."""
+FORMATS = ("glb", "ply", "npy", "splat", "sog")
+"""What a tile can be written as; sog is one streamed SOG of all."""
 
 ALBEDOS = ("estimated", "captured", "white")
 
@@ -101,6 +102,7 @@ def relight_city(
     if resume:
         names = {f"{folder}/{entry['name']}/relit.json" for entry in city["tiles"]}
         names |= {f"{folder}/far/{number:05d}.json" for number in range(len(dealt))}
+        names |= {f"{folder}/{FOLDER}/environment.json"}
         run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
         kept = {name: took[f"check {name}"].result for name in names}
     for tile, entry in enumerate(city["tiles"]):
@@ -108,12 +110,16 @@ def relight_city(
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
             wishes = (told["sha256"], options, albedo, tuple(formats))
             tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
-    if "splat" in formats:
+    environment = f"{folder}/{FOLDER}/environment.json"
+    background = [number for number, counts in enumerate(dealt) if "-1" in counts]
+    if {"splat", "sog"} & set(formats):
         eye = np.append((np.array(plan.low) + plan.high) / 2, 1.0) @ np.linalg.inv(plan.rotation).T
-        for number, counts in enumerate(dealt):
-            if "-1" in counts and kept.get(f"{folder}/far/{number:05d}.json") is None:
-                far = (store, folder, told["sha256"], number, eye[:3].tolist(), sky)
-                tasks.append(Task(f"far {number}", relit_far, far))
+        shared = store, folder, told["sha256"]
+        for number in background:
+            if "splat" in formats and kept.get(f"{folder}/far/{number:05d}.json") is None:
+                tasks.append(Task(f"far {number}", relit_far, (*shared, number, eye[:3].tolist(), sky)))
+        if "sog" in formats and background and kept.get(environment) is None:
+            tasks.append(Task("far", relit_environment, (*shared, background, eye[:3].tolist(), sky)))
     lost = run("tiles", tasks)
     if lost:
         named = "; ".join(f"{done.name}: {done.error}" for done in lost[:5])
@@ -124,6 +130,10 @@ def relight_city(
             record | {"name": e["name"]} for record, e in zip(records, city["tiles"], strict=True) if record["vertices"]
         ]
         store.write_json(f"{folder}/tileset.json", tileset(full, "mesh.glb", None, plan.finest))
+    leaves = [leaf for record in records for leaf in record.get("leaves", ())]
+    if leaves:
+        surrounded = bool(background) and store.read_json(environment)["splats"] > 0
+        store.write_json(f"{folder}/{FOLDER}/{META}", lod_meta(leaves, surrounded))
     report = {
         "version": VERSION,
         **asked,

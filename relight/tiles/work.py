@@ -10,7 +10,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_ply_bytes
 from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
-from splat2mesh.splats.splats import NUMBERS, Splats
+from splat2mesh.splats.splats import NUMBERS, Splats, usable
 from splat2mesh.tiles.glb import glb_bytes
 from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
@@ -20,6 +20,7 @@ from ..light.environment import Environment
 from ..options import LightingOptions
 from .local import far_scene, local_scene
 from .shared import Shared, coarse_city, read_sky, write_shared
+from .streamed import FOLDER, environment_files, tile_levels
 
 
 def common_light(store: Store, folder: str, options: LightingOptions, albedo: str, ev: float | None) -> dict[str, Any]:
@@ -66,18 +67,24 @@ def relit_tile(
     sources: list[int],
     distance: float,
 ) -> dict[str, Any]:
-    """Light one tile: files of `formats` in FOLDER/tiles/TILE, and their record, which is returned."""
+    """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned."""
     shared = Shared.kept(store, folder, key)
-    name, files, facts = f"{folder}/{folder_of(tile)}", {}, {"tile": tile, "vertices": 0}
+    name = f"{folder}/{folder_of(tile)}"
+    files: dict[str, bytes] = {}
+    facts: dict[str, Any] = {"tile": tile, "vertices": 0}
+    splats = _source(store, tile, sources) if {"splat", "sog"} & set(formats) else None
     if shared.coarse[tile] is not None:
-        files, facts = _lit(store, shared, options, albedo, formats, tile, sources, distance)
-    elif "splat" in formats:
-        splats = _source(store, tile, sources)
-        files = {"splats.ply": inria_ply_bytes(splats)} if splats is not None else {}
-    return store.commit(f"{name}/relit.json", {f"{name}/{file}": data for file, data in files.items()}, **facts)
+        files, facts, splats = _lit(store, shared, options, albedo, formats, tile, splats, distance)
+    files = {f"{name}/{file}": data for file, data in files.items()}
+    if splats is not None and "splat" in formats:
+        files[f"{name}/splats.ply"] = inria_ply_bytes(splats)
+    if splats is not None and "sog" in formats:
+        levels, facts["leaves"] = tile_levels(splats, tile)
+        files |= {f"{folder}/{file}": data for file, data in levels.items()}
+    return store.commit(f"{name}/relit.json", files, **facts)
 
 
-def _lit(store, shared, options, albedo, formats, tile, sources, distance):
+def _lit(store, shared, options, albedo, formats, tile, splats, distance):
     from ..engine.relighter import Relighter
 
     local, exposure = local_scene(store, shared, tile, distance), shared.exposure
@@ -99,12 +106,13 @@ def _lit(store, shared, options, albedo, formats, tile, sources, distance):
         buffer = io.BytesIO()
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
-    if "splat" in formats and (splats := _source(store, tile, sources)) is not None:
+    if splats is not None:
         after = shading.radiance if colors is None else shading.radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
-        files["splats.ply"] = inria_ply_bytes(_relit_splats(splats, local, before, after, exposure))
+        splats = _relit_splats(splats, local, before, after, exposure)
     bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
     facts = {"tile": tile, "vertices": len(radiance), "lit_with": len(captured), "bounds": bounds}
-    return files, facts | {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
+    facts |= {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
+    return files, facts, splats
 
 
 def _albedo(relighter, captured, shared, choice, seed):
@@ -138,14 +146,29 @@ def _relit_splats(splats, local, before, after, exposure):
 
 def relit_far(store: Store, folder: str, key: str, piece: int, eye: list[float], sky: str) -> dict[str, Any]:
     """The far background of a piece in the new light: FOLDER/far/PIECE.ply."""
+    name, splats = f"{folder}/far/{piece:05d}", _far(store, folder, key, piece, eye, sky)
+    return store.commit(f"{name}.json", {f"{name}.ply": inria_ply_bytes(splats)}, piece=piece, splats=len(splats))
+
+
+def relit_environment(
+    store: Store, folder: str, key: str, pieces: list[int], eye: list[float], sky: str
+) -> dict[str, Any]:
+    """The far background of all pieces in the new light, as that of a streamed SOG: FOLDER/sog/env."""
+    parts = [_far(store, folder, key, piece, eye, sky) for piece in pieces]
+    whole = joined([part.take(usable(part)[0]) for part in parts])
+    files = environment_files(whole) if len(whole) else {}
+    files = {f"{folder}/{name}": data for name, data in files.items()}
+    return store.commit(f"{folder}/{FOLDER}/environment.json", files, splats=len(whole))
+
+
+def _far(store, folder, key, piece, eye, sky):
     from ..splats.sky import under_sky
 
-    name = f"{folder}/far/{piece:05d}"
     kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
     splats = Splats(**{field: kept[field] for field in NUMBERS})
-    if sky != "keep":
-        shared = Shared.kept(store, folder, key)
-        rows = np.flatnonzero(np.isfinite(splats.means).all(axis=1))
-        light = shared.sky, shared.scene_from_splat, shared.exposure
-        splats = under_sky(splats, rows, *light, sky, np.array(eye))
-    return store.commit(f"{name}.json", {f"{name}.ply": inria_ply_bytes(splats)}, piece=piece, splats=len(splats))
+    if sky == "keep":
+        return splats
+    shared = Shared.kept(store, folder, key)
+    rows = np.flatnonzero(np.isfinite(splats.means).all(axis=1))
+    light = shared.sky, shared.scene_from_splat, shared.exposure
+    return under_sky(splats, rows, *light, sky, np.array(eye))

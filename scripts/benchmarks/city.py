@@ -17,12 +17,13 @@ import numpy as np
 
 from benchmarks.city_scheduler import simulate
 from benchmarks.harness import ROOT
+from splat2mesh.base.console import ONE_BLAS_THREAD
 from splat2mesh.tiles.seams import check_seams
 from splat2mesh.tiles.store import Store
 
 QUICK = ["1000", "--parts", "scheduler", "--dummies", "50"]
 
-PARTS = ("curve", "bytes", "scheduler")
+PARTS = ("curve", "workers", "bytes", "scheduler")
 
 SMALL, SMALL_TILE, SMALL_PIXELS = 24_000, 9_000, 40
 """Of the city that is made in every way: splats, those of a tile and its halo, side of the views."""
@@ -45,6 +46,7 @@ def arguments(parser):
     add(
         "--deaths", type=int, default=20, metavar="N", help="runs with a worker killed at random (default: %(default)s)"
     )
+    add("--shared", type=float, default=3e5, metavar="SPLATS", help="city that workers share (default: %(default)g)")
     add("--dummies", type=int, nargs="+", default=[100, 1000, 10_000], metavar="N", help="tiles of the simulation")
     add("--dummy-workers", type=int, default=4, metavar="N", help="its workers (default: %(default)s)")
     add("--folder", type=Path, help="keep the cities here, and take those that are (default: temporary)")
@@ -56,6 +58,8 @@ def run(options, report):
         folder.mkdir(parents=True, exist_ok=True)
         if "curve" in options.parts:
             curve(folder, options, report)
+        if "workers" in options.parts:
+            workers(folder, options, report)
         if "bytes" in options.parts:
             equal_bytes(folder, options, report)
     if "scheduler" in options.parts:
@@ -90,7 +94,11 @@ def convert(source, output, workers=None, **settings):
 
 
 def _environment():
-    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    return {
+        **os.environ,
+        **ONE_BLAS_THREAD,
+        "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+    }
 
 
 def curve(folder, options, report):
@@ -120,6 +128,40 @@ def curve(folder, options, report):
         sizes, costs = np.array(rows).T
         each, fixed = np.polyfit(sizes, costs, 1)
         report.note(f"processor seconds = {fixed:.1f} + {1e6 * each:.1f} for each million splats, least squares")
+
+
+def workers(folder, options, report):
+    """One city by the plain loop and by one and two workers, everything compiled before; what else ran shows in load,
+    the processes that wanted a core before each way, and in cpu over wall; busy: the share of their time in which
+    workers had a task, which says what the speed-up is where nothing else runs."""
+    source, settings = city(folder, int(options.shared)), {"tile_splats": options.tile_splats}
+    for number in (None, 1):
+        convert(city(folder, SMALL), _fresh(folder / "way"), number, tile_splats=SMALL_TILE, pixels=SMALL_PIXELS)
+    columns = {
+        "way": "<12",
+        "tiles": ".0f",
+        "load": ".1f",
+        "wall": ".1f",
+        "tiles_wall": ".1f",
+        "cpu": ".1f",
+        "busy": ".2f",
+    }
+    table = report.table(f"a city of {int(options.shared):,} splats", **columns, peak_gib=".2f", differing=".0f")
+    found, expected = {}, None
+    for way, number in {"plain loop": None, "1 worker": 1, "2 workers": 2}.items():
+        load, output = os.getloadavg()[0], _fresh(folder / "way")
+        found[way] = convert(source, output, number, **settings)
+        expected = expected or checksums(output)
+        row = {name: found[way][name] for name in ("tiles", "wall", "cpu")}
+        row["busy"] = sum(found[way]["task_seconds"].values()) / sum(found[way]["seconds"].values()) / (number or 1)
+        row |= {"load": load, "tiles_wall": found[way]["seconds"]["tiles"], "peak_gib": found[way]["peak_mb"] / 1024}
+        table.add(way=way, **row, differing=differing(expected, checksums(output)))
+    plain, one, two = found.values()
+    report.note(
+        f"speed-up of 2 workers over 1: {one['wall'] / two['wall']:.2f}, over the plain loop "
+        f"{plain['wall'] / two['wall']:.2f}; processor seconds of 1 worker over those of the plain loop: "
+        f"{one['cpu'] / plain['cpu']:.2f}, wall-clock {one['wall'] / plain['wall']:.2f}"
+    )
 
 
 def equal_bytes(folder, options, report):
@@ -156,7 +198,7 @@ def equal_bytes(folder, options, report):
         found = json.loads(line)
         name = f"2 workers, death {found['number']}" if found["killed_after"] else "2 workers"
         found["differing"] = differing(expected, checksums(Path(found["output"])))
-        table.add(way=name, **{key: found[key] for key in ("killed_after", "tiles_done", "differing")})
+        table.add(way=name, killed=found["killed_after"], **{key: found[key] for key in ("tiles_done", "differing")})
         shutil.rmtree(found["output"])
     if process.wait():
         raise SystemExit(f"splat2mesh failed with {process.returncode}")

@@ -26,6 +26,9 @@ THREADS = {
 }
 """Environment variables of a process that belongs to this toolkit alone; both are read as the libraries load."""
 
+ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
+"""Whatever the user has: sums of matrix products depend on the number of threads, and so would the bytes of results."""
+
 
 _JOINERS = "\u200c\u200d"
 """They show nothing and belong to words of Persian and Indian scripts, and to emoji."""
@@ -48,6 +51,7 @@ def run(
     _owns_process = True
     for name, value in THREADS.items():
         os.environ.setdefault(name, value)
+    os.environ.update(ONE_BLAS_THREAD)
     names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
     with warnings.catch_warnings():
         told: set[str] = set()

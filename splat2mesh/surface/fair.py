@@ -2,7 +2,6 @@
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array
-from scipy.sparse.linalg import cg
 
 STRENGTH = 300.0
 """Weight of smoothness where edges are one training pixel long. Noise has the size of Gaussians, so it counts in
@@ -41,15 +40,37 @@ def fair(
     if fixed is not None:
         trust[fixed] = HELD
     system = (diags_array(trust) + bending).tocsr()
-    preconditioner = diags_array(1.0 / system.diagonal())
-    faired = points.astype(np.float64)
-    for axis in range(3):
-        pull = -(bending @ points[:, axis])
-        step, _ = cg(system, pull, rtol=TOLERANCE, maxiter=MAX_ITERATIONS, M=preconditioner)
-        faired[:, axis] += step
+    faired = points + _solved(system, -(bending @ points))
     if fixed is not None:
         faired[fixed] = points[fixed]
     return faired
+
+
+def _solved(system, right):
+    """(V, 3) solution of a positive definite system for three right sides, by conjugate gradients with the diagonal as
+    preconditioner. Products are summed by einsum: those of BLAS depend on how many threads it has."""
+    inverse = (1.0 / system.diagonal())[:, None]
+    solution, rest, direction = np.zeros_like(right), right.copy(), np.zeros_like(right)
+    enough = TOLERANCE**2 * _products(right, right)
+    before = np.ones(3)
+    for _ in range(MAX_ITERATIONS):
+        going = _products(rest, rest) > enough
+        if not going.any():
+            break
+        scaled = inverse * rest
+        now = _products(rest, scaled)
+        direction = scaled + np.where(going, now / before, 0.0) * direction
+        image = system @ direction
+        length = np.where(going, now / np.where(going, _products(direction, image), 1.0), 0.0)
+        solution += length * direction
+        rest -= length * image
+        before = np.where(going, now, 1.0)
+    return solution
+
+
+def _products(a, b):
+    """(3,) inner products of the columns of two (V, 3) arrays."""
+    return np.einsum("ij,ij->j", a, b)
 
 
 def _laplacian(faces, count):

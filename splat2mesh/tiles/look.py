@@ -27,6 +27,10 @@ PROBES, PROBE_PIXELS = 8, 96
 EXTENT = 3.0
 """How far a splat reaches, in units of its largest scale: its opacity is 1/90 there."""
 
+DEEPEST = 8
+"""Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
+view, so that the pixel lies in the range of all tiles on whose border the point stands."""
+
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -94,7 +98,7 @@ def _prepared(store, plan, tile, sources):
     stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
     if len(splats):
         splats = splats.take(splats.spatial_order())
-    return dilated(splats, DILATION * plan.pixel), stations
+    return dilated(splats, DILATION * plan.trained), stations
 
 
 def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
@@ -119,7 +123,8 @@ def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
             normal = kept["normal"][row].astype(np.float32)
             normal /= np.maximum(np.sqrt((normal * normal).sum(axis=-1, keepdims=True)), 1e-6)
             color = kept["color"][row].astype(np.float32) / np.float32(255)
-            seen = FieldDepth(depth, normal, kept["spread"][row], color, np.isfinite(depth).astype(np.float32))
+            spread = np.minimum(kept["spread"][row], np.float32(DEEPEST * plan.block))
+            seen = FieldDepth(depth, normal, spread, color, np.isfinite(depth).astype(np.float32))
             found.append(Face(view, seen, kept["thickness"][row]))
     return found
 

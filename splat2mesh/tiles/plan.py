@@ -27,6 +27,14 @@ LEVELS = 3
 FINEST_CELL = 0.7
 """Side of the finest cell in training pixels, as places have it."""
 
+LEAST_PIXEL = 0.36
+"""Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
+training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
+
+PER_CUBE, LEAST_PER_CUBE, ROUNDS = 30, 3, 5
+"""Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
+the cubes is found."""
+
 REACH, SPACING = 1.3, 0.8
 """How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
@@ -45,20 +53,23 @@ along z, which is 10.4 along the ray in the corner of a view."""
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
 
-BASE_GB, GB_PER_SPLAT = 1.1, 4.0e-6
-"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds."""
+BASE_GB, GB_PER_SPLAT = 0.6, 7.0e-6
+"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds: 4.3e-6 in generated
+cities, 6e-6 in a trained plaza whose trees are fog."""
 
-MOST_SPLATS, LEAST_SPLATS = 400_000, 5_000
-"""Of a tile with its halo, whatever the memory: more tiles can share more machines; fewer are mostly halo."""
+USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
+"""Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
+at least, since what has less is mostly halo."""
 
 
 @dataclass
 class Plan:
     """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
 
-    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel. finest: side of the
-    smallest cell. low, high: (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks.
-    counts: expected splats of each core. fog, level: of the surfaces, by a sample. pixels: side of the views.
+    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
+    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,)
+    box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
+    fog, level: of the surfaces, by a sample. pixels: side of the views.
     """
 
     scene_from_splat: list[list[float]]
@@ -72,6 +83,7 @@ class Plan:
     pieces: list[Any]
     splats: int
     pixels: int = REFERENCE_PIXELS
+    trained: float = 0.0
     fog: float = 0.0
     level: float = 0.5
     settings: dict[str, Any] = field(default_factory=dict)
@@ -138,6 +150,19 @@ class Plan:
         return asdict(self)
 
 
+def apart(places: NDArray, weights: NDArray) -> float:
+    """Distance of splats if they lay even on the surface: places, (N, 3) of a sample; weights, (N,) splats that each
+    stands for. The surface has as many squares as there are cubes with splats in them."""
+    low, high = np.percentile(places, [1, 99], axis=0)
+    inside = ((places >= low) & (places <= high)).all(axis=1)
+    area = max(float(np.sort(high - low)[1:].prod()), 1e-30)
+    for _ in range(ROUNDS):
+        side = math.sqrt(area * PER_CUBE / max(int(inside.sum()), 1))
+        counts = np.unique(np.floor((places[inside] - low) / side).astype(np.int64), axis=0, return_counts=True)[1]
+        area = side**2 * max(int((counts >= LEAST_PER_CUBE).sum()), 1)
+    return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
+
+
 def folder_of(tile: int) -> str:
     """The folder of a tile."""
     return f"tiles/{tile:05d}"
@@ -156,7 +181,7 @@ def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
     if wanted is not None:
         return wanted
     if memory_gb is None:
-        return MOST_SPLATS
+        return USUAL_SPLATS
     room = (memory_gb - BASE_GB) / GB_PER_SPLAT
     if room < LEAST_SPLATS:
         least = BASE_GB + LEAST_SPLATS * GB_PER_SPLAT

@@ -34,11 +34,11 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     known = Plan.kept(store, key)
     faces = faces_around(store, known, tile)
     sights = [sight_of(face, known, tile) for face in faces]
-    raw = raw_surface(sights, known, tile, carve_of(known))
-    del sights
     views, seen, thickness = ([getattr(face, name) for face in faces] for name in Face._fields)
     album = Album.of(views, seen, thickness) if faces else None
     del faces, seen, thickness
+    raw = raw_surface(sights, known, tile, carve_of(known))
+    del sights
     made, facts = tile_mesh(raw, tile, album, known)
     name, files = folder_of(tile), {}
     if len(made.faces):

@@ -14,7 +14,7 @@ from ..surface.extract import EFFORTS, training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import Piece, read_piece
-from .plan import FINEST_CELL, REFERENCE_PIXELS, Plan, cut, splats_for
+from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, Plan, apart, cut, splats_for
 from .store import Store
 
 SAMPLE = 1_000_000
@@ -51,7 +51,8 @@ def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], set
     check_extent(sample)
     rotation, up_from = upright(settings["up"], (), sample)
     turned = placed(sample, rotation)
-    pixel = training_pixel(turned)
+    trained = training_pixel(turned)
+    pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))
     plan = Plan(
         scene_from_splat=rotation.tolist(),
         up_from=up_from,
@@ -64,6 +65,7 @@ def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], set
         pieces=[list(piece) for piece in pieces],
         splats=sum(count["splats"] for count in counts),
         pixels=PIXELS[settings["detail"]],
+        trained=trained,
         settings=settings,
     )
     bounds = bounds_of(turned) + np.array([[-1.0], [1.0]]) * OUTSIDE * plan.spacing

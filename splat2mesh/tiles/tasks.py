@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
+from ..base.console import ONE_BLAS_THREAD
 from ..base.errors import InputError
 from ..base.extras import needed
 from ..base.version import VERSION
@@ -103,7 +104,9 @@ class Cluster:
         nodes: dict[str, Any] = {}
         for task in tasks:
             waits = [nodes[name] for name in task.after if name in nodes]
-            key = f"{task.name}-{id(self):x}-{self.runs}"
+            # dask takes what stands before the first number for the kind of task: without, each is a kind of its own,
+            # and the scheduler's time for a task grows with their number
+            key = f"{task.name.replace(' ', '-')}-{id(self):x}-{self.runs}"
             nodes[task.name] = work(task.name, task.function, task.arguments, *waits, dask_key_name=key)
         self.runs += 1
         futures = self.client.compute(list(nodes.values()), optimize_graph=False)
@@ -143,7 +146,11 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
     import dask
     from dask.distributed import Client, LocalCluster
 
-    settings = {"distributed.scheduler.allowed-failures": DEATHS, "distributed.logging.distributed": "critical"}
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS,
+        "distributed.logging.distributed": "critical",
+        "distributed.worker.profile.enabled": False,  # a thread that looks at the task all the time
+    }
     with dask.config.set(settings):
         if scheduler is not None:
             try:
@@ -156,7 +163,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         assert workers is not None
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
-        with _environment({name: threads for name in _THREADS}):
+        with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -169,7 +176,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                 yield _checked(client, "the local cluster")
 
 
-_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
 """Variables by which the libraries of a worker share the cores with its neighbours."""
 
 
@@ -206,18 +213,18 @@ def _checked(client, name):
     for address, version in versions.items():
         if version != VERSION:
             raise InputError(f"the worker at {address} has version {version} of splat2mesh, here is {VERSION}")
+    from .workers import Prepared
+
+    client.register_plugin(Prepared())
     return Cluster(client)
 
 
 def _version() -> str:
-    """The version on a worker; threads wait asleep there, as in a command."""
+    """The version on a worker."""
     try:
-        from splat2mesh.base.console import THREADS
         from splat2mesh.base.version import VERSION as here
     except ImportError:
         return "none"
-    for key, value in THREADS.items():
-        os.environ.setdefault(key, value)
     return here
 
 

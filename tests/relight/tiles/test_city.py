@@ -6,15 +6,20 @@ import numpy as np
 import pytest
 from buckets import bucket_server, copied, made_bucket, sent
 from cities import few_pixels, generated, meshed, sums
+from scipy.spatial import cKDTree
+from splat_samples import make_splats
 
 from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
 from relight.tiles.city import relight_city
 from relight.tiles.local import local_scene, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
+from relight.tiles.streamed import LEVELS, META, environment_files, lod_meta, tile_levels
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.formats.streamed import open_streamed
+from splat2mesh.splats.joining import joined
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Loop
 
@@ -83,6 +88,57 @@ def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
         means = np.concatenate([store.read_arrays(f"splats/{piece.name}")["means"] for piece in pieces])
         np.testing.assert_array_equal(relit_tile.means, means)
         assert np.isfinite(relit_tile.sh).all()
+
+
+def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit):
+    formats = ("splat", "sog")
+    relight_city(city, "noon", Loop(), OPTIONS, formats=formats, folder="relit/sog")
+    folder = city / "relit/sog"
+    capture = open_streamed(folder / "sog/lod-meta.json")
+    expected = [read_splats(path) for path in sorted((folder / "tiles").glob("*/splats.ply"))]
+    assert capture.counts[0] == sum(map(len, expected)) and len(capture.counts) == LEVELS
+    for finer, coarser in zip(capture.counts, capture.counts[1:], strict=False):
+        assert finer / 4 <= coarser < finer / 3
+        capture.check_tiles(1)
+    assert capture.environment is None
+    whole = joined(expected)
+    found = read_splats(folder / "sog/lod-meta.json", 0)
+    distance, nearest = cKDTree(whole.means).query(found.means)
+    assert distance.max() < 0.01
+    assert np.abs(found.sh[:, 0] - whole.sh[nearest, 0]).mean() < 0.02
+    coarse = read_splats(folder / "sog/lod-meta.json", LEVELS - 1)
+    box = whole.means.min(axis=0), whole.means.max(axis=0)
+    assert (coarse.means >= box[0]).all() and (coarse.means <= box[1]).all()
+    before = sums(folder)
+    (folder / "sog/1_00001/meta.json").unlink()
+    relight_city(city, "noon", Loop(), OPTIONS, formats=formats, folder="relit/sog", resume=True)
+    assert sums(folder) == before
+
+
+def test_large_tiles_have_many_leaves_and_the_far_background_is_the_environment(tmp_path, monkeypatch):
+    monkeypatch.setattr("relight.tiles.streamed.LEAF", 100)
+    splats, far = make_splats(1000, 0), make_splats(30, 0)
+    files, leaves = tile_levels(splats, 7)
+    for name, data in (files | environment_files(far)).items():
+        Store(tmp_path).write(name, data)
+    assert len(leaves) == 16
+    Store(tmp_path).write_json(f"sog/{META}", lod_meta(leaves, True))
+    found = read_splats(tmp_path / "sog" / META, 0)
+    assert found.environment.sum() == 30 and len(found) == 1030
+    for leaf in leaves:
+        first = leaf["lods"]["0"]["offset"]
+        means = found.means[first : first + leaf["lods"]["0"]["count"]]
+        assert len(means) <= 100
+        assert (means >= leaf["bound"]["min"]).all() and (means <= leaf["bound"]["max"]).all()
+    nodes, seen = [lod_meta(leaves, True)["tree"]], []
+    while nodes:
+        node = nodes.pop()
+        nodes += node.get("children", [])
+        for child in node.get("children", []):
+            assert np.all(np.array(child["bound"]["min"]) >= node["bound"]["min"])
+            assert np.all(np.array(child["bound"]["max"]) <= node["bound"]["max"])
+        seen += [node["lods"]["0"]["offset"]] if "lods" in node else []
+    assert sorted(seen) == sorted(leaf["lods"]["0"]["offset"] for leaf in leaves)
 
 
 def test_a_run_that_goes_on_ends_in_the_same_bytes(city, relit):

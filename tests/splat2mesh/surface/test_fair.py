@@ -1,5 +1,9 @@
 """Fairing: the least squares it promises, noise gone and shape kept, thin surfaces trusted more than fuzzy ones."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from mesh_samples import arrays, border_vertices, face_normals, sheet, sheet_points, slivered_sphere, sphere, volume
@@ -209,3 +213,28 @@ def test_it_is_the_same_every_time_and_leaves_its_input_alone():
     assert first.tobytes() == second.tobytes() and np.isfinite(first).all()
     np.testing.assert_array_equal(points, before[0])
     np.testing.assert_array_equal(faces, before[1])
+
+
+THREADED = """
+import hashlib, sys
+import numpy as np
+from mesh_samples import sheet, sheet_points
+from splat2mesh.surface.fair import fair
+points = sheet_points(150, 150) + np.random.default_rng(0).normal(0, 0.2, (150 * 150, 3))
+print(hashlib.sha256(fair(points, sheet(150, 150), np.ones(len(points)), 1.0).tobytes()).hexdigest())
+"""
+
+
+def test_the_bytes_do_not_depend_on_the_threads_of_blas():
+    known = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", THREADED],
+            env=known | {"OPENBLAS_NUM_THREADS": str(threads)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in (1, 2)
+    ]
+    assert found[0] == found[1] and len(found[0]) == 65

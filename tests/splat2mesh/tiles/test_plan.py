@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.tiles.plan import RING, Plan, cut, splats_for
+from splat2mesh.tiles.plan import RING, Plan, apart, cut, splats_for
 
 
 def plan_of(tiles):
@@ -38,9 +38,18 @@ def test_a_tile_is_near_itself_and_those_within_the_distance():
 def test_memory_that_the_libraries_fill_is_refused():
     with pytest.raises(InputError, match="`memory`"):
         splats_for(0.5)
-    assert splats_for(1.9) == pytest.approx(200_000, rel=0.1) and splats_for(1000.0) == splats_for(None)
+    assert splats_for(2.0) == pytest.approx(200_000, rel=0.1)
+    assert splats_for(1000.0) > splats_for(None) > splats_for(2.0)
 
 
 def test_a_city_beyond_the_lattice_is_refused():
     with pytest.raises(InputError, match="too many"):
         cut(np.zeros((1, 2)), np.ones(1), np.zeros(2), np.full(2, 1e6), 0.1, 1.0, 10)
+
+
+def test_the_distance_of_splats_goes_by_the_surface_that_they_lie_on():
+    rng = np.random.default_rng(0)
+    ground = rng.uniform(0, [400, 0, 20], (20_000, 3))
+    wall = rng.uniform(0, [400, 20, 0], (20_000, 3))
+    found = apart(np.concatenate([ground, wall]), np.full(40_000, 5.0))
+    assert found == pytest.approx(np.sqrt(2 * 400 * 20 / 200_000), rel=0.25)

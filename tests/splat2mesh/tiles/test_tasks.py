@@ -1,8 +1,10 @@
 """Tasks on one process and on workers: order, failures, deaths."""
 
 import os
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from splat2mesh.tiles.tasks import Cluster, Loop, Task, engine
@@ -50,3 +52,24 @@ def test_workers_say_the_same_and_one_that_dies_or_is_gone_is_replaced(tmp_path,
         assert sorted(done.result for done in running.run(tasks)) == [0]
         running.client.retire_workers(list(running.client.scheduler_info(n_workers=-1)["workers"]))
         assert outcomes(running) == outcomes(Loop())
+
+
+def faults(size):
+    """Page faults of making an array of so many bytes ten times over, once it was made."""
+    import resource
+
+    def made():
+        for _ in range(10):
+            np.ones(size, np.uint8)
+        return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+
+    made()
+    return -made() + made()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's malloc")
+def test_a_worker_keeps_its_memory_for_what_comes_next():
+    pytest.importorskip("distributed")
+    with engine(None, 1, None) as running:
+        (done,) = running.run([Task("faults", faults, (3 << 20,))])
+    assert done.result < 10 * (3 << 20) / os.sysconf("SC_PAGE_SIZE") / 10  # all of them without

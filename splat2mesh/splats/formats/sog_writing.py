@@ -1,0 +1,89 @@
+"""PlayCanvas SOG out, version 2: the images of quantised attributes and their meta.json, without harmonics.
+
+Source: developer.playcanvas.com, "The SOG format".
+"""
+
+import json
+import math
+import warnings
+
+import numpy as np
+
+from ...base.errors import DataWarning
+from ...base.version import VERSION
+from ..splats import Splats
+from .encoding import hide_unusable, levels, smallest_three
+
+ENTRIES, BINS, ROUNDS = 256, 1 << 16, 12
+"""Of a codebook; of the histogram that it is fitted to; and rounds of Lloyd's method, after which steps are small."""
+
+LEAST_SCALE_LOG = -30.0
+"""A scale of 0 counts as this: a tenth of a million-millionth."""
+
+
+def sog_files(splats: Splats, path: str = "splats") -> dict[str, bytes]:
+    """File name -> bytes of an unbundled SOG, row i being splat i; the same splats give the same bytes.
+
+    path: what warnings call it. Warns with a DataWarning of splats that hold no finite values, which go out as
+    transparent ones, and of harmonics, which are left out: each splat keeps its colour without a direction.
+    """
+    if splats.degree:
+        warnings.warn(f"{path}: the harmonics of {len(splats)} splats were left out", DataWarning, stacklevel=2)
+    splats, _ = hide_unusable(splats, path)
+    mean_log = np.copysign(np.log1p(np.abs(splats.means.astype(np.float64))), splats.means)
+    low, high = mean_log.min(axis=0), mean_log.max(axis=0)
+    fixed = levels((mean_log - low) / np.maximum(high - low, 1e-12), 16)
+    with np.errstate(divide="ignore"):
+        scale_log = np.maximum(np.log(splats.scales.astype(np.float64)), LEAST_SCALE_LOG)
+    quats = splats.quats_wxyz.astype(np.float64)
+    small, largest = smallest_three(quats / np.linalg.norm(quats, axis=1, keepdims=True))
+    turned = levels((small * math.sqrt(2) + 1) / 2, 8)
+    scale_book, scales = _coded(scale_log)
+    color_book, colors = _coded(splats.sh[:, 0].astype(np.float64))
+    means = {"mins": low.tolist(), "maxs": high.tolist(), "files": ["means_l.webp", "means_u.webp"]}
+    meta = {
+        "version": 2,
+        "asset": {"generator": f"splat2mesh {VERSION}"},
+        "count": len(splats),
+        "means": means,
+        "scales": {"codebook": scale_book, "files": ["scales.webp"]},
+        "quats": {"files": ["quats.webp"]},
+        "sh0": {"codebook": color_book, "files": ["sh0.webp"]},
+    }
+    images = {
+        "means_l.webp": fixed & 255,
+        "means_u.webp": fixed >> 8,
+        "quats.webp": np.column_stack([turned, 252 + largest]),
+        "scales.webp": scales,
+        "sh0.webp": np.column_stack([colors, levels(splats.opacities, 8)]),
+    }
+    return {name: _webp(values) for name, values in images.items()} | {"meta.json": json.dumps(meta).encode()}
+
+
+def _coded(values):
+    """A codebook of ENTRIES ascending numbers, and the entry nearest to each value: list, uint8 of the same shape."""
+    low, high = float(values.min()), float(values.max())
+    step = max(high - low, 1e-9) / BINS
+    counts = np.bincount(np.minimum(((values - low) / step).astype(np.int64), BINS - 1).ravel(), minlength=BINS)
+    centers = low + (np.arange(BINS) + 0.5) * step
+    # Where much lies entries are dense, and none is far from any value: half by number, half by distance.
+    rising = np.cumsum(counts) / counts.sum() + (np.arange(BINS) + 1) / BINS
+    book = np.interp((np.arange(ENTRIES) + 0.5) / ENTRIES * 2.0, rising, centers)
+    number, moment = (np.append(0.0, np.cumsum(each)) for each in (counts, counts * centers))
+    for _ in range(ROUNDS):
+        edges = np.concatenate([[0], np.searchsorted(centers, (book[1:] + book[:-1]) / 2), [BINS]])
+        held = np.diff(number[edges])
+        book = np.where(held > 0, np.diff(moment[edges]) / np.maximum(held, 1), book)
+    book = np.sort(book).astype(np.float32)
+    return book.tolist(), np.searchsorted((book[1:] + book[:-1]) / 2, values).astype(np.uint8)
+
+
+def _webp(values):
+    """(N, 3 or 4) integers to 255 as an image without loss, a row of pixels after the other; the rest is black."""
+    import imagecodecs
+
+    width = 4 * math.ceil(math.sqrt(len(values)) / 4)
+    image = np.zeros((4 * math.ceil(len(values) / width / 4) * width, 4), np.uint8)
+    image[:, 3] = 255
+    image[: len(values), : values.shape[1]] = values
+    return imagecodecs.webp_encode(image.reshape(-1, width, 4), lossless=True)

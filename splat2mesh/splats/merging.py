@@ -1,0 +1,39 @@
+"""Splats made fewer: neighbours become one that has their mean, spread, colour and cover."""
+
+import numpy as np
+
+from .splats import FLATTEST, Splats
+
+TOGETHER = 4
+"""Splats that become one."""
+
+
+def merged(splats: Splats, together: int = TOGETHER) -> Splats:
+    """Every few successive splats as one, so in spatial order; the last may stand for fewer. Without harmonics.
+
+    Mean, covariance and colour are those of the mixture, each splat weighing its opacity times its area, and the
+    opacity keeps the sum of these, up to 1. Splats must be usable (`splats.clean`).
+    Source: Goldberger and Roweis, "Hierarchical Clustering of a Mixture Model" (2004).
+    """
+    from scipy.spatial.transform import Rotation
+
+    starts = np.arange(0, len(splats), together)
+    group = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(splats))))
+
+    def sums(values):
+        return np.add.reduceat(values, starts, axis=0)
+
+    area = np.sort(splats.scales.astype(np.float64), axis=1)[:, 1:].prod(axis=1)
+    cover = splats.opacities * area
+    share = np.maximum(cover, 1e-300)
+    share = share / sums(share)[group]
+    means = sums(share[:, None] * splats.means)
+    away = splats.means - means[group]
+    spread = splats.covariances().astype(np.float64) + away[:, :, None] * away[:, None, :]
+    squares, axes = np.linalg.eigh(sums(share[:, None, None] * spread))
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1.0
+    scales = np.sqrt(np.maximum(squares, 0.0))
+    scales = np.maximum(scales, FLATTEST * scales.max(axis=1, keepdims=True))
+    opacities = np.minimum(sums(cover) / np.maximum(scales[:, 1] * scales[:, 2], 1e-300), 1.0)
+    colors = sums(share[:, None, None] * splats.sh[:, :1])
+    return Splats(means, scales, np.roll(Rotation.from_matrix(axes).as_quat(), 1, axis=1), opacities, colors)
