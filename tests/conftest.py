@@ -3,9 +3,11 @@
 import os
 import signal
 
-# A shell that starts the tests in the background has them ignore Ctrl-C, and whatever they start would too.
+# A shell that starts the tests in the background has them ignore Ctrl-C, nohup a hang-up; what they start would too.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)  # the tests go on; what they start has its own say
 
 # As the commands set them, before any library reads them: waiting threads must not take the cores of other tests.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")

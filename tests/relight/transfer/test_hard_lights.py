@@ -290,7 +290,7 @@ def test_chunks_change_no_bit_of_anything(whole, chunks):
 
 
 def row_sums(matrix, content):
-    """Rows of the matrix as lists of (content of a vertex, weight), vertices of equal content as one, in order."""
+    """Rows of the matrix, by vertex, as lists of (content of a vertex, weight), vertices of equal content as one."""
     rows = []
     for starts, columns, weights in matrix._blocks:
         for begin, end in pairwise(starts):
@@ -305,7 +305,7 @@ def row_sums(matrix, content):
                 joined = column < 0
             assert not joined
             rows.append(row)
-    return rows
+    return [rows[place] for place in np.argsort(matrix._rows)]
 
 
 def test_copies_on_seams_are_one_vertex_of_the_matrix(whole):
