@@ -241,13 +241,13 @@ def _beside_sun(patches, known, directions, region, project, sun):
     bands = int(np.sqrt(patches.transfer.shape[1]))
     flat = np.maximum(patches.transfer @ (project.T @ region), 0.0)
     bright = np.exp(patches.log_captured)
-    best, found = -np.inf, None
-    for direction, light in zip(around, _sunlit(patches, around, bands).T, strict=True):
-        for albedo in ALBEDOS:
-            lacking = bright / albedo - known
-            for part in PARTS:
-                excess = part * max(weighted_median(lacking / np.maximum(flat, 1e-9), patches.weight), 0.0)
-                scale = weighted_median((lacking - excess * flat) / np.maximum(light, 1e-9), patches.weight)
+    lights, best, found = np.maximum(_sunlit(patches, around, bands).T, 1e-9), -np.inf, None
+    for albedo in ALBEDOS:
+        lacking = bright / albedo - known
+        most = max(weighted_median(lacking / np.maximum(flat, 1e-9), patches.weight), 0.0)
+        for excess in (part * most for part in PARTS):
+            for direction, light in zip(around, lights, strict=True):
+                scale = weighted_median((lacking - excess * flat) / light, patches.weight)
                 if scale > 0.0:
                     received = known + excess * flat + scale * light
                     odds = _evidence(patches, received) - 0.5 * (np.log(_slope(patches, received) / SLOPE) / STEEP) ** 2

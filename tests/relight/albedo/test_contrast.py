@@ -87,6 +87,14 @@ def clipped_picture(light):
     return CapturedSky((bound * seen).astype(np.float32), bound, clipped.astype(np.float32))
 
 
+def under_a_sun(geometry, albedo):
+    """Direction of a sun, what of SKY lies above the horizon, and the colours captured under both."""
+    toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
+    above = SKY[..., 1:2] > 0.0
+    light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
+    return toward, above, photographed(geometry, albedo, light)
+
+
 def test_looks_see_fronts_from_where_the_capture_stood(place):
     scene, _, _, looks = place
     count = len(scene.vertices)
@@ -124,10 +132,7 @@ def test_contrast_tells_on_which_side_a_clipped_sky_is_bright(place, toward):
 
 def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
     _, geometry, albedo, looks = place
-    toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
-    above = SKY[..., 1:2] > 0.0
-    light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
-    captured = photographed(geometry, albedo, light)
+    toward, above, captured = under_a_sun(geometry, albedo)
     seen = above & (np.arccos(np.clip(SKY @ toward, -1, 1)) > np.radians(35.0))[..., None]
     bound = np.broadcast_to(seen, (64, 128, 3)).astype(np.float32)
     sky = CapturedSky(0.4 * bound, bound, np.zeros_like(bound))
@@ -141,10 +146,7 @@ def test_a_sun_that_no_camera_saw_is_found_by_its_shadows(place):
 
 def test_a_sun_over_what_was_photographed_from_outside_is_found_where_little_sky_was_seen(place):
     _, geometry, albedo, _ = place
-    toward = np.array([0.55, 0.7, -0.45]) / np.linalg.norm([0.55, 0.7, -0.45])
-    above = SKY[..., 1:2] > 0.0
-    light = Environment(np.where(above, 0.4, 0.05) + lobe(toward, 40.0, 8.0), "sunny")
-    captured = photographed(geometry, albedo, light)
+    toward, above, captured = under_a_sun(geometry, albedo)
     bound = np.broadcast_to(above & (SKY[..., 2:] < -0.9), (64, 128, 3)).astype(np.float32)
     sky = CapturedSky(0.4 * bound, bound, np.zeros_like(bound))
     assert 0.0 < told_by_sky(sky) < LITTLE_TOLD
