@@ -12,6 +12,18 @@ MEANINGLESS = ("capture_env", "plan", "no_cache", "view", "screenshot", "serve",
 """Options that a city does not know, as it does not know `splat` and `lights`."""
 
 
+def understood(options: argparse.Namespace, defaults: argparse.Namespace, angles: list[float]) -> list[str]:
+    """The formats that options of a city ask for. Raises InputError for an option that a city does not know."""
+    from .city import FORMATS
+
+    for name in (*MEANINGLESS, "splat", "lights"):
+        if getattr(options, name) != getattr(defaults, name):
+            raise InputError(f"--{name.replace('_', '-')}: has no meaning for a city in tiles; leave it out")
+    if len(angles) > 1:
+        raise InputError(f"--rotate {options.rotate}: a city in tiles takes one angle at a time")
+    return several("--format", options.format, FORMATS) or ["glb", "splat"]
+
+
 def light_city(
     options: argparse.Namespace,
     defaults: argparse.Namespace,  # of the same command
@@ -21,17 +33,12 @@ def light_city(
     from splat2mesh.tiles.tasks import engine
 
     from ..options import LightingOptions
-    from .city import FORMATS, relight_city
+    from .city import relight_city
 
-    for name in (*MEANINGLESS, "splat", "lights"):
-        if getattr(options, name) != getattr(defaults, name):
-            raise InputError(f"--{name.replace('_', '-')}: has no meaning for a city in tiles; leave it out")
-    if len(angles) > 1:
-        raise InputError(f"--rotate {options.rotate}: a city in tiles takes one angle at a time")
+    formats = understood(options, defaults, angles)
     names = ("method", "bands", "rays", "effects", "budget_s", "seed")
     tolerance = share("--tolerance", options.tolerance)
     wishes = LightingOptions(**{name: getattr(options, name) for name in names}, tolerance=tolerance)
-    formats = several("--format", options.format, FORMATS) or ["glb", "splat"]
     stages = Stages(show=wants_progress(options))
     try:
         with engine(options.scheduler, options.workers, options.memory) as running:

@@ -9,6 +9,7 @@ import pytest
 
 import relight.arguments
 import relight.cli
+import relight.tiles.command
 import scenes.__main__
 import splat2mesh.cli
 from splat2mesh.base.errors import InputError
@@ -71,8 +72,12 @@ def understood(parser, understand, arguments):
 
 
 def check_relight(options):
+    angles = relight.cli.angles_from(options.rotate)
+    if options.scene == "CITY" or relight.cli.wants_tiles(options):
+        relight.tiles.command.understood(options, relight.arguments.parser().parse_args([options.scene]), angles)
+        return
     relight.cli._understand(options, ROOT)
-    relight.cli._check(options, relight.cli.angles_from(options.rotate), [options.env])
+    relight.cli._check(options, angles, [options.env])
 
 
 PARSERS = {
