@@ -139,7 +139,7 @@ def estimate(
 def _under_sky(scene, sky, volume=None):
     """The Estimate of a _Scene that was captured under a CapturedSky; None where that shows little, nobody stood
     within, and no sun is told by its shadows. volume: as in `estimate`."""
-    places, told = scene.places, skylight.told_by_sky(sky)
+    places, told, sky = scene.places, skylight.told_by_sky(sky), skylight.unmixed(sky)
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)

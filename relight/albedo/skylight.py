@@ -8,9 +8,10 @@ what lies beside it, and no few harmonics would hold the step.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from splat2mesh.scene.color import luminance
+from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
 from splat2mesh.scene.measured import row_solid_angles, texel_directions
 
 from ..sh import harmonics
@@ -66,6 +67,13 @@ MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
 """To read the exposure off a captured sky: the part of a texel that binds, the sine of its height above the horizon,
 where ground and trees show that no environment has, and steradians in all."""
 
+BLUR_TEXELS, BLURRED_BESIDE = 2.0, 0.05
+"""How far around what was clipped a sky's splats mix it with what stands before it, as the spread of a Gaussian, and
+the clipped share there, blurred so, from which all of a texel may be a mixture."""
+
+BEFORE_SKY = 0.15
+"""Linear radiance of the branches and roofs that clipped sky is mixed with."""
+
 
 class SkyParts(NamedTuple):
     """A sky's parts at directions (K, 3). known: (K, 3) radiance that binds, with 1 for what was clipped. unseen,
@@ -103,6 +111,22 @@ class SkyParts(NamedTuple):
         at = np.clip(row.astype(np.int64), 0, height - 1), column.astype(np.int64) % width
         bound, clipped = sky.bound[at].astype(np.float64), sky.clipped[at].astype(np.float64)
         return cls(bound * sky.radiance[at] + clipped, _unseen(bound, clipped, directions), clipped)
+
+
+def unmixed(sky):
+    """A CapturedSky whose texels beside clipped ones are mixtures, as splats blur them: part BEFORE_SKY, part clipped.
+
+    Sky between branches was clipped in the pictures, but blurred with them it is not, and would bind as a dark sky.
+    Splats mix in sRGB: what of a texel's display value exceeds that of BEFORE_SKY is the share that was clipped.
+    """
+    clipped, bound = sky.clipped.astype(np.float64), sky.bound.astype(np.float64)
+    beside = gaussian_filter(clipped, (BLUR_TEXELS, BLUR_TEXELS, 0.0), mode=("nearest", "wrap", "nearest"))
+    shown, before = srgb_from_linear(np.clip(sky.radiance, 0.0, 1.0)), float(srgb_from_linear(np.float64(BEFORE_SKY)))
+    share = np.clip((shown - before) / (1.0 - before), 0.0, 1.0) * np.minimum(beside / BLURRED_BESIDE, 1.0)
+    rest = linear_from_srgb(np.clip((shown - share) / np.maximum(1.0 - share, 1e-3), 0.0, 1.0))
+    radiance = np.where(share > 0.0, np.minimum(rest, sky.radiance), sky.radiance)
+    parts = radiance, bound * (1.0 - share), clipped + bound * share
+    return type(sky)(*(part.astype(np.float32) for part in parts))
 
 
 class SkyLight:

@@ -9,6 +9,7 @@ from relight.albedo import estimate, skylight
 from relight.albedo.check import drawn_to_none, self_relight
 from relight.light.projections import row_solid_angles, texel_directions
 from relight.sh.sphere import fibonacci_sphere
+from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
 from splat2mesh.scene.measured import CapturedSky
 
 DIRECTIONS = texel_directions(64, 128)
@@ -101,6 +102,24 @@ def test_what_was_not_seen_below_the_horizon_is_ground():
     blank = np.zeros((64, 128, 3), np.float32)
     parts = skylight.SkyParts.looked_up(CapturedSky(blank, blank, blank), np.array([[0.0, 1, 0], [0.0, -1, 0]]))
     np.testing.assert_allclose(parts.unseen, [[1.0] * 3, [skylight.GROUND] * 3])
+
+
+def test_what_splats_mixed_with_clipped_sky_does_not_bind_as_a_dark_one():
+    """Branches of .1 before a sky that is 1 and more: a display value between them is a share of clipped sky."""
+    share = np.zeros((64, 128, 3))
+    share[10:14, 20:40] = np.linspace(0.0, 1.0, 20)[:, None]
+    branch = srgb_from_linear(skylight.BEFORE_SKY)
+    radiance = linear_from_srgb(branch + share * (1.0 - branch))
+    clipped = share == 1.0
+    sky = CapturedSky(*(part.astype(np.float32) for part in (radiance, ~clipped, clipped)))
+    found = skylight.unmixed(sky)
+    near = np.s_[11:13, 37:39]
+    assert np.abs(found.clipped[near] - share[near]).max() < 0.01
+    assert np.abs(found.radiance[near] - skylight.BEFORE_SKY).max() < 0.01
+    np.testing.assert_allclose(found.bound + found.clipped, 1.0, atol=1e-6)
+    assert np.array_equal(found.radiance[40:], sky.radiance[40:]) and (found.bound[40:] == 1.0).all()
+    dusk = CapturedSky(np.full_like(sky.radiance, 0.5), np.ones_like(sky.bound), np.zeros_like(sky.clipped))
+    assert all(np.array_equal(part, was) for part, was in zip(skylight.unmixed(dusk), dusk, strict=True))
 
 
 def test_parts_of_directions_share_the_whole_sky():
