@@ -4,7 +4,8 @@ found = estimate(occluder, captured_linear)
 relit = shade(new_light, found.albedo)
 """
 
+from .captured import Estimate
 from .division import DARKEST, LIGHTEST, Prior, albedo_of
-from .estimate import Estimate, estimate, with_known_light
+from .estimate import estimate, with_known_light
 
 __all__ = ["DARKEST", "LIGHTEST", "Estimate", "Prior", "albedo_of", "estimate", "with_known_light"]

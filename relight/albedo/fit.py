@@ -5,10 +5,13 @@ agrees between them, and where it does not, it is far apart. Geman and McClure's
 is far apart as an edge of the albedo, whatever its height.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
+
+from ..sh import harmonics
 
 SCALES = (1.0, 0.5, 0.3)
 """Differences of log albedo beyond which two places are of two materials, from coarse to fine."""
@@ -18,6 +21,16 @@ STEPS = 8
 
 STRENGTH = 2e-4
 """Of the prior, against a mean over pairs: it decides only what the scene does not."""
+
+BRIGHTNESS, COLOR = 2.0, 0.25
+"""Spread of the light's log brightness and log colour in the prior. Scenes in lights of strong colour like 0.4 better
+(error with one gain .17 against .20 at 0.1), but the whites of a real capture turned to cyan with it."""
+
+CONTRAST_COLOR = 3.0
+"""How much stiffer the prior is for changes of the light's colour with direction than for those of its brightness."""
+
+UNIT = 1.0 / math.sqrt(4.0 * math.pi)
+"""Log radiance of the first coefficient."""
 
 _SMALL_STEP = 1e-4  # of log radiance: no colour changes visibly
 _DAMPING = (1e-6, 1e3)  # of Levenberg and Marquardt, least and most, as parts of the diagonal
@@ -110,6 +123,22 @@ def solve(
                 break
     hessian, _ = _normal(*differences(log_albedo, pairs, weights, SCALES[-1]), slope, pairs)
     return Fit(theta, cost, hessian)
+
+
+def prior_of(bands):
+    """(3 K, 3 K) of the quadratic prior on logarithmic coefficients, colours outermost.
+
+    Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l.
+    """
+    width = bands**2
+    degree, _ = harmonics.degrees_and_orders(bands)
+    gray = np.full((3, 3), 1.0 / 3.0)
+    color = np.eye(3) - gray
+    mean = (gray / BRIGHTNESS**2 + color / COLOR**2) * UNIT**2
+    matrix = np.kron(gray + CONTRAST_COLOR * color, np.diag(degree))
+    at = np.arange(3) * width
+    matrix[np.ix_(at, at)] = mean
+    return matrix
 
 
 def evidence(

@@ -11,6 +11,7 @@ import numpy as np
 
 from splat2mesh.scene.color import luminance
 
+from ..light import projections
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from . import fit
@@ -162,3 +163,11 @@ def _gains(shading, received, slope, difference, robust, pairs, free):
     gradient = np.stack(gradient, axis=1)
     step = np.maximum(np.linalg.solve(matrix, -gradient[:, :, None])[:, :, 0], 0.0)
     return -(gradient * step).sum(axis=1) - 0.5 * np.einsum("si,sij,sj->s", step, matrix, step)
+
+
+def image_of(lamp, height, width):
+    """(height, width, 3) float64 radiance of a Sun, equirectangular."""
+    cosine = projections.texel_directions(height, width) @ lamp.direction
+    lobe = np.exp(-0.5 * (np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))) / lamp.width_deg) ** 2)
+    area = projections.row_solid_angles(height, width).reshape(-1, 1)
+    return (lobe / (lobe * area).sum())[:, :, None] * lamp.irradiance

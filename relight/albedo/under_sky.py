@@ -1,0 +1,88 @@
+"""The light of a capture under a sky of which the capture shows a part."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.scene.color import luminance
+
+from ..light import projections
+from ..light.environment import Environment
+from . import contrast, fit, skylight, sun
+from .captured import HEIGHT, WIDTH
+
+
+class SkyLit(NamedTuple):
+    """The Environment of a capture under its sky; sure: whether that sky, or a sun told by its shadows, decided it."""
+
+    environment: Environment
+    sure: bool
+
+
+def light_under_sky(scene, sky, volume=None):
+    """The SkyLit of a CapturedScene under a CapturedSky; None where that shows little and colours tell no more.
+
+    volume: as in `estimate`. Not sure where the sky shows little, nobody stood within, and no sun is told.
+    """
+    told, sky = skylight.told_by_sky(sky), skylight.unmixed(sky)
+    places, within, little = scene.places, scene.looks is not None, told < skylight.LITTLE_TOLD
+    parts = skylight.SkyParts.at(sky, places.directions)
+    light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
+    colors = scene.captured[places.vertices].astype(np.float64)
+    start = skylight.start_of(light, parts, places.directions, colors, scene.start())
+    patches = scene.patches(volume) if within or little else None
+    if patches is not None:
+        environment, sunny = _by_contrast(patches, sky, parts, start, places)
+        return SkyLit(environment, within or sunny)
+    return None if little else SkyLit(_by_pairs(scene, sky, light, start), True)
+
+
+def beside_alone(scene, light, alone):
+    """The SkyLit half of one that is not sure, half of the Environment that colours tell with no sky at all.
+
+    The latter as bright as the former, in the median of what places receive: pairs of places tell no brightness.
+    """
+    under, other = (luminance(scene.direct(each)[scene.places.vertices]) for each in (light.environment, alone))
+    gain = np.float32(np.median(under) / max(float(np.median(other)), 1e-9))
+    radiance = 0.5 * (light.environment.radiance + gain * alone.radiance)
+    return SkyLit(Environment(radiance.astype(np.float32), "estimated"), False)
+
+
+def _by_pairs(scene, sky, light, start):
+    """The Environment of what a CapturedSky binds, and of the rest as pairs of places tell it."""
+    places, prior = scene.places, skylight.prior_of(fit.prior_of)
+    found = scene.fitted(light, start, prior)
+
+    def radiance(directions, theta):
+        return skylight.radiance(skylight.SkyParts.looked_up(sky, directions), theta, directions)
+
+    theta, lamp = sun.with_sun(
+        *(scene.occluder, places, light, scene.log_captured(), found, start, prior),
+        least_gain=skylight.LEAST_SUN_GAIN,
+        brightness=lambda directions: luminance(radiance(directions, found.theta)[1]),
+    )
+    known, free = radiance(projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3), theta)
+    image = (known + free).reshape(HEIGHT, WIDTH, 3)
+    if lamp is not None:
+        image += sun.image_of(lamp, HEIGHT, WIDTH)
+    return Environment(image.astype(np.float32), "estimated")
+
+
+def _by_contrast(patches, sky, parts, start, places):
+    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells; and whether
+    that is a sun."""
+    directions = places.directions
+    bound = luminance(skylight.without_excess(parts, start, directions))
+    above = directions[:, 1] > 0.0
+    unseen = np.where(above, parts.unseen.mean(axis=1), 0.0)
+    found = contrast.brightness_of(patches, directions, bound, parts.clipped.mean(axis=1), unseen)
+    texels = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
+    parts = skylight.SkyParts.looked_up(sky, texels)
+    image = skylight.without_excess(parts, start, texels)
+    region = parts.clipped + (parts.unseen * (texels[:, 1:2] > 0.0) if found.beyond else 0.0)
+    image += region * found.excess * np.exp(texels @ found.lean)[:, None]
+    image = image.reshape(HEIGHT, WIDTH, 3)
+    if found.sun is not None:
+        lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance))
+        image += sun.image_of(lamp, HEIGHT, WIDTH)
+    return Environment(image.astype(np.float32), "estimated"), found.sun is not None
