@@ -30,41 +30,49 @@ def clusters(spots, bands: int, scale: float, allowed: float, most: int) -> tupl
     return label, count, math.sqrt(square)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _halved(toward, weights, bright, variance, held, factor, allowed, most, label):
-    """Fill in the labels; returns the number of clusters and the sum of their squared errors."""
+    """Fill in the labels; returns the number of clusters and the sum of their squared errors.
+
+    Number by number: expressions of whole arrays take Numba five times as long to compile.
+    """
     order = np.arange(len(toward))  # spots, cluster by cluster
     starts, ends, errors = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros(most)
-    ends[0], errors[0], count = len(toward), _point_error(order, toward, weights, bright, variance, held, factor), 1
-    side = np.zeros(len(toward), np.int64)
-    while errors[:count].sum() > allowed and count < most:
-        worst = np.argmax(errors[:count])
+    side, center, spread = np.zeros(len(toward), np.int64), np.zeros(3), np.zeros((3, 3))
+    ends[0], count = len(toward), 1
+    errors[0] = _point_error(order, toward, weights, bright, variance, held, factor)
+    while True:
+        square, worst = 0.0, 0
+        for at in range(count):
+            square += errors[at]
+            if errors[at] > errors[worst]:
+                worst = at
+        if not (square > allowed and count < most):
+            break
         part = order[starts[worst] : ends[worst]]
-        center, total = np.zeros(3), 0.0
-        for i in part:
-            center += bright[i] * toward[i]
-            total += bright[i]
-        center /= total
-        spread = np.zeros((3, 3))
-        for i in part:
-            offset = toward[i] - center
-            for row in range(3):
-                for column in range(3):
-                    spread[row, column] += bright[i] * offset[row] * offset[column]
-        axis = np.ascontiguousarray(np.linalg.eigh(spread)[1][:, 2])
+        _centroid(part, toward, bright, center)
+        for row in range(3):
+            for column in range(3):
+                spread[row, column] = 0.0
+                for i in part:
+                    offset, other = toward[i, row] - center[row], toward[i, column] - center[column]
+                    spread[row, column] += bright[i] * offset * other
+        axis = np.linalg.eigh(spread)[1]  # columns; the last is the longest
         ahead, behind = 0, 0
         for i in part:
-            offset = toward[i] - center
-            if offset[0] * axis[0] + offset[1] * axis[1] + offset[2] * axis[2] > 0.0:
+            along = 0.0
+            for k in range(3):
+                along += (toward[i, k] - center[k]) * axis[k, 2]
+            if along > 0.0:
                 part[ahead] = i
                 ahead += 1
             else:
                 side[behind] = i
                 behind += 1
+        for at in range(behind):
+            part[ahead + at] = side[at]
         if ahead == 0 or behind == 0:  # a single spot, or several in one place
-            part[ahead:] = side[:behind]
             break
-        part[ahead:] = side[:behind]
         starts[count], ends[count] = starts[worst] + ahead, ends[worst]
         ends[worst] = starts[count]
         for at in (worst, count):
@@ -72,21 +80,35 @@ def _halved(toward, weights, bright, variance, held, factor, allowed, most, labe
             errors[at] = _point_error(part, toward, weights, bright, variance, held, factor)
         count += 1
     for at in range(count):
-        label[order[starts[at] : ends[at]]] = at
-    return count, errors[:count].sum()
+        for place in range(starts[at], ends[at]):
+            label[order[place]] = at
+    return count, square
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _centroid(part, toward, bright, center):
+    """Fill in the centroid (3,) of a cluster; returns its brightness."""
+    total = 0.0
+    center[0] = center[1] = center[2] = 0.0
+    for i in part:
+        for k in range(3):
+            center[k] += bright[i] * toward[i, k]
+        total += bright[i]
+    for k in range(3):
+        center[k] /= total
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _point_error(part, toward, weights, bright, variance, held, factor):
     """Squared relative error of a cluster that shines as one point."""
-    center, weight, total = np.zeros(3), np.zeros(3), 0.0
+    center, weight = np.zeros(3), np.zeros(3)
+    total, square = _centroid(part, toward, bright, center), 0.0
     for i in part:
-        center += bright[i] * toward[i]
-        weight += weights[i]
-        total += bright[i]
-    square = 0.0
-    for i in part:
-        offset = toward[i] - center / total
-        square += bright[i] * (offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2 + variance[i])
+        away = 0.0
+        for k in range(3):
+            weight[k] += weights[i, k]
+            away += (toward[i, k] - center[k]) ** 2
+        square += bright[i] * (away + variance[i])
     spread = min(math.sqrt(0.5 * square / total), held)
     return factor * spread * (weight[0] ** 2 + weight[1] ** 2 + weight[2] ** 2)
