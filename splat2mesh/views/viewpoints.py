@@ -248,10 +248,10 @@ def _cover(coverage, fuzziness, count):
     ranked = np.sort(fuzziness[usable])
     limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
     pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= TOLERABLE * limit]
-    seen = np.zeros(coverage.shape[1], np.float32)
+    seen, shown = np.zeros(coverage.shape[1], np.float32), coverage[pool]
     chosen = []
     for _ in range(min(count, len(pool))):
-        gain = coverage[pool] @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
+        gain = shown @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
         gain[np.isin(pool, chosen)] = -1
         chosen.append(int(pool[gain.argmax()]))
         seen += coverage[chosen[-1]]

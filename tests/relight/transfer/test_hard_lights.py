@@ -8,6 +8,7 @@ import sys
 import warnings
 from itertools import pairwise
 
+import numba
 import numpy as np
 import OpenEXR
 import pytest
@@ -345,7 +346,8 @@ import hashlib, hard_scenes, numpy
 lit = hard_scenes.scene(*hard_scenes.knobbed_torus())
 print(hashlib.sha256(hard_scenes.everything(lit, lit.colors_srgb / numpy.float32(255)).tobytes()).hexdigest())
 """
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-    alone = {**os.environ, **dict.fromkeys(names, "1"), "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run([sys.executable, "-c", code], env=alone, capture_output=True, text=True, check=True)
+    other = {"OPENBLAS_NUM_THREADS": "3", "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    assert os.environ["OPENBLAS_NUM_THREADS"] != "3" and numba.config.NUMBA_NUM_THREADS > 1
+    env = os.environ | other | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True)
     assert done.stdout.split()[-1] == hashlib.sha256(expected.tobytes()).hexdigest()
