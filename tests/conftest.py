@@ -2,6 +2,7 @@
 
 import os
 import signal
+from pathlib import Path
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, nohup a hang-up; what they start would too.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -15,31 +16,39 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from shrunk import shrink
+
+
+SLOW = (
+    "splat2mesh/test_pipeline.py",
+    "relight/planning/test_plan.py",
+    "scenes/test_places.py",
+    "relight/viewer/test_window.py",
+    "splat2mesh/tiles/test_city.py",
+    "relight/engine/test_relighter.py",
+    "splat2mesh/test_layout.py",
+    "relight/test_api.py",
+    "splat2mesh/test_cli.py",
+    "test_new_user.py",
+    "examples/test_notebooks.py",
+    "docs/test_site.py",
+)
+"""Files of half a minute and more. They come first, so that no process waits long for the other at the end; the first
+two compile different kernels, and those that start processes of their own come when most is compiled."""
+
+
+def pytest_collection_modifyitems(items):
+    """What is slow first, file by file, where `--no-loadscope-reorder` has the processes keep this order."""
+    folder = Path(__file__).parent
+    rank = {folder / name: place for place, name in enumerate(SLOW)}
+    items.sort(key=lambda item: rank.get(item.path, len(SLOW)))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def small_pictures():
-    """Pictures that commands write beside their results take a second each in full size; no test looks at them. To
-    find out where a capture stood takes 640,000 rays, of which a twelfth tell a room from an object as well."""
     with pytest.MonkeyPatch.context() as patch:
-        shrink(patch)
+        shrink(patch.setattr)
         yield patch
-
-
-def shrink(patch):
-    import relight.output.catcher
-    import relight.output.results
-    import relight.writing
-    import splat2mesh.render.beside
-    import splat2mesh.views.standpoints
-
-    patch.setattr(splat2mesh.render.beside, "WIDTH", 96)
-    patch.setattr(splat2mesh.views.standpoints, "PLACES", 500)
-    patch.setattr(splat2mesh.views.standpoints, "RAYS", 96)
-    patch.setattr(relight.output.catcher, "SIDE", 32)
-    patch.setattr(relight.output.catcher, "DIRECTIONS", 64)
-    patch.setattr(relight.output.results, "PICTURE_SIZE", (96, 72))
-    patch.setattr(relight.writing, "PICTURE_SIZE", (96, 72))
 
 
 @pytest.fixture
@@ -47,7 +56,7 @@ def full_pictures(small_pictures):
     """For tests that compare files with those of a process of its own."""
     small_pictures.undo()
     yield
-    shrink(small_pictures)
+    shrink(small_pictures.setattr)
 
 
 @pytest.fixture(scope="module")

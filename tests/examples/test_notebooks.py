@@ -1,5 +1,6 @@
 """The notebooks under examples/, run as notebooks from their first cell to their last."""
 
+import os
 import re
 from pathlib import Path
 
@@ -7,6 +8,14 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "examples").glob("*.py"))
+
+SMALL = """
+from shrunk import shrink
+from splat2mesh.surface.extract import EFFORTS, Effort
+shrink(setattr)
+EFFORTS["draft"] = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
+"""
+"""What the kernel runs first, so that every cell takes a second."""
 
 
 def cells(text):
@@ -33,8 +42,11 @@ def test_every_cell_runs_and_pictures_are_shown(path, tmp_path, monkeypatch):
         pytest.importorskip("trame_pyvista", reason="the session in a cell needs the extra web")
     from nbformat import v4
 
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "tests" / "support")]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    startup = tmp_path / "ipython" / "profile_default" / "startup"
+    startup.mkdir(parents=True)
+    (startup / "small.py").write_text(SMALL)
     makers = {"markdown": v4.new_markdown_cell, "code": v4.new_code_cell}
     notebook = v4.new_notebook(cells=[makers[kind](source) for kind, source in cells(text)])
     nbclient.NotebookClient(

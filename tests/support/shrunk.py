@@ -1,0 +1,22 @@
+"""What takes seconds in every command and every scene, made small: no test looks at it at large."""
+
+
+def shrink(set_attribute):
+    """Set constants, by `set_attribute(module, name, value)`.
+
+    Pictures that commands write beside their results take a second each in full size. To find out where a capture
+    stood takes 640,000 rays, of which a twelfth tell a room from an object as well.
+    """
+    import relight.output.catcher
+    import relight.output.results
+    import relight.writing
+    import splat2mesh.render.beside
+    import splat2mesh.views.standpoints
+
+    set_attribute(splat2mesh.render.beside, "WIDTH", 96)
+    set_attribute(splat2mesh.views.standpoints, "PLACES", 500)
+    set_attribute(splat2mesh.views.standpoints, "RAYS", 96)
+    set_attribute(relight.output.catcher, "SIDE", 32)
+    set_attribute(relight.output.catcher, "DIRECTIONS", 64)
+    set_attribute(relight.output.results, "PICTURE_SIZE", (96, 72))
+    set_attribute(relight.writing, "PICTURE_SIZE", (96, 72))
