@@ -119,14 +119,19 @@ def test_one_command_makes_a_relit_splat_and_tells_what_is_next(first, home):
     assert report["version"] == VERSION and report["preview"]["shows"] == "splat"
 
 
-def test_both_commands_one_after_the_other(first, run, home):
-    out, _ = run("splat2mesh", "garden.ply", "-o", "small", "--detail", "draft", "--vertices", "800")
-    following = next(line.split("next: ")[1] for line in out.splitlines() if "next: " in line)
+@pytest.fixture(scope="module")
+def meshed(run):
+    """What the other command says, which makes the scene `small`."""
+    return run("splat2mesh", "garden.ply", "-o", "small", "--detail", "draft", "--vertices", "800")
+
+
+def test_both_commands_one_after_the_other(meshed, run, home):
+    following = next(line.split("next: ")[1] for line in meshed[0].splitlines() if "next: " in line)
     assert following == "relight small --env sunset"
     run(*following.split(), *SMALL, "--format", "npy,png")
     assert np.isfinite(np.load(home / "small" / "relit" / "sunset_0" / "radiance.npy")).all()
-    out, _ = run("python", "-m", "relight", "garden", "--env", "noon", "--rotate", "45", "--json", *SMALL)
-    assert json.loads(out)["outputs"] == ["garden/relit/noon_45"]
+    out, _ = run("python", "-m", "relight", "small", "--env", "noon", "--rotate", "45", "--json", *SMALL)
+    assert json.loads(out)["outputs"] == ["small/relit/noon_45"]
 
 
 def test_a_slip_is_one_line_and_leaves_nothing(first, run, home):
@@ -177,9 +182,9 @@ def served(home, surroundings):
         process.wait()
 
 
-def test_the_session_is_served_until_it_is_interrupted(first, served):
+def test_the_session_is_served_until_it_is_interrupted(meshed, served):
     pytest.importorskip("trame_pyvista", reason="the extra web is not installed")
-    process, url = served("garden", "--serve", *SMALL)
+    process, url = served("small", "--serve", *SMALL)
     with urllib.request.urlopen(url, timeout=60) as page:
         assert b"<html" in page.read().lower()
     process.send_signal(signal.SIGINT)
@@ -187,14 +192,14 @@ def test_the_session_is_served_until_it_is_interrupted(first, served):
 
 
 @pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
-def test_the_page_opens_by_a_double_click(first, run, home):
-    run("relight", "garden", "--env", "sunset", "--format", "web", "-o", "page")
+def test_the_page_opens_by_a_double_click(meshed, run, home):
+    run("relight", "small", "--env", "sunset", "--format", "web", "-o", "page")
     with Browser(f"file://{home}/page/relit.html#renderer=webgl", (480, 360)) as browser:
         browser.wait("window.relight && relight.drawn")
         assert browser.said == [] and browser.picture().std() > 10
 
 
-def test_the_window_opens_and_closes(first, home, surroundings):
+def test_the_window_opens_and_closes(meshed, home, surroundings):
     for program in ("Xvfb", "xdotool"):
         if not shutil.which(program):
             pytest.skip(f"{program} is not installed")
@@ -206,7 +211,7 @@ def test_the_window_opens_and_closes(first, home, surroundings):
     try:
         os.close(write)
         display = {"DISPLAY": f":{os.read(read, 16).decode().strip()}"}
-        window = subprocess.Popen(["relight", "garden", "--view", *SMALL], cwd=home, env=surroundings | display)
+        window = subprocess.Popen(["relight", "small", "--view", *SMALL], cwd=home, env=surroundings | display)
         find = ["xdotool", "search", "--sync", "--onlyvisible", "--name", "relight", "key", "q"]
         subprocess.run(find, env=surroundings | display, check=True, timeout=120)
         assert window.wait(60) == 0

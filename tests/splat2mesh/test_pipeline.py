@@ -41,8 +41,14 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def converted(files):
-    return convert(files / "object.ply", detail="draft", vertices=VERTICES, max_chunk_vertices=LIMIT)
+def stages():
+    """Of `converted`."""
+    return Stages()
+
+
+@pytest.fixture(scope="module")
+def converted(files, stages):
+    return convert(files / "object.ply", detail="draft", vertices=VERTICES, max_chunk_vertices=LIMIT, stages=stages)
 
 
 @pytest.fixture
@@ -217,9 +223,7 @@ def test_the_sugar_way_leads_to_a_scene_too(files, quick):
     assert found.settings["surface"] == "sugar" and f_score(found, truth, seen, 0.01) > 0.97
 
 
-def test_the_stages_are_timed(files, quick):
-    stages = Stages()
-    convert(files / "small.ply", detail="draft", vertices=1000, stages=stages)
+def test_the_stages_are_timed(converted, stages):
     assert next(iter(stages.seconds)) == "read" and "chunks" in list(stages.seconds)[-2:]
     assert all(seconds >= 0 for seconds in stages.seconds.values()) and len(stages.seconds) > 5
 
@@ -247,7 +251,7 @@ def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch
 
     monkeypatch.setattr("splat2mesh.pipeline.extract", nothing)
     with pytest.raises(InputError, match="no surface is left"):
-        convert(files / "object.ply", detail="draft")
+        convert(files / "small.ply", detail="draft")
 
 
 def test_fog_is_refused(tmp_path, quick):
