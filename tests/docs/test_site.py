@@ -15,7 +15,7 @@ import relight.cli
 import splat2mesh
 import splat2mesh.cli
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.extract import EFFORTS
+from splat2mesh.surface.extract import EFFORTS, Effort
 
 ROOT = Path(__file__).parents[2]
 
@@ -84,7 +84,8 @@ def test_the_commands_of_the_first_hour_run(tmp_path, monkeypatch, capsys):
     commands = [shlex.split(line, comments=True) for line in lines if line.startswith(("relight ", "splat2mesh "))]
     assert len(commands) >= 7
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(EFFORTS, "normal", EFFORTS["draft"])
+    for name in ("normal", "draft"):
+        monkeypatch.setitem(EFFORTS, name, Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
     monkeypatch.setattr("relight.job.DEFAULT_TOLERANCE", 0.1)
     write_inria_ply(Path("garden.ply"), solid_ball(600))
     for name, *arguments in commands:

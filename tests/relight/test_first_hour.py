@@ -54,14 +54,6 @@ def meshed(path, **_):
     )
 
 
-@pytest.fixture(autouse=True)
-def small_pictures(monkeypatch):
-    """Pictures in a tenth of their size, with a coarse shadow: what is tested is that they are there."""
-    monkeypatch.setattr("relight.output.results.PICTURE_SIZE", (96, 72))
-    monkeypatch.setattr("relight.output.catcher.SIDE", 24)
-    monkeypatch.setattr("relight.output.catcher.DIRECTIONS", 64)
-
-
 @pytest.fixture
 def here(made, tmp_path, monkeypatch):
     """A copy of it as the current folder."""
