@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 # A shell that starts the tests in the background has them ignore Ctrl-C, nohup a hang-up; what they start would too.
@@ -10,6 +11,10 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)  # the tests go on; what they start has its own say
 
+# Where Python is told to keep nothing that it compiles, each of a hundred processes takes a second to compile all again.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 # As the commands set them, before any library reads them: waiting threads must not take the cores of other tests.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -17,7 +22,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from shrunk import shrink
-
 
 SLOW = (
     "splat2mesh/test_pipeline.py",

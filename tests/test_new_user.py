@@ -130,7 +130,8 @@ def test_both_commands_one_after_the_other(meshed, run, home):
     assert following == "relight small --env sunset"
     run(*following.split(), *SMALL, "--format", "npy,png")
     assert np.isfinite(np.load(home / "small" / "relit" / "sunset_0" / "radiance.npy")).all()
-    out, _ = run("python", "-m", "relight", "small", "--env", "noon", "--rotate", "45", "--format", "npy", "--json", *SMALL)
+    turned = "--env", "noon", "--rotate", "45", "--format", "npy"
+    out, _ = run("python", "-m", "relight", "small", *turned, "--json", *SMALL)
     assert json.loads(out)["outputs"] == ["small/relit/noon_45"]
 
 
