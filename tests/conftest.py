@@ -11,9 +11,9 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)  # the tests go on; what they start has its own say
 
-# Where Python is told to keep nothing that it compiles, each of a hundred processes takes a second to compile all again.
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-sys.dont_write_bytecode = False
+# Where Python is told to keep nothing of what it compiles, each of a hundred processes compiles all again for a second.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    sys.dont_write_bytecode = False
 
 # As the commands set them, before any library reads them: waiting threads must not take the cores of other tests.
 os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp tbb workqueue")
