@@ -11,6 +11,7 @@ import pytest
 
 from relight import Environment
 from scenes import capture_views, shapes
+from scenes.__main__ import main
 from scenes.cameras import FLIP, write_inria_cameras
 from scenes.capture import LEAF, SKY, SOLID, capture, seen_distance
 from scenes.photograph import photograph
@@ -328,8 +329,7 @@ def test_command_writes_a_place_with_its_truth(tmp_path):
 @pytest.mark.parametrize(
     "arguments", [("--kind", "tabletop", "--relit", "noon"), ("--kind", "garden", "--relit", "no")]
 )
-def test_command_refuses_what_it_cannot_do(tmp_path, arguments):
-    failed = generate(tmp_path / "scene", *arguments)
-    assert failed.returncode == 2
-    assert failed.stderr.count("\n") == 1
+def test_command_refuses_what_it_cannot_do(tmp_path, capsys, arguments):
+    assert main([str(tmp_path / "scene"), *arguments]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []

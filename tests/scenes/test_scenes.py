@@ -15,6 +15,7 @@ from relight import Environment
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced
 from scenes import KINDS, SceneTruth, bake, build, capture_views, exposure, seen_faces, shapes, splats_from
+from scenes.__main__ import main
 from scenes.cameras import FLIP, SCENE_FROM_SPLAT, write_colmap
 from scenes.splat import _from_z_to, _then_about_axis
 from splat2mesh.base.errors import InputError
@@ -355,9 +356,11 @@ def test_command_writes_a_scene_that_the_tools_read(tmp_path):
 @pytest.mark.parametrize(
     "arguments", [("--env", "nowhere"), ("--splats", 3), ("--views", 1), ("--seed", -1), ("--kind", "cellar")]
 )
-def test_command_refuses_bad_usage_and_leaves_nothing(tmp_path, arguments):
-    failed = generate(tmp_path / "scene", *arguments)
-    assert failed.returncode == 2
-    assert failed.stderr
-    assert "Traceback" not in failed.stderr
+def test_command_refuses_bad_usage_and_leaves_nothing(tmp_path, capsys, arguments):
+    try:
+        code = main([str(tmp_path / "scene"), *map(str, arguments)])
+    except SystemExit as stopped:  # by argparse
+        code = stopped.code
+    said = capsys.readouterr().err
+    assert code == 2 and said and "Traceback" not in said
     assert list(tmp_path.iterdir()) == []
