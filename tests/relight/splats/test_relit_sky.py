@@ -14,7 +14,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.inria import write_inria_ply
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.splats import Splats
 
 AXES = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]])
 
