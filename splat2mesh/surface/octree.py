@@ -238,11 +238,13 @@ def dual_mesh(leaves, corners, values, weights, enough):
     coarsest, finest = np.flatnonzero(present).max(), np.flatnonzero(present).min()
     sums, counts = np.zeros((len(leaves), 3)), np.zeros(len(leaves), np.int32)
     arrays = leaves, corners.of_leaf, corners.positions, values, weights, np.float32(enough), table, index
-    quads = np.zeros((0, 4), np.int32)
+    quads = np.zeros((len(leaves), 4), np.int32)  # more than there are crossings, but where surfaces lie like leaves
     total = _cross(*arrays, finest, coarsest, quads, sums, counts)
-    quads = np.zeros((total, 4), np.int32)
-    sums[:], counts[:] = 0, 0
-    _cross(*arrays, finest, coarsest, quads, sums, counts)
+    if total > len(quads):
+        quads = np.zeros((total, 4), np.int32)
+        sums[:], counts[:] = 0, 0
+        _cross(*arrays, finest, coarsest, quads, sums, counts)
+    quads = quads[:total]
     used = counts > 0
     number = np.cumsum(used) - 1
     vertices = sums[used] / counts[used, None]
