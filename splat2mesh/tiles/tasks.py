@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -168,14 +169,16 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
         with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=limit,
-                dashboard_address=None,  # it would answer to the whole network
-                silence_logs=50,
-            )
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other will do
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit=limit,
+                    dashboard_address=None,  # it would answer to the whole network
+                    silence_logs=50,
+                )
             with cluster, _kept_at(cluster, workers), Client(cluster) as client:
                 yield _checked(client, "the local cluster")
 
