@@ -4,7 +4,7 @@ As `color` does for objects; but how near a point must lie to the rendered surfa
 that surface is, and who looked from near counts far more than who looked from afar.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
@@ -65,6 +65,13 @@ class Album:
             np.concatenate([each.spread.ravel() for each in seen]),
             np.concatenate([each.ravel().astype(np.float32) for each in thickness]),
         )
+
+    @classmethod
+    def joined(cls, albums):
+        """The pictures of a list of albums, in order."""
+        parts = {each.name: np.concatenate([getattr(album, each.name) for album in albums]) for each in fields(cls)}
+        pixels = parts["sizes"].prod(axis=1)
+        return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
     @classmethod
     def of_pictures(cls, pictures):
