@@ -37,8 +37,8 @@ class Background(NamedTuple):
         """The Background of arrays by name, among others; None where there is none."""
         if "mean" not in kept:
             return None
-        parts = (kind(**{name: kept[name] for name in kind._fields}) for kind in (Backdrop, Patches))
-        return cls(*parts, kept["mean"])
+        backdrop = Backdrop(**{name: kept[name] for name in Backdrop._fields})
+        return cls(backdrop, Patches(**{name: kept[name] for name in Patches._fields}), kept["mean"])
 
 
 def far_splats(store: Store, piece: int, most: int | None = None) -> Splats:

@@ -56,7 +56,7 @@ def common_light(
             "evidence": round(float(found.evidence), 3),
         }
         colors, brightness = found.albedo, found.brightness
-    radiance = relighter.shade(sky, colors) if ev is None or far else None
+    radiance: Any = relighter.shade(sky, colors) if ev is None or far else None
     exposure = 2.0**ev if ev is not None else auto_exposure(radiance)
     if ev is None and brightness is not None and sky.mean_luminance > 0:
         exposure = float(min(max(brightness / sky.mean_luminance, exposure / 2.0), exposure * 2.0))
