@@ -155,6 +155,9 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         "distributed.admin.tick.interval": "1s",
         "distributed.admin.system-monitor.interval": "5s",
         "distributed.worker.memory.monitor-interval": "500ms",
+        # on a busy machine a worker may be silent for minutes and well; one that has died here is known to have
+        "distributed.scheduler.worker-ttl": None,
+        "distributed.comm.timeouts.connect": "120s",
     }
     with dask.config.set(settings):
         if scheduler is not None:
