@@ -4,6 +4,8 @@ The mesh is welded and sorted by the bits of its vertices, so that the division 
 result.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -150,7 +152,7 @@ class Places:
 
     def interpolate(self, values):
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
-        patches = _Patches(self._surface, values)
+        patches = Patches.of(self._surface, values)
         result = np.zeros((len(self.far), values.shape[1]), np.float32)
         for start in range(0, len(result), _BATCH):
             rows = slice(start, start + _BATCH)
@@ -176,10 +178,20 @@ def _checked(kept, count, nodes):
     return columns, weights, far
 
 
-class _Patches:
-    """Means over patches of a surface, for Gaussians too far from it to attach to one point."""
+class Patches(NamedTuple):
+    """Means over P patches of a surface, for Gaussians too far from it to attach to one point.
 
-    def __init__(self, surface, values):
+    centers: (P, 3) float64. areas: (P,). values: (P, C). side: of a patch.
+    """
+
+    centers: np.ndarray
+    areas: np.ndarray
+    values: np.ndarray
+    side: float
+
+    @classmethod
+    def of(cls, surface, values):
+        """The patches of a Surface and of values (M, C) of its nodes."""
         used = surface.used
         points = surface.points.astype(np.float64)
         low = points[used].min(axis=0)
@@ -194,18 +206,18 @@ class _Patches:
             sums = [np.bincount(cell, surface.areas * column)[kept] for column in of.astype(np.float64).T]
             return np.stack(sums, axis=1) / area[:, None]
 
-        self._centers, self._areas, self._values, self._side = mean(points), area, mean(values), side
+        return cls(mean(points), area, mean(values), float(side))
 
     def seen_from(self, points):
         """Means (N, C) float32 by area over the fourth power of distance: far away, the mean of all patches."""
         from scipy.spatial.distance import cdist
 
-        result = np.zeros((len(points), self._values.shape[1]), np.float32)
+        result = np.zeros((len(points), self.values.shape[1]), np.float32)
         for start in range(0, len(points), 4096):
             rows = slice(start, start + 4096)
-            distance = cdist(points[rows].astype(np.float64), self._centers, "sqeuclidean")
-            weights = self._areas / (distance / self._side**2 + 0.25) ** 2
-            result[rows] = weights @ self._values / weights.sum(axis=1, keepdims=True)
+            distance = cdist(points[rows].astype(np.float64), self.centers, "sqeuclidean")
+            weights = self.areas / (distance / self.side**2 + 0.25) ** 2
+            result[rows] = weights @ self.values / weights.sum(axis=1, keepdims=True)
         return result
 
 

@@ -5,6 +5,8 @@ seen from the middle of the scene, and no longer depends on the view. Out there 
 they are no sky, and take the change of light of the mesh's edge.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -53,28 +55,59 @@ def sky_rows(
 ):
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order."""
     some = splats.take(rows)
-    finite = np.isfinite(some.means).all(axis=1)
     near = np.delete(splats.means, rows, axis=0)
     near = near[np.isfinite(near).all(axis=1)]
-    if not finite.any() or not len(near):
+    if not np.isfinite(some.means).all(axis=1).any() or not len(near):
         return rows
-    off = np.where(finite[:, None], some.means - np.median(near, axis=0), np.float32(1.0)).astype(np.float64)
-    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
     up = np.asarray(scene_from_splat, np.float64)[1, :3]
-    height = off @ (up / np.linalg.norm(up)) / distance
-    color = np.clip(some.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5), 0.0, 1.0)
-    bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
+    return rows[is_sky(some, backdrop_of(some, np.median(near, axis=0), up))]
+
+
+class Backdrop(NamedTuple):
+    """What sky is told by, in the frame of the splats. middle: (3,) of the scene. up: (3,). level: luminance of what is
+    high up. least: distance from the middle from which the sky begins, inf where there is none."""
+
+    middle: np.ndarray
+    up: np.ndarray
+    level: float
+    least: float
+
+
+def backdrop_of(some, middle, up):
+    """The Backdrop of far Splats, or of a sample of them. middle, up: of a Backdrop."""
+    _, distance, height, color = _seen(some, middle, up)
+    bright = luminance(linear_from_srgb(color))
     size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2) + 1e-30  # about what it covers
     high = height > min(HIGH, height.max() - 1e-9)
     level = weighted_quantile(bright[high], size[high], LEVEL)
+    free = ~_surface(height, color, level)
+    least = NEAR_PART * weighted_quantile(distance[free], size[free], 0.5) if free.any() else np.inf
+    return Backdrop(np.asarray(middle), np.asarray(up), level, least)
+
+
+def is_sky(some, backdrop):
+    """Which of far Splats show sky: (N,) bool."""
+    off, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
+    sky = ~_surface(height, color, backdrop.level) & (distance >= backdrop.least)
+    around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
+    return sky[around].mean(axis=1) > 0.5
+
+
+def _seen(some, middle, up):
+    """Places (N, 3) from the middle, distances (N,), sines of their elevation (N,) and shown colours (N, 3)."""
+    finite = np.isfinite(some.means).all(axis=1)[:, None]
+    off = np.where(finite, some.means - middle, np.float32(1.0)).astype(np.float64)
+    distance = np.maximum(np.linalg.norm(off, axis=1), 1e-30)
+    color = np.clip(some.sh[:, 0] * np.float32(SH_C0) + np.float32(0.5), 0.0, 1.0)
+    return off, distance, off @ (up / np.linalg.norm(up)) / distance, color
+
+
+def _surface(height, color, level):
+    """(N,) bool: what its place and colour tell to be no sky of such luminance."""
+    bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
     surface = (height < BELOW) | (bright < DARK * level)
     surface |= (green - np.maximum(red, blue) > GREEN) & (bright < GREEN_PART * level)
-    surface |= (red - blue > WARM) & (bright < WARM_PART * level)
-    if surface.all():
-        return rows[:0]
-    surface |= distance < NEAR_PART * weighted_quantile(distance[~surface], size[~surface], 0.5)
-    around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
-    return rows[(~surface)[around].mean(axis=1) > 0.5]
+    return surface | ((red - blue > WARM) & (bright < WARM_PART * level))
 
 
 def under_sky(

@@ -3,8 +3,6 @@
 import os
 from typing import Any
 
-import numpy as np
-
 from splat2mesh.base.errors import InputError, UnfinishedError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
@@ -89,15 +87,18 @@ def relight_city(
                 advance()
         return [took[task.name] for task in tasks if took[task.name].error]
 
+    dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
+    background = [number for number, counts in enumerate(dealt) if "-1" in counts]
+    if not {"splat", "sog"} & set(formats):
+        background = []
     told = store.read_json(f"{folder}/light.json") if store.exists(f"{folder}/light.json") else None
     if told is None or not store.exists(f"{folder}/{LIGHT}"):
         write_sky(store, folder, light)
-        task = Task("light", common_light, (store, folder, options, albedo, exposure_ev))
+        task = Task("light", common_light, (store, folder, options, albedo, exposure_ev, background))
         for done in run("light", [task]):
             raise UnfinishedError(f"the light of the capture failed: {done.error}")
         told = took["light"].result
         store.write_json(f"{folder}/light.json", told)
-    dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
     tasks, kept = [], {}
     if resume:
         names = {f"{folder}/{entry['name']}/relit.json" for entry in city["tiles"]}
@@ -111,15 +112,12 @@ def relight_city(
             wishes = (told["sha256"], options, albedo, tuple(formats))
             tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
     environment = f"{folder}/{FOLDER}/environment.json"
-    background = [number for number, counts in enumerate(dealt) if "-1" in counts]
-    if {"splat", "sog"} & set(formats):
-        eye = np.append((np.array(plan.low) + plan.high) / 2, 1.0) @ np.linalg.inv(plan.rotation).T
-        shared = store, folder, told["sha256"]
-        for number in background:
-            if "splat" in formats and kept.get(f"{folder}/far/{number:05d}.json") is None:
-                tasks.append(Task(f"far {number}", relit_far, (*shared, number, eye[:3].tolist(), sky)))
-        if "sog" in formats and background and kept.get(environment) is None:
-            tasks.append(Task("far", relit_environment, (*shared, background, eye[:3].tolist(), sky)))
+    shared = store, folder, told["sha256"]
+    for number in background:
+        if "splat" in formats and kept.get(f"{folder}/far/{number:05d}.json") is None:
+            tasks.append(Task(f"far {number}", relit_far, (*shared, number, sky)))
+    if "sog" in formats and background and kept.get(environment) is None:
+        tasks.append(Task("far", relit_environment, (*shared, background, sky)))
     lost = run("tiles", tasks)
     if lost:
         named = "; ".join(f"{done.name}: {done.error}" for done in lost[:5])

@@ -16,6 +16,7 @@ from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
 
 from ..albedo.division import Prior
 from ..light.environment import Environment
+from .background import Background
 
 SKY, LIGHT = "sky.npz", "light.npz"
 """Of a relit city's folder: the new light; and all that tiles share, the same for all of them."""
@@ -26,6 +27,7 @@ class Shared(NamedTuple):
 
     cores: (T, 2, 2) lowest and highest x and z. coarse: their coarse meshes, None where a tile has no surface. sky:
     the new light. capture: that of the capture, or None where none was told. prior: of the albedo, with `capture`.
+    background: of what belongs to no tile, None where all does or no splats are written.
     """
 
     scene_from_splat: NDArray[np.float64]
@@ -35,6 +37,7 @@ class Shared(NamedTuple):
     capture: Environment | None = None
     prior: Prior | None = None
     exposure: float = 1.0
+    background: Background | None = None
 
     @classmethod
     def kept(cls, store: Store, folder: str, key: str) -> "Shared":
@@ -98,6 +101,8 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
     if shared.capture is not None and shared.prior is not None:
         arrays |= {"capture": shared.capture.radiance}
         arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
+    if shared.background is not None:
+        arrays |= {f"background_{name}": value for name, value in shared.background.arrays().items()}
     for name in ("vertices", "faces"):
         counts = [0 if mesh is None else len(getattr(mesh, name)) for mesh in shared.coarse]
         arrays[f"coarse_{name}_counts"] = np.array(counts)
@@ -143,4 +148,5 @@ def _kept(root: str, folder: str, key: str) -> Shared:
         capture,
         prior,
         float(kept["exposure"]),
+        Background.of({name.removeprefix("background_"): value for name, value in kept.items()}),
     )

@@ -18,12 +18,20 @@ from splat2mesh.tiles.store import Store
 from ..engine.appearance import CAPTURE, LEAST_ALBEDO
 from ..light.environment import Environment
 from ..options import LightingOptions
+from .background import background_of, far_splats, relit_background
 from .local import far_scene, local_scene
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
 
 
-def common_light(store: Store, folder: str, options: LightingOptions, albedo: str, ev: float | None) -> dict[str, Any]:
+def common_light(
+    store: Store,
+    folder: str,
+    options: LightingOptions,
+    albedo: str,
+    ev: float | None,
+    far: list[int],  # pieces whose far background is to be lit
+) -> dict[str, Any]:
     """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
     from ..albedo import estimate
     from ..engine.relighter import Relighter
@@ -34,26 +42,29 @@ def common_light(store: Store, folder: str, options: LightingOptions, albedo: st
     relighter = Relighter(scene, options)
     captured = scene.colors_linear
     told: dict[str, Any] = {"vertices": len(captured)}
-    colors: Any = captured
+    colors: Any = None if albedo == "white" else captured
+    before: Any = captured if albedo == "white" else np.ones_like(captured)
     brightness: Any = None
     if albedo == "estimated":
         found = estimate(relighter.occluder, captured, options.seed, **relighter.computed(CAPTURE))
         if found.separable:
             capture = Environment(found.environment.radiance, "the capture")
-            shared = shared._replace(capture=capture, prior=found.prior)
+            shared, before = shared._replace(capture=capture, prior=found.prior), found.irradiance
         told |= {
             "separable": bool(found.separable),
             "reason": found.reason,
             "evidence": round(float(found.evidence), 3),
         }
         colors, brightness = found.albedo, found.brightness
-    elif albedo == "white":
-        colors = None
-    exposure = 2.0**ev if ev is not None else auto_exposure(relighter.shade(sky, colors))
+    radiance: Any = relighter.shade(sky, colors) if ev is None or far else None
+    exposure = 2.0**ev if ev is not None else auto_exposure(radiance)
     if ev is None and brightness is not None and sky.mean_luminance > 0:
         exposure = float(min(max(brightness / sky.mean_luminance, exposure / 2.0), exposure * 2.0))
-    key = write_shared(store, folder, shared._replace(exposure=float(exposure)))
-    return {**told, "exposure": float(exposure), "sha256": key}
+    shared = shared._replace(exposure=float(exposure))
+    if far:
+        after = _received(radiance, colors) * np.float32(exposure)
+        shared = shared._replace(background=background_of(store, far, scene, before, after))
+    return {**told, "exposure": float(exposure), "sha256": write_shared(store, folder, shared)}
 
 
 def relit_tile(
@@ -107,12 +118,16 @@ def _lit(store, shared, options, albedo, formats, tile, splats, distance):
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
     if splats is not None:
-        after = shading.radiance if colors is None else shading.radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
-        splats = _relit_splats(splats, local, before, after, exposure)
+        splats = _relit_splats(splats, local, before, _received(shading.radiance, colors), exposure)
     bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
     facts = {"tile": tile, "vertices": len(radiance), "lit_with": len(captured), "bounds": bounds}
     facts |= {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     return files, facts, splats
+
+
+def _received(radiance, colors):
+    """Irradiance (V, 3) that surfaces of an albedo (V, 3), white for None, send on as radiance."""
+    return radiance if colors is None else radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
 
 
 def _albedo(relighter, captured, shared, choice, seed):
@@ -144,31 +159,23 @@ def _relit_splats(splats, local, before, after, exposure):
     return Binding(splats, near, views=()).relit(before[:count], after[:count], exposure)
 
 
-def relit_far(store: Store, folder: str, key: str, piece: int, eye: list[float], sky: str) -> dict[str, Any]:
+def relit_far(store: Store, folder: str, key: str, piece: int, sky: str) -> dict[str, Any]:
     """The far background of a piece in the new light: FOLDER/far/PIECE.ply."""
-    name, splats = f"{folder}/far/{piece:05d}", _far(store, folder, key, piece, eye, sky)
+    name, splats = f"{folder}/far/{piece:05d}", _far(store, folder, key, piece, sky)
     return store.commit(f"{name}.json", {f"{name}.ply": inria_ply_bytes(splats)}, piece=piece, splats=len(splats))
 
 
-def relit_environment(
-    store: Store, folder: str, key: str, pieces: list[int], eye: list[float], sky: str
-) -> dict[str, Any]:
+def relit_environment(store: Store, folder: str, key: str, pieces: list[int], sky: str) -> dict[str, Any]:
     """The far background of all pieces in the new light, as that of a streamed SOG: FOLDER/sog/env."""
-    parts = [_far(store, folder, key, piece, eye, sky) for piece in pieces]
+    parts = [_far(store, folder, key, piece, sky) for piece in pieces]
     whole = joined([part.take(usable(part)[0]) for part in parts])
     files = environment_files(whole) if len(whole) else {}
     files = {f"{folder}/{name}": data for name, data in files.items()}
     return store.commit(f"{folder}/{FOLDER}/environment.json", files, splats=len(whole))
 
 
-def _far(store, folder, key, piece, eye, sky):
-    from ..splats.sky import under_sky
-
-    kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
-    splats = Splats(**{field: kept[field] for field in NUMBERS})
-    if sky == "keep":
+def _far(store, folder, key, piece, sky):
+    shared, splats = Shared.kept(store, folder, key), far_splats(store, piece)
+    if shared.background is None:
         return splats
-    shared = Shared.kept(store, folder, key)
-    rows = np.flatnonzero(np.isfinite(splats.means).all(axis=1))
-    light = shared.sky, shared.scene_from_splat, shared.exposure
-    return under_sky(splats, rows, *light, sky, np.array(eye))
+    return relit_background(splats, shared.background, shared.sky, shared.scene_from_splat, shared.exposure, sky)

@@ -105,31 +105,28 @@ def fuse_adaptively(sights, origin, stage=lambda count: None):
 
 def _packed(sights, origin):
     """All maps in one array each, for the kernel: poses, lenses, sizes, where each begins, pixels, deepest tiles."""
-    poses, lenses, sizes, starts, tile_starts, pixels, tiles = [], [], [], [], [], [], []
-    start = tile_start = 0
-    for sight in sights:
+    poses, lenses, tile_starts, tiles = [], [], [], []
+    sizes = np.array([[sight.view.height, sight.view.width] for sight in sights])
+    ends = sizes.prod(axis=1).cumsum()
+    pixels = np.empty((ends[-1], 7), np.float32)
+    tile_start = 0
+    for sight, end in zip(sights, ends, strict=True):
         view = sight.view
         pose = view.camera_from_world[:3].copy()
         pose[:, 3] += pose[:, :3] @ origin
         poses.append(pose)
         lenses.append([view.fx, view.fy, view.cx, view.cy])
-        sizes.append([view.height, view.width])
-        starts.append(start)
         tile_starts.append(tile_start)
         seen = sight.weight > 0
         row = np.concatenate([sight.plane, np.stack([sight.weight, sight.spread, sight.step], axis=-1)], axis=-1)
-        pixels.append(np.where(seen[..., None], row, 0).astype(np.float32).reshape(-1, 7))
+        pixels[end - seen.size : end] = np.where(seen[..., None], row, 0).reshape(-1, 7)
         rows, columns = -(-view.height // COARSE), -(-view.width // COARSE)
         deepest = np.zeros((rows * COARSE, columns * COARSE), np.float32)
         deepest[: view.height, : view.width] = np.where(seen, sight.plane[..., 3] + 3 * sight.spread, 0)
         tiles.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
-        start += view.height * view.width
         tile_start += rows * columns
-    return (
-        *(np.array(part) for part in (poses, lenses, sizes, starts, tile_starts)),
-        np.concatenate(pixels),
-        np.concatenate(tiles),
-    )
+    starts = ends - sizes.prod(axis=1)
+    return np.array(poses), np.array(lenses), sizes, starts, np.array(tile_starts), pixels, np.concatenate(tiles)
 
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -4,7 +4,7 @@ As `color` does for objects; but how near a point must lie to the rendered surfa
 that surface is, and who looked from near counts far more than who looked from afar.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
@@ -23,6 +23,14 @@ THINNEST = 0.002
 
 GREY = 127.5
 """Colour where nobody looked at all."""
+
+PER_GROUP = 100
+"""Points of a group, about: which pictures may show any of them is asked once."""
+
+ROUNDING = 1e-9
+"""More than sums of three products lose, relative to their terms."""
+
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,13 @@ class Album:
         )
 
     @classmethod
+    def joined(cls, albums):
+        """The pictures of a list of albums, in order."""
+        parts = {each.name: np.concatenate([getattr(album, each.name) for album in albums]) for each in fields(cls)}
+        pixels = parts["sizes"].prod(axis=1)
+        return cls(**{**parts, "starts": pixels.cumsum() - pixels})
+
+    @classmethod
     def of_pictures(cls, pictures):
         """From a list of color.Picture; how deep a surface reaches is taken from its thickness."""
         sizes = np.array([picture.depth.shape for picture in pictures])
@@ -85,7 +100,7 @@ class Album:
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
         arrays = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread, self.thickness
         points, normals = points.astype(np.float64), normals.astype(np.float64)
-        _look_up(points, normals, *arrays, self._deepest(), colors, thickness, pixel)
+        _look_up(points, normals, *_groups(points), *arrays, self._deepest(), colors, thickness, pixel)
         return colors, thickness, pixel
 
     def _deepest(self):
@@ -106,10 +121,55 @@ def filled_in(colors, points):
     return np.round(colors).astype(np.uint8), int(unseen.sum())
 
 
+def _groups(points):
+    """Points (N, 3) by cubes of space: their order (N,), and where each group begins in it, and the end, (G + 1,)."""
+    if not len(points):
+        return np.zeros(0, np.int64), np.zeros(1, np.int64)
+    low, extent = points.min(axis=0), np.ptp(points, axis=0)
+    side = max(np.sqrt(np.sort(extent)[1:].prod() * PER_GROUP / len(points)), extent.max() / 2**20, 1e-300)
+    x, y, z = np.floor((points - low) / side).astype(np.int64).T
+    key = (x << 42) | (y << 21) | z
+    order = np.argsort(key, kind="stable")
+    new = np.flatnonzero(np.diff(key[order])) + 1
+    return order, np.concatenate([[0], new, [len(points)]])
+
+
+@_function
+def _may_see(pose, lens, size, deepest, middle, half):
+    """Whether any point of a box, (3,) its middle and half its sides, may show in a picture."""
+    z, reach_z, terms_z = _along(pose, 2, 1.0, 0.0, middle, half)
+    if z + reach_z < -ROUNDING * terms_z or z - reach_z > deepest + ROUNDING * terms_z:
+        return False
+    for row in range(2):  # the planes through the eye and two sides of the picture
+        for side in range(2):
+            edge = size[1 - row] if side else 0.0
+            at, reach, terms = _along(pose, row, lens[row], lens[2 + row] - edge, middle, half)
+            reach += ROUNDING * terms
+            if at > reach if side else at < -reach:
+                return False
+    return True
+
+
+@_function
+def _along(pose, row, scale, deep, middle, half):
+    """`scale` times a row of a pose and `deep` times its last one, on a box: value in its middle, how far others differ
+    from it, and the sum of the absolute terms."""
+    at = scale * pose[row, 3] + deep * pose[2, 3]
+    reach, terms = 0.0, abs(scale * pose[row, 3]) + abs(deep * pose[2, 3])
+    for k in range(3):
+        a, b = scale * pose[row, k], deep * pose[2, k]
+        at += (a + b) * middle[k]
+        reach += abs(a + b) * half[k]
+        terms += (abs(a) + abs(b)) * (abs(middle[k]) + half[k])
+    return at, reach, terms
+
+
 @numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 def _look_up(
     points,
     normals,
+    order,
+    groups,
     poses,
     lenses,
     sizes,
@@ -123,51 +183,74 @@ def _look_up(
     out_thickness,
     out_pixel,
 ):
-    for i in numba.prange(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        red = green = blue = weights = thick = trusts = 0.0
+    for g in numba.prange(len(groups) - 1):
+        members = order[groups[g] : groups[g + 1]]
+        low, high = points[members[0]].copy(), points[members[0]].copy()
+        for i in members:
+            for k in range(3):
+                low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
+        middle, half = (low + high) / 2, (high - low) / 2
+        seers, count = np.empty(len(poses), np.int64), 0
         for m in range(len(poses)):
-            p = poses[m]
-            cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
-            if cz <= 0 or cz > deepest[m]:
-                continue
-            cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
-            cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
-            u, v = lenses[m, 0] * cx / cz + lenses[m, 2], lenses[m, 1] * cy / cz + lenses[m, 3]
-            height, width = sizes[m, 0], sizes[m, 1]
-            if not (0 <= u < width and 0 <= v < height):
-                continue
-            at = starts[m] + int(v) * width + int(u)
-            allowed = max(TOLERANCE * depth[at], spread[at])
-            if not abs(depth[at] - cz) < allowed:
-                continue
-            # The cosine between the normal and the way back to the eye, both in the camera's frame.
-            nx = p[0, 0] * normals[i, 0] + p[0, 1] * normals[i, 1] + p[0, 2] * normals[i, 2]
-            ny = p[1, 0] * normals[i, 0] + p[1, 1] * normals[i, 1] + p[1, 2] * normals[i, 2]
-            nz = p[2, 0] * normals[i, 0] + p[2, 1] * normals[i, 1] + p[2, 2] * normals[i, 2]
-            cosine = -(nx * cx + ny * cy + nz * cz) / np.sqrt(cx * cx + cy * cy + cz * cz)
-            if cosine < LEAST_COSINE:
-                continue
-            out_pixel[i] = min(out_pixel[i], cz / lenses[m, 0])
-            if thickness[at] == thickness[at]:
-                trust = cosine * cosine / (thickness[at] + THINNEST * cz) ** 2
-                thick += trust * thickness[at]
-                trusts += trust
-            # Between the four pixels around, as far as they show this surface.
-            left, top = int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
-            fu, fv = u - 0.5 - left, v - 0.5 - top
-            weight = cosine * cosine / cz**4
-            for q in range(4):
-                column, row = left + (q & 1), top + (q >> 1)
-                share = (fu if q & 1 else 1 - fu) * (fv if q >> 1 else 1 - fv)
-                if 0 <= column < width and 0 <= row < height:
-                    k = starts[m] + row * width + column
-                    if abs(depth[k] - cz) < 2 * allowed:
-                        red += weight * share * colors[k, 0]
-                        green += weight * share * colors[k, 1]
-                        blue += weight * share * colors[k, 2]
-                        weights += weight * share
-        if weights > 0:
-            out_color[i, 0], out_color[i, 1], out_color[i, 2] = red / weights, green / weights, blue / weights
-        if trusts > 0:
-            out_thickness[i] = thick / trusts
+            if _may_see(poses[m], lenses[m], sizes[m], deepest[m], middle, half):
+                seers[count] = m
+                count += 1
+        for i in members:
+            _look_up_one(
+                i, points, normals, seers[:count], poses, lenses, sizes, starts, colors, depth, spread, thickness,
+                deepest, out_color, out_thickness, out_pixel,
+            )  # fmt: skip
+
+
+@_function
+def _look_up_one(
+    i, points, normals, seers, poses, lenses, sizes, starts, colors, depth, spread, thickness, deepest,
+    out_color, out_thickness, out_pixel,
+):  # fmt: skip
+    x, y, z = points[i, 0], points[i, 1], points[i, 2]
+    red = green = blue = weights = thick = trusts = 0.0
+    for m in seers:
+        p = poses[m]
+        cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+        if cz <= 0 or cz > deepest[m]:
+            continue
+        cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
+        cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
+        u, v = lenses[m, 0] * cx / cz + lenses[m, 2], lenses[m, 1] * cy / cz + lenses[m, 3]
+        height, width = sizes[m, 0], sizes[m, 1]
+        if not (0 <= u < width and 0 <= v < height):
+            continue
+        at = starts[m] + int(v) * width + int(u)
+        allowed = max(TOLERANCE * depth[at], spread[at])
+        if not abs(depth[at] - cz) < allowed:
+            continue
+        # The cosine between the normal and the way back to the eye, both in the camera's frame.
+        nx = p[0, 0] * normals[i, 0] + p[0, 1] * normals[i, 1] + p[0, 2] * normals[i, 2]
+        ny = p[1, 0] * normals[i, 0] + p[1, 1] * normals[i, 1] + p[1, 2] * normals[i, 2]
+        nz = p[2, 0] * normals[i, 0] + p[2, 1] * normals[i, 1] + p[2, 2] * normals[i, 2]
+        cosine = -(nx * cx + ny * cy + nz * cz) / np.sqrt(cx * cx + cy * cy + cz * cz)
+        if cosine < LEAST_COSINE:
+            continue
+        out_pixel[i] = min(out_pixel[i], cz / lenses[m, 0])
+        if thickness[at] == thickness[at]:
+            trust = cosine * cosine / (thickness[at] + THINNEST * cz) ** 2
+            thick += trust * thickness[at]
+            trusts += trust
+        # Between the four pixels around, as far as they show this surface.
+        left, top = int(np.floor(u - 0.5)), int(np.floor(v - 0.5))
+        fu, fv = u - 0.5 - left, v - 0.5 - top
+        weight = cosine * cosine / cz**4
+        for q in range(4):
+            column, row = left + (q & 1), top + (q >> 1)
+            share = (fu if q & 1 else 1 - fu) * (fv if q >> 1 else 1 - fv)
+            if 0 <= column < width and 0 <= row < height:
+                k = starts[m] + row * width + column
+                if abs(depth[k] - cz) < 2 * allowed:
+                    red += weight * share * colors[k, 0]
+                    green += weight * share * colors[k, 1]
+                    blue += weight * share * colors[k, 2]
+                    weights += weight * share
+    if weights > 0:
+        out_color[i, 0], out_color[i, 1], out_color[i, 2] = red / weights, green / weights, blue / weights
+    if trusts > 0:
+        out_thickness[i] = thick / trusts

@@ -175,19 +175,26 @@ class Corners:
 
 def corners_of(leaves):
     """The Corners of leaves, (L,) int64 keys."""
-    size = 1 << int(np.ceil(np.log2(max(16, 8 * len(leaves)))))
+    size = 1 << int(np.ceil(np.log2(max(16, 3 * len(leaves)))))  # two for each leaf, where they lie side by side
+    while (found := _numbered(leaves, size)) is None:
+        size *= 2
+    positions, levels, of_leaf = found
+    del found
+    order = np.argsort(_morton(positions), kind="stable")
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    _renumber(of_leaf, rank)
+    return Corners(positions[order], levels[order], of_leaf)
+
+
+def _numbered(leaves, size):
+    """Corners in the order in which leaves have them: positions, levels, of_leaf; None where a table of `size` rows
+    gets too full."""
     table, values = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
-    positions, levels = (
-        np.zeros((min(8 * len(leaves), size), 3), np.int32),
-        np.zeros(min(8 * len(leaves), size), np.int8),
-    )
+    positions, levels = np.zeros((size // 2, 3), np.int32), np.zeros(size // 2, np.int8)
     of_leaf = np.zeros((len(leaves), 8), np.int32)
     count = _number_corners(leaves, table, values, positions, levels, of_leaf)
-    positions, levels = positions[:count], levels[:count]
-    order = np.argsort(_morton(positions), kind="stable")
-    rank = np.empty(count, np.int32)
-    rank[order] = np.arange(count, dtype=np.int32)
-    return Corners(positions[order], levels[order], rank[of_leaf])
+    return None if count < 0 else (positions[:count], levels[:count], of_leaf)
 
 
 @_function
@@ -200,6 +207,8 @@ def _number_corners(leaves, table, values, positions, levels, of_leaf):
             key = pack(0, px, py, pz)
             at = _slot(table, key)
             if table[at] == EMPTY:
+                if count == len(positions):
+                    return -1
                 table[at], values[at] = key, count
                 positions[count, 0], positions[count, 1], positions[count, 2] = px, py, pz
                 levels[count] = level
@@ -208,6 +217,13 @@ def _number_corners(leaves, table, values, positions, levels, of_leaf):
             of_leaf[i, c] = n
             levels[n] = min(levels[n], level)
     return count
+
+
+@_function
+def _renumber(of_leaf, rank):
+    for i in range(len(of_leaf)):
+        for c in range(8):
+            of_leaf[i, c] = rank[of_leaf[i, c]]
 
 
 @_function
@@ -238,11 +254,13 @@ def dual_mesh(leaves, corners, values, weights, enough):
     coarsest, finest = np.flatnonzero(present).max(), np.flatnonzero(present).min()
     sums, counts = np.zeros((len(leaves), 3)), np.zeros(len(leaves), np.int32)
     arrays = leaves, corners.of_leaf, corners.positions, values, weights, np.float32(enough), table, index
-    quads = np.zeros((0, 4), np.int32)
+    quads = np.zeros((len(leaves), 4), np.int32)  # more than there are crossings, but where surfaces lie like leaves
     total = _cross(*arrays, finest, coarsest, quads, sums, counts)
-    quads = np.zeros((total, 4), np.int32)
-    sums[:], counts[:] = 0, 0
-    _cross(*arrays, finest, coarsest, quads, sums, counts)
+    if total > len(quads):
+        quads = np.zeros((total, 4), np.int32)
+        sums[:], counts[:] = 0, 0
+        _cross(*arrays, finest, coarsest, quads, sums, counts)
+    quads = quads[:total]
     used = counts > 0
     number = np.cumsum(used) - 1
     vertices = sums[used] / counts[used, None]

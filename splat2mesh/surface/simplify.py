@@ -80,23 +80,38 @@ def _edges(faces, count):
     return np.stack([key // count, key % count], axis=1), uses
 
 
+@_function
 def _faces_around(faces, count):
-    """For each vertex where its faces begin in a list, and the list."""
-    corners = faces.ravel()
-    around = np.argsort(corners, kind="stable") // 3
-    return np.concatenate([[0], np.cumsum(np.bincount(corners, minlength=count))]), around
+    """For each vertex where its faces begin in a list, and the list, in order."""
+    starts = np.zeros(count + 1, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            starts[faces[f, k] + 1] += 1
+    for v in range(count):
+        starts[v + 1] += starts[v]
+    around, end = np.empty(starts[count], np.int64), starts[:-1].copy()
+    for f in range(len(faces)):
+        for k in range(3):
+            around[end[faces[f, k]]] = f
+            end[faces[f, k]] += 1
+    return starts, around
 
 
 @_function
 def _add_quadrics(points, faces, borders, quadrics, weights):
     """The planes of all faces, by area, and upright planes through border edges, at their corners."""
     for f in range(len(faces)):
-        a, b, c = points[faces[f, 0]], points[faces[f, 1]], points[faces[f, 2]]
-        n = np.cross(b - a, c - a)
-        area = np.sqrt((n * n).sum())
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x, y, z = points[a, 0], points[a, 1], points[a, 2]
+        nx, ny, nz = _cross(
+            *(points[b, 0] - x, points[b, 1] - y, points[b, 2] - z),
+            *(points[c, 0] - x, points[c, 1] - y, points[c, 2] - z),
+        )
+        area = np.sqrt(_square(nx, ny, nz))
         if area > 0:
+            d = -(nx * x + ny * y + nz * z) / area
             for k in range(3):
-                _add_plane(quadrics[faces[f, k]], n / area, -(n * a).sum() / area, area / 2)
+                _add_plane(quadrics, faces[f, k], nx / area, ny / area, nz / area, d, area / 2)
                 weights[faces[f, k]] += area / 2
     for e in range(len(borders)):
         i, j = borders[e]
@@ -111,13 +126,13 @@ def _add_quadrics(points, faces, borders, quadrics, weights):
                 if size > 1e-6:
                     n /= size
                     d = -(n * points[i]).sum()
-                    _add_plane(quadrics[i], n, d, length * length / 2)
-                    _add_plane(quadrics[j], n, d, length * length / 2)
+                    for end in (i, j):
+                        _add_plane(quadrics, end, n[0], n[1], n[2], d, length * length / 2)
 
 
 @_function
-def _add_plane(q, n, d, weight):
-    x, y, z = n
+def _add_plane(quadrics, vertex, x, y, z, d, weight):
+    q = quadrics[vertex]
     q[0] += weight * x * x
     q[1] += weight * x * y
     q[2] += weight * x * z
@@ -134,45 +149,55 @@ def _add_plane(q, n, d, weight):
 def _costs(points, edges, quadrics, weights, sizes, border, on_border, costs, places):
     """What the collapse of each edge costs, in squared cells, and where its vertex would lie; inf: not at all."""
     for e in numba.prange(len(edges)):
-        a, b = edges[e]
-        q, weight, size = quadrics[a] + quadrics[b], weights[a] + weights[b], min(sizes[a], sizes[b])
-        along = points[b] - points[a]
-        length2 = (along * along).sum()
+        a, b = edges[e, 0], edges[e, 1]
+        weight, size = weights[a] + weights[b], min(sizes[a], sizes[b])
+        length2 = _square(points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2])
         costs[e] = np.inf
         if length2 > (LONGEST * size) ** 2 or not weight > 0 or (border[a] and border[b] and not on_border[e]):
             continue
-        middle = (points[a] + points[b]) / 2
+        p, q = quadrics[a], quadrics[b]
+        xx, xy, xz, yy, yz = p[0] + q[0], p[1] + q[1], p[2] + q[2], p[3] + q[3], p[4] + q[4]
+        zz, x1, y1, z1, rest = p[5] + q[5], p[6] + q[6], p[7] + q[7], p[8] + q[8], p[9] + q[9]
         if border[a] != border[b]:
-            place = points[a] if border[a] else points[b]
+            kept = a if border[a] else b
+            x, y, z = points[kept, 0], points[kept, 1], points[kept, 2]
         else:
-            place = _best(q, weight, middle)
-            shift = place - middle
-            if (shift * shift).sum() > length2:
-                place = middle
-        x, y, z = place
+            mx, my, mz = (
+                (points[a, 0] + points[b, 0]) / 2,
+                (points[a, 1] + points[b, 1]) / 2,
+                (points[a, 2] + points[b, 2]) / 2,
+            )
+            x, y, z = _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, STIFF * weight, mx, my, mz)
+            if _square(x - mx, y - my, z - mz) > length2:
+                x, y, z = mx, my, mz
         error = (
-            q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + q[3] * y * y + 2 * q[4] * y * z + q[5] * z * z
-            + 2 * (q[6] * x + q[7] * y + q[8] * z) + q[9]
+            xx * x * x + 2 * xy * x * y + 2 * xz * x * z + yy * y * y + 2 * yz * y * z + zz * z * z
+            + 2 * (x1 * x + y1 * y + z1 * z) + rest
         )  # fmt: skip
         costs[e] = max(error, 0.0) / (weight * size * size) + SHORT * length2 / (size * size)
-        for k in range(3):
-            places[e, k] = place[k]
+        places[e, 0], places[e, 1], places[e, 2] = x, y, z
 
 
 @_function
-def _best(q, weight, middle):
-    """The place of least error, drawn a little towards the middle: it solves (A + s I) x = s middle - b."""
-    s = STIFF * weight
-    a, b, c, d, e, f = q[0] + s, q[1], q[2], q[3] + s, q[4], q[5] + s
-    r0, r1, r2 = s * middle[0] - q[6], s * middle[1] - q[7], s * middle[2] - q[8]
+def _square(x, y, z):
+    return x * x + y * y + z * z
+
+
+@_function
+def _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, s, mx, my, mz):
+    """The place of least error, drawn by `s` towards the middle: it solves (A + s I) x = s middle - b."""
+    a, d, f = xx + s, yy + s, zz + s
+    b, c, e = xy, xz, yz
+    r0, r1, r2 = s * mx - x1, s * my - y1, s * mz - z1
     c00, c01, c02 = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * c00 + b * c01 + c * c02
     if not determinant > 0:
-        return middle.copy()
+        return mx, my, mz
     c11, c12, c22 = a * f - c * c, b * c - a * e, a * d - b * b
     return (
-        np.array([c00 * r0 + c01 * r1 + c02 * r2, c01 * r0 + c11 * r1 + c12 * r2, c02 * r0 + c12 * r1 + c22 * r2])
-        / determinant
+        (c00 * r0 + c01 * r1 + c02 * r2) / determinant,
+        (c01 * r0 + c11 * r1 + c12 * r2) / determinant,
+        (c02 * r0 + c12 * r1 + c22 * r2) / determinant,
     )
 
 
@@ -185,29 +210,31 @@ def _collapse(
     mark = np.full(len(points), -1, np.int64)
     removed = 0
     for e in order:
-        a, b = edges[e]
+        a, b = edges[e, 0], edges[e, 1]
         if touched[a] or touched[b]:
             continue
         shared = 0
         for i in range(starts[a], starts[a + 1]):
-            f = faces[around[i]]
+            f = around[i]
             for k in range(3):
-                mark[f[k]] = 2 * e
-            if f[0] == b or f[1] == b or f[2] == b:
+                mark[faces[f, k]] = 2 * e
+            if faces[f, 0] == b or faces[f, 1] == b or faces[f, 2] == b:
                 shared += 1
         common = 0
         for i in range(starts[b], starts[b + 1]):
-            f = faces[around[i]]
+            f = around[i]
             for k in range(3):
-                if mark[f[k]] == 2 * e and f[k] != a and f[k] != b:
+                v = faces[f, k]
+                if mark[v] == 2 * e and v != a and v != b:
                     common += 1
-                    mark[f[k]] = 2 * e + 1
+                    mark[v] = 2 * e + 1
         if shared == 0 or common != shared:
             continue
         longest = LONGEST * min(sizes[a], sizes[b])
-        if _spoils(points, faces, starts, around, a, b, places[e], longest):
+        place = places[e]
+        if _spoils(points, faces, starts, around, a, b, place, longest):
             continue
-        if _spoils(points, faces, starts, around, b, a, places[e], longest):
+        if _spoils(points, faces, starts, around, b, a, place, longest):
             continue
         for vertex in (a, b):
             for i in range(starts[vertex], starts[vertex + 1]):
@@ -221,9 +248,10 @@ def _collapse(
                 for k in range(3):
                     if faces[f, k] == b:
                         faces[f, k] = a
-        points[a] = places[e]
+        points[a, 0], points[a, 1], points[a, 2] = place[0], place[1], place[2]
         kept[a] = max(kept[a], kept[b])
-        quadrics[a] += quadrics[b]
+        for k in range(10):
+            quadrics[a, k] += quadrics[b, k]
         weights[a] += weights[b]
         sizes[a] = min(sizes[a], sizes[b])
         removed += 1
@@ -235,16 +263,26 @@ def _collapse(
 @_function
 def _spoils(points, faces, starts, around, vertex, other, place, longest):
     """Whether a face of `vertex` that stays would turn too far, vanish or outgrow `longest` with it at `place`."""
+    x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
     for i in range(starts[vertex], starts[vertex + 1]):
-        f = faces[around[i]]
-        if f[0] == other or f[1] == other or f[2] == other:
+        f = around[i]
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        if a == other or b == other or c == other:
             continue
-        k = 0 if f[0] == vertex else 1 if f[1] == vertex else 2
-        p, q = points[f[(k + 1) % 3]], points[f[(k + 2) % 3]]
-        if max(((p - place) ** 2).sum(), ((q - place) ** 2).sum()) > longest * longest:
+        p, q = (b, c) if a == vertex else (c, a) if b == vertex else (a, b)
+        px, py, pz, qx, qy, qz = points[p, 0], points[p, 1], points[p, 2], points[q, 0], points[q, 1], points[q, 2]
+        ax, ay, az = px - place[0], py - place[1], pz - place[2]
+        bx, by, bz = qx - place[0], qy - place[1], qz - place[2]
+        if max(_square(ax, ay, az), _square(bx, by, bz)) > longest * longest:
             return True
-        before, after = np.cross(p - points[vertex], q - points[vertex]), np.cross(p - place, q - place)
-        product = (before * after).sum()
-        if not product > LEAST_TURN * np.sqrt((before * before).sum() * (after * after).sum()):
+        u0, u1, u2 = _cross(px - x, py - y, pz - z, qx - x, qy - y, qz - z)
+        v0, v1, v2 = _cross(ax, ay, az, bx, by, bz)
+        product = u0 * v0 + u1 * v1 + u2 * v2
+        if not product > LEAST_TURN * np.sqrt(_square(u0, u1, u2) * _square(v0, v1, v2)):
             return True
     return False
+
+
+@_function
+def _cross(ax, ay, az, bx, by, bz):
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..base.distinct import distinct
 from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
 from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
+from .memory import give_back
 from .plan import LEVELS, RING, Plan
 
 MOST_CELLS = 24_000_000
@@ -35,24 +36,34 @@ class Raw(NamedTuple):
 
 
 def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw:
-    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells."""
+    """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
+
+    The list of sights is empty afterwards: what they show is a large part of a process's memory.
+    """
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
-    sights = [sight for sight in sights if (sight.weight > 0).any()]
+    sights[:] = [sight for sight in sights if (sight.weight > 0).any()]
     if not sights:
         return empty
-    origin, steps = np.zeros(3), [sight.step for sight in sights]
+    origin = np.zeros(3)
+    steps = (sight.step for sight in sights)
     requested = requested_cells(sights, steps, origin, plan.finest, NARROW, WIDE, MOST_CELLS)
+    packed = _packed(sights, origin)
+    sights.clear()
+    give_back()
     if requested is None:
         raise MemoryError(f"more than {MOST_CELLS:,} cells in one tile: give it less `memory`, so that it is cut")
     requested = requested[_within(requested, plan.tiles[tile])]
     if not len(requested):
         return empty
     leaves = leaves_of(requested)
+    del requested
+    give_back()
     corners = corners_of(leaves)
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     dealt = np.random.default_rng(0).permutation(-(-len(values) // BATCH))
     arrays = corners.positions, corners.levels, dealt, plan.finest, NARROW, WIDE, carve
-    _integrate(*arrays, *_packed(sights, origin), values, weights)
+    _integrate(*arrays, *packed, values, weights)
+    del packed
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     points = vertices * plan.finest
     a, b, c = (points[faces[:, corner]] for corner in range(3))

@@ -3,6 +3,7 @@
 All tiles that need a depth map read the same one: so what two tiles know of their common border is equal to the bit.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,13 +102,12 @@ def _prepared(store, plan, tile, sources):
     return dilated(splats, DILATION * plan.trained), stations
 
 
-def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
+def faces_around(store: Store, plan: Plan, tile: int) -> Iterator[Face]:
     """The views that tell of what lies in a tile and its ring, in an order that all tiles share.
 
     A view counts where a surface point of it lies near enough to tell anything: all others leave no trace there.
     """
     low, high = _range(plan, tile)
-    found = []
     for other in plan.seers(tile):
         kept = store.read_arrays(f"work/sights/{other:05d}.npz")
         touching = (kept["bounds"][:, 0] < high).all(axis=1) & (kept["bounds"][:, 1] >= low).all(axis=1)
@@ -125,8 +125,7 @@ def faces_around(store: Store, plan: Plan, tile: int) -> list[Face]:
             color = kept["color"][row].astype(np.float32) / np.float32(255)
             spread = np.minimum(kept["spread"][row], np.float32(DEEPEST * plan.block))
             seen = FieldDepth(depth, normal, spread, color, np.isfinite(depth).astype(np.float32))
-            found.append(Face(view, seen, kept["thickness"][row]))
-    return found
+            yield Face(view, seen, kept["thickness"][row])
 
 
 def _ground_of(view, depth):

@@ -53,9 +53,9 @@ along z, which is 10.4 along the ray in the corner of a view."""
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
 
-BASE_GB, GB_PER_SPLAT = 0.6, 7.0e-6
-"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds: 4.3e-6 in generated
-cities, 6e-6 in a trained plaza whose trees are fog."""
+BASE_GB, GB_PER_SPLAT = 0.5, 5.0e-6
+"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds: 2e-6 in generated
+cities, more in trained ones, whose trees are fog with many a vertex of the raw surface for each splat."""
 
 USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
 """Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and

@@ -20,7 +20,8 @@ from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
 from ..surface.simplify import simplify
 from .glb import glb_bytes
 from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
-from .look import Face, carve_of, faces_around, sight_of
+from .look import carve_of, faces_around, sight_of
+from .memory import give_back
 from .plan import Plan, folder_of
 from .store import Store
 
@@ -32,13 +33,15 @@ at most, as a number or as a share of its own, whichever is more. A tile of fewe
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, far.ply, and its record; returns the record."""
     known = Plan.kept(store, key)
-    faces = faces_around(store, known, tile)
-    sights = [sight_of(face, known, tile) for face in faces]
-    views, seen, thickness = ([getattr(face, name) for face in faces] for name in Face._fields)
-    album = Album.of(views, seen, thickness) if faces else None
-    del faces, seen, thickness
+    sights, pictures = [], []
+    for face in faces_around(store, known, tile):
+        sights.append(sight_of(face, known, tile))
+        pictures.append(Album.of([face.view], [face.seen], [face.thickness]))
+    album = Album.joined(pictures) if pictures else None
+    pictures.clear()
+    give_back()
     raw = raw_surface(sights, known, tile, carve_of(known))
-    del sights
+    give_back()
     made, facts = tile_mesh(raw, tile, album, known)
     name, files = folder_of(tile), {}
     if len(made.faces):
@@ -70,6 +73,8 @@ def tile_mesh(raw, tile, album, plan):
     used, local = np.unique(chosen, return_inverse=True)
     local = local.reshape(-1, 3).astype(np.int32)
     at, cells, fixed = points[used], raw.cells[used], seam[used]
+    del chosen, soft, points
+    give_back()
     found = len(used)
     wanted = plan.settings.get("vertices")
     most = round(found / SPARE) if wanted is None else round(wanted * plan.counts[tile] / max(sum(plan.counts), 1))

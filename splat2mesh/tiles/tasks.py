@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
@@ -150,6 +151,13 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "critical",
         "distributed.worker.profile.enabled": False,  # a thread that looks at the task all the time
+        # tasks take seconds: what looks at each process fifty times a second took 6% of a core
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.worker.memory.monitor-interval": "500ms",
+        # on a busy machine a worker may be silent for minutes and well; one that has died here is known to have
+        "distributed.scheduler.worker-ttl": None,
+        "distributed.comm.timeouts.connect": "120s",
     }
     with dask.config.set(settings):
         if scheduler is not None:
@@ -164,14 +172,16 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
         with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
-            cluster = LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=limit,
-                dashboard_address=None,  # it would answer to the whole network
-                silence_logs=50,
-            )
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other will do
+                cluster = LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    memory_limit=limit,
+                    dashboard_address=None,  # it would answer to the whole network
+                    silence_logs=50,
+                )
             with cluster, _kept_at(cluster, workers), Client(cluster) as client:
                 yield _checked(client, "the local cluster")
 

@@ -1,29 +1,11 @@
 """What a process of dask.distributed must be like before it works on a city. Needs distributed."""
 
-import ctypes
 import os
 from typing import Any
 
 from distributed import WorkerPlugin
 
-MAPPED, KEPT, ARENAS = 32 << 20, 256 << 20, 1
-"""How glibc hands out memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
-of the heap as many bytes as the second stay when they are free; and all threads share one heap.
-
-A task runs in a thread, and the nanny of dask sets MALLOC_TRIM_THRESHOLD_ to 64 kB: so every array would be mapped and
-its pages filled with zeros anew. That took 17 of 59 processor seconds of a city of 100,000 splats, and takes 2 so, at
-the same peak of memory."""
-
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of mallopt in malloc.h of glibc
-
-
-def keep_memory() -> bool:
-    """Let this process keep freed memory for what comes next; whether it could, as with glibc alone."""
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if os.name == "posix" else None
-    if mallopt is None:
-        return False
-    wanted = {_M_MMAP_THRESHOLD: MAPPED, _M_TRIM_THRESHOLD: KEPT, _M_ARENA_MAX: ARENAS}
-    return all(mallopt(name, value) == 1 for name, value in wanted.items())
+from .memory import keep_memory
 
 
 class Prepared(WorkerPlugin):

@@ -1,11 +1,11 @@
-"""What the tests of splats and of their files share: random splats, an SH oracle, quantisation."""
+"""What the tests of splats and of their files share: random splats, an SH oracle, quantisation, a far background."""
 
 from dataclasses import fields
 
 import numpy as np
 from scipy.special import sph_harm_y
 
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import SH_C0, Splats
 
 
 def make_splats(n, degree, seed=0):
@@ -59,3 +59,27 @@ def smallest_three(quats):
     positive = quats * np.sign(np.take_along_axis(quats, largest[:, None], 1))
     others = np.array([[c for c in range(4) if c != i] for i in largest])
     return largest, np.take_along_axis(positive, others, 1)
+
+
+def open_air():
+    """Near splats, far lawn, hedge, blossoms and a white sky behind: Splats y up, far rows, those of the sky."""
+    rng = np.random.default_rng(1)
+
+    def ring(count, distance, low, high, color):
+        turn, height = rng.uniform(0, 2 * np.pi, count), np.radians(rng.uniform(low, high, count))
+        at = np.stack([np.cos(height) * np.cos(turn), np.sin(height), np.cos(height) * np.sin(turn)], axis=1)
+        return distance * rng.uniform(0.95, 1.05, (count, 1)) * at, np.tile(color, (count, 1))
+
+    parts = [
+        (rng.uniform(-1, 1, (200, 3)), np.full((200, 3), 0.5)),
+        ring(300, 20.0, -12, -4, [0.45, 0.6, 0.3]),
+        ring(300, 30.0, -2, 6, [0.15, 0.25, 0.12]),
+        ring(100, 15.0, 4, 12, [0.9, 0.85, 0.9]),
+        ring(900, 90.0, 7, 60, [0.95, 0.97, 1.0]),
+    ]
+    means, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    count = len(means)
+    sh = ((colors - 0.5) / SH_C0)[:, None].astype(np.float32)
+    scales = 0.02 * np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1.0) * np.ones((1, 3))
+    splats = Splats(means, scales, np.tile([1.0, 0, 0, 0], (count, 1)), np.full(count, 0.7), sh)
+    return splats, np.arange(200, count), np.arange(count - 900, count)

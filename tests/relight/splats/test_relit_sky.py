@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from splat_samples import open_air
 
 from relight import Environment
 from relight.light.projections import texel_directions
@@ -13,7 +14,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.inria import write_inria_ply
-from splat2mesh.splats.splats import SH_C0, Splats
+from splat2mesh.splats.splats import Splats
 
 AXES = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]])
 
@@ -88,30 +89,6 @@ def test_rows_of_another_splat_are_refused():
     splats, far = captured()
     with pytest.raises(InputError, match=f"there are {len(splats)}"):
         under_sky(splats, far + 1, striped(), np.eye(4), 1.0)
-
-
-def open_air():
-    """Near splats, far lawn, hedge, blossoms and a white sky behind: Splats y up, far rows, those of the sky."""
-    rng = np.random.default_rng(1)
-
-    def ring(count, distance, low, high, color):
-        turn, height = rng.uniform(0, 2 * np.pi, count), np.radians(rng.uniform(low, high, count))
-        at = np.stack([np.cos(height) * np.cos(turn), np.sin(height), np.cos(height) * np.sin(turn)], axis=1)
-        return distance * rng.uniform(0.95, 1.05, (count, 1)) * at, np.tile(color, (count, 1))
-
-    parts = [
-        (rng.uniform(-1, 1, (200, 3)), np.full((200, 3), 0.5)),
-        ring(300, 20.0, -12, -4, [0.45, 0.6, 0.3]),
-        ring(300, 30.0, -2, 6, [0.15, 0.25, 0.12]),
-        ring(100, 15.0, 4, 12, [0.9, 0.85, 0.9]),
-        ring(900, 90.0, 7, 60, [0.95, 0.97, 1.0]),
-    ]
-    means, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
-    count = len(means)
-    sh = ((colors - 0.5) / SH_C0)[:, None].astype(np.float32)
-    scales = 0.02 * np.maximum(np.linalg.norm(means, axis=1, keepdims=True), 1.0) * np.ones((1, 3))
-    splats = Splats(means, scales, np.tile([1.0, 0, 0, 0], (count, 1)), np.full(count, 0.7), sh)
-    return splats, np.arange(200, count), np.arange(count - 900, count)
 
 
 @pytest.mark.parametrize("flip", [1.0, -1.0])

@@ -45,6 +45,15 @@ def test_leaves_do_not_overlap(sphere):
             assert not parents & by_level.get(coarser, set())
 
 
+def test_leaves_far_from_one_another_share_no_corner():
+    cells = 9 * np.array([[i, j, -i] for i in range(-20, 20) for j in range(30)])
+    leaves = np.sort(keys_of(0, cells))
+    corners = corners_of(leaves)
+    assert len(corners.positions) == len(np.unique(corners.positions, axis=0)) == 8 * len(leaves)
+    places = {tuple(place) for place in (cells[:, None] + [0, 1, 1]).reshape(-1, 3).tolist()}
+    assert {tuple(place) for place in corners.positions[corners.of_leaf[:, 3]].tolist()} == places
+
+
 def test_the_mesh_is_closed_and_near_the_surface(sphere):
     vertices, faces, levels = sphere[3]
     starts, ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()

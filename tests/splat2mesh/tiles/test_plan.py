@@ -38,7 +38,7 @@ def test_a_tile_is_near_itself_and_those_within_the_distance():
 def test_memory_that_the_libraries_fill_is_refused():
     with pytest.raises(InputError, match="`memory`"):
         splats_for(0.5)
-    assert splats_for(2.0) == pytest.approx(200_000, rel=0.1)
+    assert splats_for(2.0) == pytest.approx(300_000, rel=0.1)
     assert splats_for(1000.0) > splats_for(None) > splats_for(2.0)
 
 

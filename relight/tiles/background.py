@@ -1,0 +1,90 @@
+"""What belongs to no tile of a city: sky, which shows the new light, and lawns and houses far away, which take the
+change of light of the city as seen from there."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.joining import joined
+from splat2mesh.splats.splats import NUMBERS, Splats
+from splat2mesh.tiles.store import Store
+
+from ..light.environment import Environment
+from ..splats.attachment import Patches, Surface
+from ..splats.light_ratio import log_gain, relit_sh
+from ..splats.sky import Backdrop, backdrop_of, is_sky, under_sky
+
+SAMPLE = 200_000
+"""Far splats of all pieces by which sky is told from what is none."""
+
+
+class Background(NamedTuple):
+    """How far splats are lit, the same for all pieces. backdrop: of the splats as captured. patches: change of light of
+    the city as seen from afar. mean: (3,) of all of it."""
+
+    backdrop: Backdrop
+    patches: Patches
+    mean: NDArray[np.float32]
+
+    def arrays(self) -> dict[str, Any]:
+        """What `of` takes."""
+        return {**self.backdrop._asdict(), **self.patches._asdict(), "mean": self.mean}
+
+    @classmethod
+    def of(cls, kept: dict[str, Any]) -> "Background | None":
+        """The Background of arrays by name, among others; None where there is none."""
+        if "mean" not in kept:
+            return None
+        backdrop = Backdrop(**{name: kept[name] for name in Backdrop._fields})
+        return cls(backdrop, Patches(**{name: kept[name] for name in Patches._fields}), kept["mean"])
+
+
+def far_splats(store: Store, piece: int, most: int | None = None) -> Splats:
+    """The far background of a piece, every row, or an even sample of at most so many."""
+    kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
+    step = 1 if most is None else max(1, -(-len(kept["means"]) // most))
+    return Splats(**{name: kept[name][::step] for name in NUMBERS})
+
+
+def background_of(
+    store: Store,
+    pieces: list[int],  # that hold far splats
+    scene: Scene,  # the city, coarse
+    before: NDArray,  # (V, 3) of its vertices, as `log_gain` takes it
+    after: NDArray,  # (V, 3), exposure applied
+) -> Background | None:
+    """The Background of a city; None where no splat is far."""
+    samples = [far_splats(store, piece, max(SAMPLE // len(pieces), 1)) for piece in pieces]
+    sample = joined([Splats(s.means, s.scales, s.quats_wxyz, s.opacities, s.sh[:, :1]) for s in samples])
+    sample = sample.take(np.isfinite(sample.means).all(axis=1))
+    if not len(sample):
+        return None
+    surface = Surface(scene)
+    shares = (surface.areas / np.bincount(surface.node))[surface.node]
+    logs, mean = log_gain(scene.colors_linear, before, after, shares)
+    up = np.asarray(scene.scene_from_splat, np.float64)[1, :3]
+    backdrop = backdrop_of(sample, np.median(surface.points[surface.used], axis=0), up)
+    return Background(backdrop, Patches.of(surface, surface.of_vertices(logs)), mean)
+
+
+def relit_background(
+    splats: Splats,  # of a piece, every row
+    background: Background,
+    sky: Environment,
+    scene_from_splat: NDArray,  # (4, 4)
+    exposure: float,
+    choice: str,  # of `splats.SKIES`
+) -> Splats:
+    """Far splats in the new light; those that are not finite stay as they are."""
+    finite = np.isfinite(splats.means).all(axis=1)
+    if choice == "keep" or not finite.any():
+        return splats
+    rows = np.flatnonzero(finite)
+    shown = is_sky(splats.take(rows), background.backdrop)
+    other, sh = rows[~shown], splats.sh.copy()
+    sh[other] = relit_sh(sh[other], background.patches.seen_from(splats.means[other]), background.mean)
+    relit = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+    eye = background.backdrop.middle
+    return under_sky(relit, rows[shown], sky, scene_from_splat, exposure, choice, eye)
