@@ -155,7 +155,7 @@ def test_the_tileset_names_what_is_there_in_boxes_that_hold_it(made):
 def test_the_command_says_one_line_for_what_cannot_be(source, tmp_path, capsys):
     nowhere = str(tmp_path / "scene")
     for arguments, said in (
-        (["--memory", "0.5"], "--memory 0.5: a process needs 0.7 GiB at least"),
+        (["--memory", "0.5"], "--memory 0.5: a process needs 0.6 GiB at least"),
         (["--workers", "0"], "--workers 0: expected at least 1"),
         (["--tiles", "--cameras", "none"], "--cameras: has no meaning for a city in tiles"),
         (["--tiles", "--detail", "best"], "--detail best"),
