@@ -36,31 +36,47 @@ luminance below which they are that, and not a sky at evening."""
 NEAR_PART = 0.4
 """Of the sky's usual distance: what is nearer is a surface. A sky has no parallax, so it is trained to be far."""
 
+STRAY = 0.05
+"""Of the mesh's diagonal: from how far of it a splat that looks like sky is sky, though nearer than the background."""
+
 VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
 
 def shown_as_sky(splats, scene, appearance):
-    """Rows (M,) of the far background of a Scene of these Splats that show the sky: in the windows of a closed room,
-    and where all stays as captured, all of it."""
+    """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
+    before it. In the windows of a closed room, and where all stays as captured, all of the background."""
     rows = scene.background_splats
     indoors = appearance.room is not None or appearance.kept
-    return rows if indoors or not len(rows) else sky_rows(splats, rows, scene.scene_from_splat)
+    return rows if indoors or not len(rows) else sky_rows(splats, rows, scene.scene_from_splat, scene.vertices)
 
 
 def sky_rows(
     splats,  # Splats as captured, every row of the source
     rows,  # (M,) which of them are far background
     scene_from_splat,  # (4, 4)
+    vertices=None,  # (V, 3) of the mesh, scene frame
 ):
-    """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order."""
+    """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
+
+    Where the mesh is told, rows of other splats follow: those that look like sky, are about as far away, and lie
+    nowhere near the mesh. Training leaves some of a sky nearer than the rest.
+    """
     some = splats.take(rows)
-    near = np.delete(splats.means, rows, axis=0)
-    near = near[np.isfinite(near).all(axis=1)]
-    if not np.isfinite(some.means).all(axis=1).any() or not len(near):
+    others = np.delete(np.arange(len(splats)), rows)
+    others = others[np.isfinite(splats.means[others]).all(axis=1)]
+    if not np.isfinite(some.means).all(axis=1).any() or not len(others):
         return rows
-    up = np.asarray(scene_from_splat, np.float64)[1, :3]
-    return rows[is_sky(some, backdrop_of(some, np.median(near, axis=0), up))]
+    matrix = np.asarray(scene_from_splat, np.float64)
+    backdrop = backdrop_of(some, np.median(splats.means[others], axis=0), matrix[1, :3])
+    sky = rows[is_sky(some, backdrop)]
+    if vertices is None or not len(vertices):
+        return sky
+    strays = others[_like_sky(splats.take(others), backdrop)]
+    places = splats.means[strays] @ matrix[:3, :3].T + matrix[:3, 3]
+    reach = STRAY * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    gap = cKDTree(vertices).query(places, distance_upper_bound=reach)[0]
+    return np.concatenate([sky, strays[~np.isfinite(gap)]])
 
 
 class Backdrop(NamedTuple):
@@ -87,10 +103,15 @@ def backdrop_of(some, middle, up):
 
 def is_sky(some, backdrop):
     """Which of far Splats show sky: (N,) bool."""
-    off, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
-    sky = ~_surface(height, color, backdrop.level) & (distance >= backdrop.least)
+    off, sky = _seen(some, backdrop.middle, backdrop.up)[0], _like_sky(some, backdrop)
     around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
     return sky[around].mean(axis=1) > 0.5
+
+
+def _like_sky(some, backdrop):
+    """Which of Splats have the place and colour of sky, each by itself: (N,) bool."""
+    _, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
+    return ~_surface(height, color, backdrop.level) & (distance >= backdrop.least)
 
 
 def _seen(some, middle, up):

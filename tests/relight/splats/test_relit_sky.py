@@ -9,7 +9,7 @@ from splat_samples import open_air
 from relight import Environment
 from relight.light.projections import texel_directions
 from relight.splats import shown_as_sky, under_sky, write_relit_ply
-from relight.splats.sky import sky_rows
+from relight.splats.sky import STRAY, sky_rows
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.splats.formats import read_splats
@@ -101,6 +101,24 @@ def test_far_lawns_hedges_and_blossoms_are_no_sky(flip):
     assert len(found) > 0.98 * len(sky)  # a few stand among the hedge, and follow their neighbours
 
 
+@pytest.mark.parametrize("flip", [1.0, -1.0])
+def test_sky_that_hangs_before_the_background_is_sky_unless_the_mesh_is_there(flip):
+    splats, far, sky = open_air()
+    turn = np.diag([1.0, flip, flip, 1.0])
+    splats.means[:] = splats.means @ turn[:3, :3]
+    strays, blossoms = sky[:40], np.arange(800, 900)
+    splats.means[strays] *= 0.6
+    rest = np.setdiff1d(far, [*strays, *blossoms])
+    mesh = np.concatenate([np.eye(3), splats.means[strays[:10]] @ turn[:3, :3] + 0.1])
+    found = sky_rows(splats, rest, turn, mesh)
+    gap = np.linalg.norm((splats.means[strays] @ turn[:3, :3])[:, None] - mesh, axis=2).min(axis=1)
+    free = gap > STRAY * np.linalg.norm(np.ptp(mesh, axis=0))
+    assert not free[:10].any() and free.sum() > 20
+    np.testing.assert_array_equal(np.isin(strays, found), free)
+    assert len(np.setdiff1d(found, sky)) == 0  # neither blossoms nor what is near
+    np.testing.assert_array_equal(sky_rows(splats, rest, turn), np.intersect1d(found, rest))
+
+
 def test_a_far_background_of_ground_alone_has_no_sky():
     splats, far, _ = open_air()
     assert len(sky_rows(splats, far[:300], np.eye(4))) == 0
@@ -108,7 +126,7 @@ def test_a_far_background_of_ground_alone_has_no_sky():
 
 def test_windows_of_rooms_and_what_stays_as_captured_show_all_of_it():
     splats, far, sky = open_air()
-    scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4))
+    scene = SimpleNamespace(background_splats=far, scene_from_splat=np.eye(4), vertices=np.eye(3))
     for look in (SimpleNamespace(room=object(), kept=False), SimpleNamespace(room=None, kept=True)):
         np.testing.assert_array_equal(shown_as_sky(splats, scene, look), far)
     assert len(shown_as_sky(splats, scene, SimpleNamespace(room=None, kept=False))) <= len(sky)
