@@ -44,8 +44,8 @@ class DepthMap:
         rays = view.ray_directions().astype(np.float32)
         frontal = -(rays * normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
         weight = np.maximum(frontal, 0) / (1 + (spread / (SHARP * radius)) ** 2)
-        plane = np.concatenate([normal, depth[..., None]], axis=-1)
-        return cls(view, plane.astype(np.float32), np.where(np.isfinite(depth), weight, 0).astype(np.float32))
+        plane = np.concatenate([normal, depth[..., None]], axis=-1).astype(np.float32, order="C")
+        return cls(view, plane, np.where(np.isfinite(depth), weight, 0).astype(np.float32))
 
 
 _HALF = 2**20

@@ -3,6 +3,7 @@
 Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 2024), section 4.2, without its training.
 """
 
+import math
 from dataclasses import dataclass
 
 import numba
@@ -54,11 +55,12 @@ class DensityField:
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
         Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
         """
-        local = (points - self._origin).astype(np.float32)
+        local = (points - self._origin).astype(np.float32, order="C")
         count = min(NEIGHBORS, len(self._means))
         neighbors = self._tree.query(local, k=count, workers=-1)[1].reshape(len(local), count).astype(np.int32)
         arrays = (self._means, self._rotations, self._scales, self._opacities)
-        offset, normal = _enter_level(local, directions.astype(np.float32), neighbors, *arrays)
+        offset, normal = np.full(len(local), np.nan, np.float32), np.zeros((len(local), 3), np.float32)
+        _enter_level(local, directions.astype(np.float32, order="C"), neighbors, *arrays, offset, normal)
         found = np.isfinite(offset)
         surface = points[found] + offset[found, None] * directions[found]
         return SurfacePoints(surface.astype(np.float32), normal[found])
@@ -95,57 +97,57 @@ def poisson(surface, depth):
 
 
 @numba.njit(cache=True, nogil=True)
-def _density(x, y, z, nearby, means, rotations, scales, opacities, gradient):
-    total = 0.0
-    gradient[:] = 0.0
-    for index in nearby:
-        dx, dy, dz = x - means[index, 0], y - means[index, 1], z - means[index, 2]
-        rotation = rotations[index]
+def _density(x, y, z, p, neighbors, means, rotations, scales, opacities):
+    """Density at a point, of its row p of `neighbors`, and the gradient there: four numbers."""
+    total, right, up, back = 0.0, 0.0, 0.0, 0.0
+    for i in range(neighbors.shape[1]):
+        n = neighbors[p, i]
+        dx, dy, dz = x - means[n, 0], y - means[n, 1], z - means[n, 2]
         exponent, gx, gy, gz = 0.0, 0.0, 0.0, 0.0
         for axis in range(3):
-            along = rotation[0, axis] * dx + rotation[1, axis] * dy + rotation[2, axis] * dz
-            scaled = along / (scales[index, axis] * scales[index, axis])
+            along = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
+            scaled = along / (scales[n, axis] * scales[n, axis])
             exponent += along * scaled
-            gx += rotation[0, axis] * scaled
-            gy += rotation[1, axis] * scaled
-            gz += rotation[2, axis] * scaled
-        value = opacities[index] * np.exp(-0.5 * exponent)
+            gx += rotations[n, 0, axis] * scaled
+            gy += rotations[n, 1, axis] * scaled
+            gz += rotations[n, 2, axis] * scaled
+        value = opacities[n] * math.exp(-0.5 * exponent)
         total += value
-        gradient[0] -= value * gx
-        gradient[1] -= value * gy
-        gradient[2] -= value * gz
-    return total
+        right -= value * gx
+        up -= value * gy
+        back -= value * gz
+    return total, right, up, back
 
 
 @numba.njit(cache=True, nogil=True, parallel=True)
-def _enter_level(points, directions, neighbors, means, rotations, scales, opacities):
-    offsets = np.full(len(points), np.nan, np.float32)
-    normals = np.zeros((len(points), 3), np.float32)
+def _enter_level(points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
+    """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
     for p in numba.prange(len(points)):
-        dx, dy, dz = directions[p]
-        nearest = neighbors[p, 0]
-        variance = 0.0
-        for axis in range(3):
-            column = rotations[nearest, :, axis]
-            turned = column[0] * dx + column[1] * dy + column[2] * dz
-            variance += (turned * scales[nearest, axis]) ** 2
-        reach = REACH * np.sqrt(variance)
-        gradient = np.zeros(3, np.float64)
-        before = np.inf
-        for step in range(STEPS):
-            t = reach * (2.0 * step / (STEPS - 1) - 1.0)
+        _enter(np.int64(p), points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
+
+
+@numba.njit(cache=True, nogil=True)
+def _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
+    dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
+    n = neighbors[p, 0]
+    variance = 0.0
+    for axis in range(3):
+        turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
+        variance += (turned * scales[n, axis]) ** 2
+    reach = REACH * math.sqrt(variance)
+    before = math.inf
+    for step in range(STEPS):
+        t = reach * (2.0 * step / (STEPS - 1) - 1.0)
+        x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
+        density, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
+        if before < LEVEL <= density:
+            t -= 2.0 * reach / (STEPS - 1) * (density - LEVEL) / (density - before)
             x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-            density = _density(x, y, z, neighbors[p], means, rotations, scales, opacities, gradient)
-            if before < LEVEL <= density:
-                t -= 2.0 * reach / (STEPS - 1) * (density - LEVEL) / (density - before)
-                x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
-                _density(x, y, z, neighbors[p], means, rotations, scales, opacities, gradient)
-                norm = np.sqrt((gradient**2).sum())
-                if norm > 0.0:
-                    offsets[p] = t
-                    side = 1.0 if gradient[0] * dx + gradient[1] * dy + gradient[2] * dz >= 0.0 else -1.0
-                    for axis in range(3):
-                        normals[p, axis] = -side * gradient[axis] / norm
-                break
-            before = density
-    return offsets, normals
+            _, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
+            norm = math.sqrt(gx * gx + gy * gy + gz * gz)
+            if norm > 0.0:
+                offsets[p] = t
+                side = 1.0 if gx * dx + gy * dy + gz * dz >= 0.0 else -1.0
+                normals[p, 0], normals[p, 1], normals[p, 2] = -side * gx / norm, -side * gy / norm, -side * gz / norm
+            return
+        before = density
