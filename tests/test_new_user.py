@@ -25,6 +25,19 @@ PACKAGES = "splat2mesh", "relight"
 SMALL = "--albedo", "captured", "--method", "analytic", "--tolerance", "10%"
 """Light in no time, for the steps that only show that there is some."""
 
+HASTE = "TESTS_IN_HASTE"
+"""Environment variable of processes that convert in haste, whatever the detail; all else of them is the wheel's."""
+
+IN_HASTE = """
+import splat2mesh.pipeline
+from shrunk import shrink
+from splat2mesh.surface.extract import EFFORTS, Effort
+shrink(setattr)
+splat2mesh.pipeline.DEFAULT_VERTICES = 5000
+for detail in EFFORTS:
+    EFFORTS[detail] = Effort(views=12, pixels=96, cells=80, depth=6, points=20_000)
+"""
+
 
 @pytest.fixture(scope="module")
 def bin_folder(tmp_path_factory):
@@ -47,6 +60,9 @@ def bin_folder(tmp_path_factory):
     (site,) = (env / "lib").glob("python*/site-packages")
     paths = dict.fromkeys(sysconfig.get_path(name) for name in ("purelib", "platlib"))
     (site / "needs.pth").write_text("\n".join(paths) + "\n")
+    shutil.copy(ROOT / "tests" / "support" / "shrunk.py", site)
+    (site / "in_haste.py").write_text(IN_HASTE)
+    (site / "zz_haste.pth").write_text(f"import os; os.environ.get({HASTE!r}) and __import__('in_haste')\n")
     _compiled_before(site)
     return env / "bin"
 
@@ -83,10 +99,11 @@ def surroundings(bin_folder):
 
 @pytest.fixture(scope="module")
 def run(home, surroundings):
-    """Runs a command there: (exit code, stdout, stderr)."""
+    """Runs a command there, which must end with the exit code: (stdout, stderr)."""
 
-    def run(*command, code=0):
-        done = subprocess.run(command, cwd=home, env=surroundings, capture_output=True, text=True, timeout=600)
+    def run(*command, code=0, haste=False):
+        env = surroundings | ({HASTE: "1"} if haste else {})
+        done = subprocess.run(command, cwd=home, env=env, capture_output=True, text=True, timeout=600)
         assert done.returncode == code, (command, done.stdout, done.stderr)
         return done.stdout, done.stderr
 
@@ -96,7 +113,7 @@ def run(home, surroundings):
 @pytest.fixture(scope="module")
 def first(run, home):
     """What the first command says."""
-    return run("relight", "garden.ply", "--env", "sunset")
+    return run("relight", "garden.ply", "--env", "sunset", haste=True)
 
 
 def test_what_runs_is_the_wheel(run, bin_folder):
@@ -122,7 +139,7 @@ def test_one_command_makes_a_relit_splat_and_tells_what_is_next(first, home):
 @pytest.fixture(scope="module")
 def meshed(run):
     """What the other command says, which makes the scene `small`."""
-    return run("splat2mesh", "garden.ply", "-o", "small", "--detail", "draft", "--vertices", "800")
+    return run("splat2mesh", "garden.ply", "-o", "small", "--detail", "draft", "--vertices", "800", haste=True)
 
 
 def test_both_commands_one_after_the_other(meshed, run, home):
@@ -194,7 +211,7 @@ def test_the_session_is_served_until_it_is_interrupted(meshed, served):
 
 @pytest.mark.skipif(chromium() is None, reason="chromium is not installed")
 def test_the_page_opens_by_a_double_click(meshed, run, home):
-    run("relight", "small", "--env", "sunset", "--format", "web", "-o", "page")
+    run("relight", "small", "--env", "sunset", "--format", "web", "-o", "page", haste=True)
     with Browser(f"file://{home}/page/relit.html#renderer=webgl", (480, 360)) as browser:
         browser.wait("window.relight && relight.drawn")
         assert browser.said == [] and browser.picture().std() > 10
