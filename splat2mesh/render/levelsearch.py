@@ -61,7 +61,8 @@ def search_level(lists, counts, dealt, level, out):
         tile, search = dealt[deal], np.zeros(SEARCH * TILE, np.float32)
         for row in range(TILE):
             _search_row(lists[tile, row], counts[tile, row], level, search)
-            out[tile, row] = search[DEPTH:]
+            for at in range(2 * TILE):
+                out[tile, row, at] = search[DEPTH + np.uint64(at)]
 
 
 @_function
@@ -69,25 +70,27 @@ def _search_row(entries, counts, level, search):
     """Depth and spread of a pixel row, in search[DEPTH] and search[SPREAD]; NaN where the level is not reached."""
     longest = _even_lengths(entries, counts)
     _ranges(entries, longest, level, search)
-    _reach(entries, longest, level, search)
-    for column in range(np.uint64(TILE)):
-        reached = ONE - search[THROUGH + column] >= level
-        search[DEPTH + column] = search[AT + column] if reached else np.float32(np.nan)
-        search[DEPTH_RATE + column] = search[RATE + column]
-    _bracket(SPREAD_TO, level, search)
-    _reach(entries, longest, SPREAD_TO, search)
-    for column in range(np.uint64(TILE)):
-        search[SPREAD + column] = search[AT + column]
-    _bracket(SPREAD_FROM, level, search)
-    _reach(entries, longest, SPREAD_FROM, search)
-    for column in range(np.uint64(TILE)):
-        search[SPREAD + column] -= search[AT + column]
+    for turn in range(3):  # one call, since each is compiled into the place where it stands
+        target = level if turn == 0 else SPREAD_TO if turn == 1 else SPREAD_FROM
+        if turn > 0:
+            _bracket(target, level, search)
+        _reach(entries, longest, target, search)
+        for column in range(np.uint64(TILE)):
+            at = search[AT + column]
+            if turn == 0:
+                reached = ONE - search[THROUGH + column] >= level
+                search[DEPTH + column] = at if reached else np.float32(np.nan)
+                search[DEPTH_RATE + column] = search[RATE + column]
+            else:
+                search[SPREAD + column] = at if turn == 1 else search[SPREAD + column] - at
 
 
 @_function
 def _even_lengths(entries, counts):
     """Let the shorter lists of a row end with Gaussians that hide nothing; returns the length of the longest."""
-    longest = counts.max()
+    longest = 0
+    for column in range(TILE):
+        longest = max(longest, counts[column])
     for column in range(TILE):
         for entry in range(counts[column] * ENTRY, longest * ENTRY):
             entries[entry * TILE + column] = 0

@@ -139,38 +139,42 @@ def _shapes(means, scales, quats, order, camera, out):
 @_kernel
 def _gather(footprints, shapes, starts, entries, dealt, camera, open_tiles, pixels, counts, lists):
     """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
-    tiles_x = (camera.width + TILE - 1) // TILE
     for deal in numba.prange(len(dealt)):
         tile = dealt[deal]
-        if not open_tiles[tile]:
-            continue
-        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-        u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
-        block, tile_counts, tile_lists = pixels[tile], counts[tile], lists[tile]
-        sketch, open_rows = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_)
-        for row in range(TILE):
-            open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
-        still_open = open_rows.sum()
-        for e in range(starts[tile], starts[tile + 1]):
-            if still_open == 0:
-                break
-            s = footprints[entries[e]]
-            first_row, last_row = _pixels(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
-            for row in range(first_row - top, last_row - top):
-                if not open_rows[row]:
-                    continue
-                start, dy = np.uint64(row * PLANES * TILE), top + row + 0.5 - s.y
-                q_y = np.float32(s.precision_y * dy * dy)
-                dx = np.float32(left + 0.5 - s.x - s.slope * dy)
-                first, last = _weigh_row(block, start, s, q_y, dx, sketch)
-                if first < last:
-                    v = np.float32((top + row + 0.5 - camera.cy) / camera.fy)
-                    _cross_row(shapes, entries[e], u, du, v, sketch)
-                    _blend_row(block, start, s, sketch)
-                    _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
-                    open_rows[row] = _any_open(block, start)
-                    still_open -= not open_rows[row]
-        open_tiles[tile] = still_open > 0
+        if open_tiles[tile]:
+            _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, pixels, counts, lists)
+
+
+@_function
+def _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, pixels, counts, lists):
+    tiles_x = (camera.width + TILE - 1) // TILE
+    top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+    u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
+    block, tile_counts, tile_lists = pixels[tile], counts[tile], lists[tile]
+    sketch, open_rows, still_open = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_), 0
+    for row in range(TILE):
+        open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
+        still_open += open_rows[row]
+    for e in range(starts[tile], starts[tile + 1]):
+        if still_open == 0:
+            break
+        s = footprints[entries[e]]
+        first_row, last_row = _pixels(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
+        for row in range(first_row - top, last_row - top):
+            if not open_rows[row]:
+                continue
+            start, dy = np.uint64(row * PLANES * TILE), top + row + 0.5 - s.y
+            q_y = np.float32(s.precision_y * dy * dy)
+            dx = np.float32(left + 0.5 - s.x - s.slope * dy)
+            first, last = _weigh_row(block, start, s, q_y, dx, sketch)
+            if first < last:
+                v = np.float32((top + row + 0.5 - camera.cy) / camera.fy)
+                _cross_row(shapes, entries[e], u, du, v, sketch)
+                _blend_row(block, start, s, sketch)
+                _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
+                open_rows[row] = _any_open(block, start)
+                still_open -= not open_rows[row]
+    open_tiles[tile] = still_open > 0
 
 
 # The loops over a pixel row have no branch, no call and unsigned indices: the compiler makes them vector instructions.
