@@ -13,6 +13,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
 from ..transfer.neighbors import ranked_nodes
+from ..transfer.threads import in_batches
 
 NEAREST = 6
 """Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise
@@ -127,17 +128,17 @@ class Places:
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
         self.far = np.zeros(count, np.float32)
-        tree = cKDTree(surface.points)
-        for start in range(0, count, _BATCH):
-            rows = slice(start, start + _BATCH)
+        tree, nearest = cKDTree(surface.points), min(NEAREST, len(surface.points))
+
+        touching = surface.caster.closest(splats.means)
+
+        def ask(rows):
             means = splats.means[rows]
-            found = surface.caster.closest(means)
-            corners = surface.faces[found.faces]
-            second, third = np.clip(found.uv, 0.0, 1.0).T
+            corners = surface.faces[touching.faces[rows]]
+            second, third = np.clip(touching.uv[rows], 0.0, 1.0).T
             shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
-            touched = np.linalg.norm(found.points - means, axis=1)
-            nearest = min(NEAREST, len(surface.points))
-            distance, index = tree.query(means, nearest, workers=-1)
+            touched = np.linalg.norm(touching.points[rows] - means, axis=1)
+            distance, index = tree.query(means, nearest)
             distance, index = distance.reshape(len(means), -1), index.reshape(len(means), -1)
             axis, flat = _normals(splats.take(rows))
             agrees = _agreement(axis, flat, surface.normals[index])
@@ -150,17 +151,24 @@ class Places:
             self.weights[rows, 3 : 3 + nearest] = around / total
             self.far[rows] = 1.0 - 1.0 / (1.0 + (touched / (FAR * surface.diagonal)) ** 4)
 
+        in_batches(ask, count, _BATCH)
+
     def interpolate(self, values):
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
         patches = Patches.of(self._surface, values)
         result = np.zeros((len(self.far), values.shape[1]), np.float32)
-        for start in range(0, len(result), _BATCH):
-            rows = slice(start, start + _BATCH)
+
+        def mix(rows):
             result[rows] = np.einsum("nk,nkc->nc", self.weights[rows], values[self.columns[rows]])
+
+        in_batches(mix, len(result), _BATCH)
         lost = np.flatnonzero(self.far > 1e-3)  # less than that is no step of a display
-        for start in range(0, len(lost), _BATCH):
-            rows = lost[start : start + _BATCH]
+
+        def fade(part):
+            rows = lost[part]
             result[rows] += self.far[rows, None] * (patches.seen_from(self._means[rows]) - result[rows])
+
+        in_batches(fade, len(lost), _BATCH)
         return result
 
 

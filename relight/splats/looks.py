@@ -7,6 +7,7 @@ import numpy as np
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.splats import SH_C0
 
+from ..transfer.threads import in_batches
 from .blending import Blending, blending_of, in_tiles
 from .light_ratio import CURVE_OFFSET
 
@@ -22,6 +23,9 @@ MIN_ALPHA = 0.5
 
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
+
+_BATCH = 1 << 18
+"""Pixels."""
 
 
 class Looks(NamedTuple):
@@ -79,10 +83,14 @@ class Looks(NamedTuple):
         (1972): simultaneous iterative reconstruction (SIRT).
         """
         shown = _shown_colors(before)
-        second, third = self.uv.T
-        weights = np.stack([1.0 - second - third, second, third], axis=1)
-        gain = np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners]))
-        wanted = gain * self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+        wanted = self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
+
+        def gain(rows):
+            second, third = self.uv[rows].T
+            weights = np.stack([1.0 - second - third, second, third], axis=1)
+            wanted[rows] *= np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
+
+        in_batches(gain, len(wanted), _BATCH)
         error = np.zeros((len(self.blending.runs) * 256 - 256, 4), np.float32)
         error[self.known, 3] = 1.0
         moved = np.zeros_like(relit)

@@ -9,6 +9,8 @@ from scipy.spatial import cKDTree
 
 from splat2mesh.base.errors import InputError
 
+from ..transfer.threads import in_batches
+
 NEIGHBORS = 48
 """Vertices of a volume that share a change of light; a patchwork of fewer is seen as blotches."""
 
@@ -37,8 +39,12 @@ class Neighborhoods:
             self.near = self._checked(near)
         elif count > 1:
             places = points[self._rows].astype(np.float64)
-            _, near = cKDTree(places).query(places[self._asked], count, workers=-1)
-            self.near[:] = np.sort(near, axis=1)  # sums in one order, whatever the tree's
+            tree, asked = cKDTree(places), places[self._asked]
+
+            def ask(rows):
+                self.near[rows] = np.sort(tree.query(asked[rows], count)[1], axis=1)  # one order, whatever the tree's
+
+            in_batches(ask, len(asked), _BATCH)
 
     def _checked(self, near):
         if near.shape != self.near.shape or near.dtype != np.int32:
@@ -52,9 +58,12 @@ class Neighborhoods:
         if not self.near.size:
             return values
         result, own = values.copy(), values[self._rows]
-        for start in range(0, len(self._asked), _BATCH):
-            near, asked = self.near[start : start + _BATCH], self._asked[start : start + _BATCH]
+
+        def share(part):
+            near, asked = self.near[part], self._asked[part]
             weight = self._share[near]
             mean = (weight * own[near]).sum(axis=1) / weight.sum(axis=1)
             result[self._rows[asked]] += self._share[asked] * (mean - own[asked])
+
+        in_batches(share, len(self._asked), _BATCH)
         return result

@@ -6,6 +6,7 @@ work by itself: a thread that waited for another could wait for ever.
 
 import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -51,6 +52,11 @@ def in_order(function: Callable, *columns: Iterable, workers: int | None = None)
     if (cores() if workers is None else workers) == 1:
         return map(function, *columns)
     return _pool().map(function, *columns)
+
+
+def in_batches(function: Callable[[slice], Any], count: int, size: int) -> None:
+    """Call a function for slice after slice of `size` rows, on all cores; it writes what it finds."""
+    deque(in_order(function, [slice(start, start + size) for start in range(0, count, size)]), maxlen=0)
 
 
 @lru_cache(1)
