@@ -25,6 +25,7 @@ from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import CHOICES, Appearance, albedo_kept, appearance_of
+from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
@@ -339,8 +340,8 @@ class Job:
         if self.room and self.room.exposure is not None:
             return self.room.exposure
         others = (self._shading(light).radiance for light in self.lights[1:])
-        exposure = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        return self._as_captured(exposure, self.environment)
+        least = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
+        return exposure_as_captured(self.appearance, self.environment, least)
 
     def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
         """The same for one other light. radiance: None in a room whose exposure is known."""
@@ -348,26 +349,7 @@ class Job:
             return 2.0**self.exposure_ev
         if radiance is None:
             return level_of(self.appearance, light)
-        return self._as_captured(auto_exposure(radiance), light)
-
-    def _as_captured(self, exposure: float, light: Environment) -> float:
-        """Captured units per unit of this light, within a stop below what shows its bright end and little above: not
-        much more may burn out than did in the capture. exposure: of `auto_exposure`."""
-        capture, mean = self.appearance.capture, light.mean_luminance
-        if capture is None or not mean > 0.0:
-            return exposure
-        most = OVER_BRIGHT * exposure * max(1.0, 1.0 / auto_exposure(self.appearance.captured))
-        return float(min(max(capture["brightness"] / mean, exposure / 2.0), most))
-
-
-OVER_BRIGHT = 1.25
-"""A third of a stop: by how much the bright end of a place in a new light may lie above that of its capture."""
-
-
-def level_of(look: Appearance, light: Environment) -> float:
-    """Captured units per unit of a light's radiance, for it to be as bright as that of the capture was."""
-    capture, mean = look.capture, light.mean_luminance
-    return float(capture["brightness"] / mean) if capture and mean > 0.0 else 1.0
+        return exposure_as_captured(self.appearance, light, auto_exposure(radiance))
 
 
 def light_of(source: AnyLight) -> Environment:

@@ -31,10 +31,10 @@ def test_every_extra_brings_its_package():
 
 
 def test_plans_leave_the_network_out_where_it_cannot_run(monkeypatch):
-    from relight.planning import decide
+    from relight.planning import choice
 
-    monkeypatch.setattr(decide, "installed", lambda package: False)
-    choice = decide._Choice.__new__(decide._Choice)
-    choice._method, choice._rays = None, None
-    choice.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": np.array([10])})})
-    assert "neural" not in choice._methods(3, None)
+    monkeypatch.setattr(choice, "installed", lambda package: False)
+    every = choice.Choice.__new__(choice.Choice)
+    every._method, every._rays = None, None
+    every.measured = type("Measured", (), {"sample": type("Sample", (), {"sizes": np.array([10])})})
+    assert "neural" not in every._methods(3, None)

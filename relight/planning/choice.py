@@ -1,0 +1,281 @@
+"""Settings worth considering for a light on a scene: what each costs, how far off it is, and which of them is best."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from splat2mesh.base.extras import installed
+
+from ..light import sun_split
+from ..transfer import SHADOWING
+from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
+from . import costs
+
+SAFETY = 0.75
+"""A plan is laid for this part of the tolerance: what a sample measures is off by a tenth or more, and what is done
+is checked against the tolerance itself."""
+
+SKIPPED = 0.35
+"""Part of the tolerance that skipped shadows, and skipped bounces, may use up: squares add."""
+
+BANDS = (2, 3, 4, 5, 6, 8, 10)
+RAYS = tuple(2**power for power in range(2, 12))
+NEURAL_BANDS = (3, 4, 5)
+MOST_NEURAL_VERTICES = 300_000  # its averages of a million vertices take gigabytes
+
+SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2), 0.001
+"""Parts of the tolerance that suns may be split to. What they leave is estimated for walls that stand anywhere: a table
+in the last light of the day needs the smaller part."""
+
+SUN_WIDTH = 0.8
+"""Of the split's tolerance is taken for what is lost where a patch shines as a point: 0.2 to 1.5 were measured."""
+
+ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
+
+NEAR_LEAST = 1.1
+"""Where no setting is within the target: so near the least error it may as well be cheap."""
+
+MAX_SPLITS = 3
+"""How often suns are looked for while a plan is made: that takes longer than all the rest of it."""
+
+STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
+
+
+class Candidate(tuple):
+    """(seconds, error, Settings)."""
+
+    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))  # type: ignore[misc]
+
+
+def _quickest(candidate):
+    return candidate[:2]
+
+
+class Choice:
+    """All settings worth considering for what was measured."""
+
+    def __init__(self, measured, environment, options, tolerance, angles, leaves, there):
+        self._leaves, self._there = leaves, lru_cache(None)(there)
+        self._levels = lru_cache(None)(self._level_of)
+        self.measured, self._environment, self._angles = measured, environment, angles
+        self._method, self._effects = options.fixed_method, options.fixed_effects
+        self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
+        self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
+        self._target = SAFETY * tolerance
+        self._splits, self._sun_factor = {}, 1.0
+        sample = measured.sample
+        self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
+        self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
+        self._candidates = list(self._all())
+
+    def best(self):
+        """The quickest candidate within the target, or the most exact within the budget.
+
+        Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
+        """
+        for _ in range(MAX_SPLITS + 1):
+            if self._budget_s is None:
+                good = [each for each in self._candidates if each.error <= self._target]
+                best = min(good, key=_quickest) if good else self._least()
+            else:
+                good = [each for each in self._candidates if each.seconds <= self._budget_s]
+                best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates, key=_quickest)
+            key = best.settings.bands, best.settings.sun_tolerance
+            if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
+                break
+            self._split(key)
+            self._candidates = [self._rated(each.settings) for each in self._candidates]
+        return best
+
+    def _least(self):
+        """The quickest of those that come close to the least error there is."""
+        least = min(each.error for each in self._candidates)
+        return min((each for each in self._candidates if each.error <= NEAR_LEAST * least), key=_quickest)
+
+    def curve(self):
+        """[(seconds, error, Settings)]: every candidate that no quicker one equals, from quick to exact."""
+        found = []
+        for each in sorted(self._candidates, key=_quickest):
+            if not found or each.error < 0.97 * found[-1].error:
+                found.append(each)
+        return [tuple(each) for each in found]
+
+    def sun_count(self, settings):
+        """How many suns the settings lead to: found, or expected."""
+        split = self._splits.get((settings.bands, settings.sun_tolerance))
+        if split is not None:
+            return len(split[1])
+        return round(self._sun_factor * costs.expected_suns(settings.sun_tolerance)) if settings.sun_tolerance else 0
+
+    def found_s(self, settings):
+        """Seconds of the settings' cost that planning itself has spent: the suns that it found are not sought again."""
+        known = settings.sun_tolerance and (settings.bands, settings.sun_tolerance) in self._splits
+        return costs.SPLIT * self.measured.sample.ray_s if known else 0.0
+
+    def checked(self, settings, transfer):
+        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""
+        traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
+        return math.hypot(self._but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
+
+    def contributions(self, settings):
+        """[(effect, error without it, decision)] for the table and the report."""
+        measured, rows = self.measured, []
+        every = float(np.linalg.norm(measured.shadows))
+        if settings.shadowed is not None:
+            traced = f"traced in {sum(settings.shadowed)} of {len(settings.shadowed)} chunks"
+            decision = f"{traced}; the others lose {self._unshadowed:.2%}"
+        else:
+            decision = "traced" if settings.rays else "skipped"
+        rows.append((SHADOWS, every, decision))
+        if settings.rays:
+            plain = measured.truncation(settings.bands)
+            count = self.sun_count(settings)
+            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
+            rows.append(("bands", self._truncation(settings), f"{settings.bands} kept"))
+            rows.append(("rays", self._noise(settings), f"{settings.rays} traced"))
+        else:
+            plain, count = measured.open_truncation(settings.bands), self.sun_count(settings)
+            rows.append((SUN, plain, f"split into {count}" if settings.sun_tolerance else "skipped"))
+            left = measured.open_truncation(settings.bands, **self.rest(settings))
+            rows.append(("bands", left, f"{settings.bands} kept"))
+        if self._leaves is not None:
+            told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
+            rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
+        if measured.bounced is None:
+            rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
+        else:
+            decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
+            rows.append((BOUNCES, float(measured.bounces[0]), decision))
+            carried = "in RGB" if measured.bleeding > SKIPPED * min(self._tolerances) else "grey would do"
+            rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
+        return rows
+
+    def _shadows(self, skip):
+        """Which chunks trace rays, (C,) bool, and the error of the others: those that cost most and lose least."""
+        errors, sizes = self.measured.shadows, self.measured.sample.sizes
+        shadowed = np.ones(len(errors), bool)
+        if self._effects is None and self._method in (None, "raytraced"):
+            order = np.argsort(np.square(errors) / sizes, kind="stable")
+            lost = np.sqrt(np.cumsum(np.square(errors[order])))
+            shadowed[order[lost <= skip]] = False
+        return shadowed, float(np.linalg.norm(errors[~shadowed]))
+
+    def _all(self):
+        yield from (self._rated(settings) for settings in self._analytic())
+        if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
+            return
+        leafy = 0 if self._leaves is None else self._leaves.directions
+        if not self._shadowed.any() and not leafy:
+            return
+        shadowed = None if self._shadowed.all() else tuple(map(bool, self._shadowed))
+        all_bands = BANDS if self._bands is None else (self._bands,)
+        for bands in all_bands:
+            for suns_tolerance in self._sun_choices():
+                for bounce_rays in self._bounce_choices():
+                    for method in self._methods(bands, shadowed):
+                        known = costs.NEURAL_GAIN if method == "neural" and self._method is None else RAYS
+                        for rays in known if self._rays is None else (self._rays,):
+                            stop = max(LEAST_STOP, STOP_PART * min(self._tolerances)) if bounce_rays else 0.0
+                            yield self._rated(
+                                Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
+                            )
+
+    def _methods(self, bands, shadowed):
+        """Which methods to consider; the network only where it can run, was measured to gain, and fits into memory."""
+        if self._method is not None:
+            return (self._method,)
+        small = self.measured.sample.sizes.sum() <= MOST_NEURAL_VERTICES
+        gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
+        return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
+
+    def _analytic(self):
+        """Settings without rays, where none are asked for."""
+        leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
+        if self._method in (None, "analytic") and not self._effects and not leafy:
+            for bands in BANDS if self._bands is None else (self._bands,):
+                yield Settings("analytic", bands)
+                if self._method is None and self._effects is None and not self._shadowed.any():
+                    # A convex scene has a sun but no shadows.
+                    yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
+
+    def _sun_choices(self):
+        parts = SUN_PARTS if self._budget_s is None else SUN_PARTS[:1]
+        wanted = (part * tolerance for tolerance in self._tolerances for part in parts)
+        found = list(dict.fromkeys(max(LEAST_SUN_TOLERANCE, each) for each in wanted))
+        if self._effects is None:
+            return [0.0, *found]
+        return found if SUN in self._effects else [0.0]
+
+    def _bounce_choices(self):
+        if self.measured.bounced is None:
+            return [0]
+        if self._effects is not None:
+            return list(costs.BOUNCE_NOISE)
+        small = self.measured.bounces[0] <= SKIPPED * min(self._tolerances)
+        return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_NOISE]
+
+    def _rated(self, settings):
+        """The candidate: what the settings cost and how far off they are."""
+        error, sizes = self._but_noise(settings), self.measured.sample.sizes
+        if settings.rays:
+            error = math.hypot(error, self._noise(settings))
+        traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
+        sample, there = self.measured.sample, self._there(settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0))
+        once, each = costs.seconds(
+            settings,
+            int(sizes.sum()),
+            int(traced * self._solid),
+            sample.ray_s,
+            self.sun_count(settings),
+            sample.traced_share,
+            there,
+        )
+        once += self._leaves.seconds if settings.volume and not there[0] else 0.0
+        return Candidate((once + self._angles * each, error, settings))
+
+    def _but_noise(self, settings):
+        """Predicted error of the settings but for the noise of their rays."""
+        measured = self.measured
+        parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
+        parts += [0.0 if self._leaves is None else self._leaves.lost]
+        if settings.rays:
+            parts += [self._truncation(settings), self._sun_width(settings)]
+            parts += [0.0 if settings.shadowed is None else self._unshadowed]
+        else:
+            open_truncation = measured.open_truncation(settings.bands, **self.rest(settings))
+            parts += [float(np.linalg.norm(measured.shadows)), open_truncation, self._sun_width(settings)]
+        return math.hypot(*parts)
+
+    def _sun_width(self, settings):
+        """Error of patches of light that shine as points: as planned for, or more where suns ran out."""
+        split = self._splits.get((settings.bands, settings.sun_tolerance))
+        return max(SUN_WIDTH * settings.sun_tolerance, 0.0 if split is None else split[2])
+
+    def _truncation(self, settings):
+        return self.measured.truncation(settings.bands, **self.rest(settings))
+
+    def _noise(self, settings):
+        deviation = costs.noise(settings.rays, settings.bands, settings.method)
+        return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
+
+    def rest(self, settings):
+        """What stays of the light beside the suns: an image where they were found, else a level."""
+        if not settings.sun_tolerance:
+            return {}
+        key = settings.bands, settings.sun_tolerance
+        if key in self._splits:
+            return {"image": self._splits[key][0]}
+        return {"level": self._levels(*key)}
+
+    def _level_of(self, bands, sun_tolerance):
+        """The highest of LEVELS at which the light is cut off smooth enough for so many bands, or the smoothest."""
+        levels = range(len(sun_split.LEVELS))
+        errors = [self.measured.truncation(bands, level) for level in levels]
+        good = [level for level in levels if errors[level] <= 0.5 * sun_tolerance]
+        return good[0] if good else int(np.argmin(errors))
+
+    def _split(self, key):
+        rest, found = sun_split.split(self._environment, *key)
+        self._splits[key] = (rest.radiance if len(found) else None), found, getattr(rest, "width", 0.0)
+        self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])
