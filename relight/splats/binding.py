@@ -1,6 +1,7 @@
 """Splats bound to the mesh made of them: do what depends on geometry once, then relight under any number of lights."""
 
 import warnings
+from functools import cached_property
 
 import numpy as np
 
@@ -81,11 +82,15 @@ class Binding:
         looks = "known" in kept
         self._looks = Looks.restored(kept, count, len(self.surface.points)) if looks else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked(), kept["near"])
+        self._taken = kept["taken"]
+        if self._taken.dtype != bool or self._taken.shape != (len(self.surface.points),):
+            raise InputError("kept places are on another mesh")
         return self
 
     def _arrays(self):
         places = self.places
-        arrays = {"columns": places.columns, "weights": places.weights, "far": places.far, "near": self._wide.near}
+        arrays = {name: getattr(places, name) for name in ("columns", "weights", "far")}
+        arrays |= {"near": self._wide.near, "taken": self._taken}
         return arrays if self._looks is None else arrays | self._looks.arrays()
 
     def _sketched(self):
@@ -97,10 +102,13 @@ class Binding:
     @property
     def used(self):
         """(V,) bool: the vertices that any splat which is drawn takes light from."""
-        used = np.zeros(len(self.surface.points))
-        rows = self.places.columns[self._drawn], self.places.weights[self._drawn]
-        used += np.bincount(rows[0].ravel(), rows[1].ravel(), len(used))
-        return (used > LEAST_USE)[self.surface.node]
+        return self._taken[self.surface.node]
+
+    @cached_property
+    def _taken(self):
+        """(M,) bool: the nodes of those vertices."""
+        columns, weights = self.places.columns[self._drawn], self.places.weights[self._drawn]
+        return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
 
     def _asked(self):
         """(M,) bool: the nodes whose light is used."""

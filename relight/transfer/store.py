@@ -85,9 +85,7 @@ class Cache:
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
             with staged_file(self._path(kind, settings)) as staging, open(staging, "wb") as file:
-                np.savez(file, key=np.array(self._key), **arrays)
-                file.flush()
-                os.fsync(file.fileno())
+                np.savez(file, key=np.array(self._key), **arrays)  # not waited for: a torn one counts as not there
             self._forget(kind)
             self._fit()
 
