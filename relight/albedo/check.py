@@ -46,8 +46,7 @@ def self_relight(occluder, captured, found, interreflection, seen=None):
         return {**best, "trust": trust, "distrusted_share": np.array(0.0)}
     direct = found.irradiance - interreflection.bounce(captured)  # as its environment gives it
     radiance, _ = with_bounces(np.maximum(direct, np.float32(0.0)), found.albedo, interreflection)
-    doubt = np.abs(np.log((radiance.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
-    trust = (1.0 / (1.0 + (_of_region(occluder.faces, doubt) / DOUBT) ** 2)).astype(np.float32)
+    trust = trust_in(radiance, captured, occluder.faces)
     before = np.maximum(found.irradiance, np.float32(1e-12))
     after = drawn_to_none(before, radiance / found.albedo, trust)
     known = np.where((captured.max(axis=1) < 1.0) & (captured.max(axis=1) > _LEAST), areas, 0.0)
@@ -57,6 +56,15 @@ def self_relight(occluder, captured, found, interreflection, seen=None):
         "trust": trust,
         "distrusted_share": np.array(float(areas[trust < DISTRUSTED].sum() / max(areas.sum(), 1e-30))),
     }
+
+
+def trust_in(modelled, captured, faces, level=1.0, half=DOUBT):
+    """(V,) float32 in (0, 1]: trust in a model that says (V, 3) was captured where (V, 3) was, by region.
+
+    level: factor on what is modelled, where the model does not know how bright all of it is. half: as DOUBT.
+    """
+    doubt = np.abs(np.log((level * modelled.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
+    return (1.0 / (1.0 + (_of_region(faces, doubt) / half) ** 2)).astype(np.float32)
 
 
 def _decibels(shown, captured, weights):

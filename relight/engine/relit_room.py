@@ -115,13 +115,15 @@ class RelitRoom:
         return self._look.room
 
     def _compared(self, after, settings):
-        """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with."""
+        """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with, and
+        as far as the model is trusted; the rest takes the mean change."""
         before = self._model(settings)
         if not self._shut or self._opened:
             after = self._even_light(after)
         soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
-        usual = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
-        return after, soft * usual.astype(np.float32), before + soft
+        mean = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
+        usual, below, trust = mean.astype(np.float32), before + soft, self._look.room.trust[:, None]
+        return trust * after, usual * (trust * soft + (1.0 - trust) * below), below
 
     def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
         """(albedo (V, 3), radiance (V, 3) of what the lamps light) by which a session shows it: what it shades with,

@@ -37,7 +37,7 @@ def as_arrays(room: Room, reason: str) -> dict[str, Any]:
         "brightness": room.brightness,
         "self_relight_db": room.told["self_relight_db"],
         "distrusted_share": 0.0,
-        "trust": np.ones(len(room.albedo), np.float32),
+        "trust": room.trust,
         "under_sky": False,
         "closed": True,
         "room_environment": room.environment.radiance,
@@ -64,5 +64,6 @@ def room_from(kept: Mapping[str, Any]) -> Room | None:
         environment=environment,
         brightness=brightness,
         prior=prior,
+        trust=kept["trust"],
         told=told,
     )

@@ -18,6 +18,10 @@ WHITE, PALE = 0.85, 0.75
 """Linear colour, brightest channel, that a lamp has somewhere, and that all of it has: clipped, it was 1, but vertices
 take the mean of what lies around them, and of a small lamp that is the dark beside it."""
 
+LEAST_PALE = 0.6
+"""The same of its dimmest channel: what was not clipped in one shows its own radiance there, however bright it is said
+to be. A wall that a lamp lights is as bright in red, and of the lamp's color."""
+
 GLOWS = 1.2
 """Times what a white vertex would send on of what the surfaces around it were seen to send: what is brighter than that
 glows, or is lit by something that was clipped."""
@@ -78,7 +82,8 @@ def find(
     node[order] = np.cumsum(new_node) - 1
     white, core = np.zeros((2, int(node.max()) + 1), bool)
     peak = captured.max(axis=1)
-    white[node[(peak > PALE) & (peak > GLOWS * bounce.max(axis=1))]] = True
+    pale = (peak > PALE) & (captured.min(axis=1) > LEAST_PALE)
+    white[node[pale & (peak > GLOWS * bounce.max(axis=1))]] = True
     core[node[peak > WHITE]] = True
     edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
     edges = edges[white[node[edges]].all(axis=1)]

@@ -11,6 +11,7 @@ from splat2mesh.scene.color import luminance, srgb_from_linear
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
+from ..albedo.check import trust_in
 from ..albedo.division import Prior, albedo_of, prior_of
 from ..albedo.interior import within
 from ..light import projections
@@ -46,6 +47,9 @@ LEAST_SEEN = 0.3
 ROUNDS = 6
 """Times that the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
+DOUBT = 0.7
+"""As that of `albedo.check`."""
+
 HEIGHT, WIDTH = 64, 128
 """Of the capture light's image; what is known of it came from a picture of that size."""
 
@@ -56,7 +60,8 @@ class Room(NamedTuple):
     albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
     float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
     themselves, 0 elsewhere. environment: the capture's, black without windows. brightness: luminance of the uniform
-    sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. told: dict for the report.
+    sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. trust: (V,) float32, of
+    `trust_in`: how much of a change of its own a place takes, beside that of the whole room. told: dict for the report.
     """
 
     albedo: NDArray[np.float32]
@@ -66,6 +71,7 @@ class Room(NamedTuple):
     environment: Environment
     brightness: float
     prior: Prior
+    trust: NDArray[np.float32]
     told: dict[str, Any]
 
 
@@ -113,7 +119,8 @@ def room_of(
     if len(places.patches):
         outside, weight = _direct(occluder, transfer, environment), np.where(seen, areas, 0.0)
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
-    lit = _lit(captured, interreflection, outside, areas, seen, list(zip(found, lights, solved.radiance, strict=False)))
+    emitters = list(zip(found, lights, solved.radiance, strict=False))
+    lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
     told = _told(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
     return Room(**lit, environment=environment, brightness=brightness, told=told), ""
 
@@ -143,7 +150,7 @@ def _unlikely(solved):
     return ""
 
 
-def _lit(captured, interreflection, outside, areas, seen, emitters):
+def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
     """The arrays of a Room, and how near the model comes to the captured colours.
 
     outside: (V, 3) direct light through the windows. emitters: (Lamp, light (V,), radiance (3,)) each.
@@ -168,8 +175,10 @@ def _lit(captured, interreflection, outside, areas, seen, emitters):
     judged = np.where(captured.max(axis=1) < strengths.SATURATED, shares, 0.0)
     error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
+    level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
+    trust = trust_in(modelled, captured, faces, level, DOUBT)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
-    return {**arrays, "self_relight_db": decibels}
+    return {**arrays, "trust": trust, "self_relight_db": decibels}
 
 
 def _told(frame, found, places, solved):
