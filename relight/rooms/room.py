@@ -176,7 +176,8 @@ def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
     error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
-    trust = trust_in(modelled, captured, faces, level, DOUBT)
+    known = np.where(glowing[:, None], captured / np.float32(level), modelled)  # of lamps there is nothing to model
+    trust = trust_in(known, captured, faces, level, DOUBT)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
     return {**arrays, "trust": trust, "self_relight_db": decibels}
 
