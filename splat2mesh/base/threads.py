@@ -1,4 +1,4 @@
-"""Compiled loops on all cores, by threads of Python's own: Numba's parallel loops take a second more to compile each."""
+"""Compiled loops on all cores, by threads of Python's own: with Numba's, each takes a second more to compile."""
 
 import os
 from collections.abc import Callable
