@@ -7,6 +7,9 @@ from functools import lru_cache, wraps
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
 
 def cores() -> int:
     """How many threads share a loop: all cores that this process may use, or NUMBA_NUM_THREADS."""
@@ -32,6 +35,13 @@ def shared(kernel: Callable) -> Callable:
             done.result()
 
     return loop
+
+
+def read_only(array: ArrayLike, dtype: DTypeLike = np.float32) -> NDArray:
+    """The array as one type, for which a kernel is compiled once; copies only other dtypes and strides."""
+    array = np.ascontiguousarray(array, dtype).view()
+    array.flags.writeable = False
+    return array
 
 
 @lru_cache(1)

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.threads import shared
+from ..base.threads import read_only, shared
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
@@ -72,7 +72,7 @@ def footprint_batches(splats, camera, open_tiles):
         the ones that let no more light through, and they get no more splats.
     """
     means, scales, quats, opacities, sh = (
-        _read_only(a) for a in (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
+        read_only(a) for a in (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
     )
     tiles = len(open_tiles)
     depth = np.empty(len(means), np.float32)
@@ -115,13 +115,6 @@ def camera_of(view, near=NEAR):
         height=int(view.height),
         near=float(near),
     )
-
-
-def _read_only(array):
-    """The array as the one type that the kernels are compiled for; copies only other dtypes and strides."""
-    array = np.ascontiguousarray(array, np.float32).view()
-    array.flags.writeable = False
-    return array
 
 
 def _front_to_back(depth):
