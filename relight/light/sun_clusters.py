@@ -23,7 +23,7 @@ def clusters(spots, bands: int, scale: float, allowed: float, most: int) -> tupl
     The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
     to `allowed` or there are `most`.
     """
-    toward, weights, variance = spots
+    toward, weights, variance = map(np.ascontiguousarray, spots)  # one type, or the kernel is compiled again
     label = np.zeros(len(toward), np.int64)
     held, factor = _SPREAD_HELD / bands, _EDGE_ERROR / scale**2
     count, square = _halved(toward, weights, luminance(weights), variance, held, factor, allowed, int(most), label)

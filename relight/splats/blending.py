@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import shared
 from splat2mesh.render.footprints import TILE, camera_of, footprint_batches
 from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, _exp_minus_half
 from splat2mesh.render.tiles import AREA, Tiles
@@ -28,7 +29,6 @@ CLOSING_INTERVAL = 8  # as of `rasterize`
 
 LIGHT, MEDIAN, PLANES = np.uint64(0), np.uint64(AREA), 2  # what is kept of a tile's pixels while they are walked
 
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 _serial = numba.njit(cache=True, nogil=True)
 
@@ -69,7 +69,17 @@ class Blending(NamedTuple):
     def drawn(self, colors: np.ndarray) -> np.ndarray:
         """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)
-        _draw(self.runs, self.items, self.splats, self.counts, self.pixels, self.shares, colors, picture)
+        _draw(
+            len(self.runs) - 1,
+            self.runs,
+            self.items,
+            self.splats,
+            self.counts,
+            self.pixels,
+            self.shares,
+            colors,
+            picture,
+        )
         return picture
 
     def spread(self, values: np.ndarray, sums: np.ndarray) -> None:
@@ -77,7 +87,7 @@ class Blending(NamedTuple):
         for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
             begin, end = self.runs[first], self.runs[last]
             seen = np.zeros((end - begin, values.shape[1]), np.float32)
-            _gather(first, last, self.runs, self.items, self.counts, self.pixels, self.shares, values, seen)
+            _gather(last - first, first, self.runs, self.items, self.counts, self.pixels, self.shares, values, seen)
             _add(self.splats[begin:end], seen, sums)
 
 
@@ -129,7 +139,7 @@ def _listed(splats, view, near):
         number, shared = np.empty(len(batch.entries), np.int32), np.empty(len(batch.entries), np.uint16)
         used, ran = np.zeros(count, np.int64), np.zeros(count, np.int64)
         lists = batch.footprints, batch.starts, batch.entries, tiles.dealt, tiles.open, tiles.across, tiles.pixels
-        _record(*lists, begins, *raw, number, shared, used, ran)
+        _record(count, *lists, begins, *raw, number, shared, used, ran)
         packed = [np.empty(ran.sum(), np.int32), np.empty(ran.sum(), np.uint16)]
         packed += [np.empty(used.sum(), np.uint8), np.empty(used.sum(), np.uint16)]
         _pack(batch.starts, ran, number, packed[0])
@@ -187,12 +197,28 @@ def _drop(runs, items, wanted, splats, counts, pixels, shares, left, held):
     return to_run, to_item
 
 
-@_kernel
+@shared
+@_function
 def _record(
-    footprints, starts, entries, dealt, open_tiles, tiles_x, block, begins, pixels, shares, number, count, used, ran
+    begin,
+    end,
+    footprints,
+    starts,
+    entries,
+    dealt,
+    open_tiles,
+    tiles_x,
+    block,
+    begins,
+    pixels,
+    shares,
+    number,
+    count,
+    used,
+    ran,
 ):
     """Note what each footprint gives each open tile from begins[tile] and starts[tile] on, and how much that was."""
-    for deal in numba.prange(len(dealt)):
+    for deal in range(begin, end):
         tile = dealt[deal]
         if not open_tiles[tile]:
             continue
@@ -270,10 +296,11 @@ def _lay(values, counts, cursor, whole):
         cursor[tile] += counts[tile]
 
 
-@_kernel
-def _draw(runs, items, splats, counts, pixels, shares, colors, picture):
+@shared
+@_function
+def _draw(begin, end, runs, items, splats, counts, pixels, shares, colors, picture):
     unit = ONE / UNIT
-    for tile in numba.prange(len(runs) - 1):
+    for tile in range(begin, end):
         at, base = items[tile], tile * AREA
         for run in range(runs[tile], runs[tile + 1]):
             k = splats[run]
@@ -286,11 +313,12 @@ def _draw(runs, items, splats, counts, pixels, shares, colors, picture):
             at += counts[run]
 
 
-@_kernel
-def _gather(first, last, runs, items, counts, pixels, shares, values, seen):
-    """What each run of the tiles first..last sees, (R, C)."""
+@shared
+@_function
+def _gather(begin, end, first, runs, items, counts, pixels, shares, values, seen):
+    """What each run of a view's tiles sees, (R, C); first is the view's first tile."""
     unit, width = ONE / UNIT, values.shape[1]
-    for tile in numba.prange(first, last):
+    for tile in range(first + begin, first + end):
         at, base = items[tile], tile * AREA
         total = np.zeros(width, np.float32)
         for run in range(runs[tile], runs[tile + 1]):

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import read_only
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -61,7 +62,7 @@ class Atlas:
 
     def interpolate(self, values: NDArray) -> NDArray:
         """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
-        values = np.ascontiguousarray(values, np.float32)
+        values = read_only(values)
         result = np.empty((len(self.texels), values.shape[1]), np.float32)
         _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
         return result

@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import read_only
 
 from . import check_rays, sampling
 from .bounce_rows import gather, gather_rgb, join, merge, packed
@@ -187,7 +188,7 @@ class Interreflection:
         if radiance.ndim not in (1, 2) or len(radiance) != len(self.hits):
             expected = f"({len(self.hits)},) or ({len(self.hits)}, C)"
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
-        columns = np.ascontiguousarray(radiance.reshape(len(radiance), -1))
+        columns = read_only(radiance.reshape(len(radiance), -1))
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
         cuts = np.cumsum([0] + [len(starts) - 1 for starts, _, _ in self._blocks])

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import read_only
+
 from ..sh import harmonics
 from . import filtering
 from .sampling import legendre_factors, squared_lobe
@@ -118,14 +120,14 @@ def describe(
     bands = math.isqrt(estimates.shadows.shape[2])
     vertex = estimates.vertex[begin + chosen]
     band = np.zeros((len(chosen), bands, BAND_FEATURES), np.float32)
-    _describe(estimates.shadows[:, begin:end], basis, estimates.noise[begin:end], chosen, vertex, band)
+    _describe(estimates.shadows, begin, basis, estimates.noise[begin:end], chosen, vertex, band)
     return vertex, band
 
 
 def differing(estimates, begin, end):
     """Which of the nodes begin..end have estimates that differ, counted from there: (M,) int64."""
     differ = np.zeros(end - begin, bool)
-    _differing(estimates.shadows[:, begin:end], differ)
+    _differing(estimates.shadows, begin, differ)
     return np.flatnonzero(differ)
 
 
@@ -137,7 +139,7 @@ def mix(
     transfer,  # (end - begin, K) float32, changed: the center's on entry
 ):
     """Add weight times difference to the center, degree by degree, for the chosen nodes."""
-    _mix_in(estimates.shadows[:, begin : begin + len(transfer)], chosen, weights, transfer)
+    _mix_in(estimates.shadows, begin, chosen, read_only(weights), transfer)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -150,11 +152,11 @@ def _level(begin, end, starts, columns, base, own):
 
 
 @njit(cache=True, nogil=True)
-def _differing(shadows, differ):
-    for i in range(shadows.shape[1]):
+def _differing(shadows, begin, differ):
+    for i in range(len(differ)):
         for s in range(1, shadows.shape[0]):
             for k in range(shadows.shape[2]):
-                if shadows[s, i, k] != shadows[0, i, k]:
+                if shadows[s, begin + i, k] != shadows[0, begin + i, k]:
                     differ[i] = True
                     break
             if differ[i]:
@@ -162,7 +164,7 @@ def _differing(shadows, differ):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _describe(shadows, basis, noise, chosen, vertex, band):
+def _describe(shadows, begin, basis, noise, chosen, vertex, band):
     count, bands = shadows.shape[0], band.shape[1]
     product, along = np.zeros((count, count), np.float32), np.zeros(count, np.float32)
     low = np.zeros(count, np.float32)
@@ -170,7 +172,7 @@ def _describe(shadows, basis, noise, chosen, vertex, band):
         i = chosen[row]
         low[:] = np.float32(0)
         for degree in range(bands):
-            _products(shadows[:, i], basis[i], degree * degree, (degree + 1) * (degree + 1), product, along)
+            _products(shadows[:, begin + i], basis[i], degree * degree, (degree + 1) * (degree + 1), product, along)
             width = np.float32(2 * degree + 1)
             column = count
             for s in range(count):
@@ -213,17 +215,18 @@ def _products(x, basis, first, last, product, along):
 
 
 @njit(cache=True, nogil=True)
-def _mix_in(shadows, chosen, weights, transfer):
+def _mix_in(shadows, begin, chosen, weights, transfer):
     for row in range(len(chosen)):
         i = chosen[row]
+        node = begin + i
         for degree in range(weights.shape[1]):
             own, agreeing = weights[row, degree, 0], weights[row, degree, 1]
             nearer, wider = weights[row, degree, 2], weights[row, degree, 3]
             for k in range(degree * degree, (degree + 1) * (degree + 1)):
-                center = shadows[0, i, k]
+                center = shadows[0, node, k]
                 transfer[i, k] += (
-                    own * (shadows[1, i, k] - center)
-                    + agreeing * (shadows[2, i, k] - center)
-                    + nearer * (shadows[3, i, k] - center)
-                    + wider * (shadows[4, i, k] - center)
+                    own * (shadows[1, node, k] - center)
+                    + agreeing * (shadows[2, node, k] - center)
+                    + nearer * (shadows[3, node, k] - center)
+                    + wider * (shadows[4, node, k] - center)
                 )

@@ -86,7 +86,7 @@ def along_curve(origins):
 
 def _keys(origins):
     keys = np.zeros(len(origins), np.uint64)
-    in_slices(_curve_keys, len(keys), origins, keys)
+    in_slices(_curve_keys, len(keys), np.ascontiguousarray(origins), keys)
     return keys
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import read_only
 from splat2mesh.render.raycaster import RayCaster
 
 from ..sh.normals import unit_normals
@@ -109,7 +110,7 @@ def _origins(vertices, normals, faces, rounding):
     step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
 
     shortest = np.full(len(common), np.inf)
-    _shorten(vertices, faces, group, shortest)
+    _shorten(vertices, read_only(faces, np.int32), group, shortest)
     offset = np.maximum(np.clip(EDGE_OFFSET * shortest, MIN_OFFSET, MAX_OFFSET), rounding)[group]
     return (vertices + offset[:, None] * step).astype(np.float32)
 

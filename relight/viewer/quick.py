@@ -6,6 +6,7 @@ NumPy takes several times as long for either, mostly for products with three col
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import read_only
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..light.tonemap import DESATURATION, SHOULDER_START
@@ -26,9 +27,11 @@ def harmonic_light(
     """Exit radiance (V, 3) float32: albedo * max(transfer c, 0) + bounced c, and nothing below 0."""
     columns = np.ascontiguousarray(np.asarray(coefficients, np.float32).T)
     radiance = np.zeros((len(transfer), 3), np.float32)
-    albedo = np.ones((1, 3), np.float32) if albedo is None else np.ascontiguousarray(albedo, np.float32)
+    albedo = np.ones((1, 3), np.float32) if albedo is None else albedo
     bounced = np.zeros((3, len(transfer), 0), np.float32) if bounced is None else bounced
-    in_slices(_light, len(transfer), np.ascontiguousarray(transfer, np.float32), columns, albedo, bounced, radiance)
+    in_slices(
+        _light, len(transfer), np.ascontiguousarray(transfer, np.float32), columns, read_only(albedo), bounced, radiance
+    )
     return radiance
 
 
@@ -41,7 +44,7 @@ def display_bytes(
 
     Source: Khronos PBR Neutral, as `relight.light.tonemap.compress_highlights`.
     """
-    radiance = np.ascontiguousarray(radiance, np.float32)
+    radiance = read_only(radiance)
     out = np.zeros(radiance.shape, np.uint8) if out is None else out
     constants = np.float32(exposure), np.float32(SHOULDER_START), np.float32(DESATURATION)
     in_slices(_display, len(radiance), radiance, *constants, _TABLE, out)

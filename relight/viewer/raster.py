@@ -15,6 +15,8 @@ import math
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import read_only
+
 from ..transfer.threads import in_slices
 from .camera import Orbit
 
@@ -32,7 +34,7 @@ class Raster:
 
     def __init__(self, vertices, faces, diagonal):
         self._vertices = np.ascontiguousarray(vertices, np.float32)
-        self._faces, self._near = np.ascontiguousarray(faces, np.int32), _NEAR * diagonal
+        self._faces, self._near = read_only(faces, np.int32), _NEAR * diagonal
         self._seen, self._sky_places = None, None
         self.size = (0, 0)
 

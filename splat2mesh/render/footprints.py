@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.threads import read_only, shared
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
@@ -71,23 +72,23 @@ def footprint_batches(splats, camera, open_tiles):
         the ones that let no more light through, and they get no more splats.
     """
     means, scales, quats, opacities, sh = (
-        _read_only(a) for a in (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
+        read_only(a) for a in (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
     )
     tiles = len(open_tiles)
     depth = np.empty(len(means), np.float32)
-    _cull(means, scales, opacities, camera, depth)
+    _cull(len(means), means, scales, opacities, camera, depth)
     order = _front_to_back(depth)
     for start in range(0, len(order), BATCH):
         batch = order[start : start + BATCH]
         footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((CHUNKS, tiles), np.int64)
-        _project(means, scales, quats, opacities, sh, camera, batch, open_tiles, footprints, counts)
+        _project(CHUNKS, means, scales, quats, opacities, sh, camera, batch, open_tiles, footprints, counts)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
         cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, CHUNKS).T)
         starts = np.append(cursors[0], ends[-1])
         entries = np.empty(ends[-1], np.int32)
-        _fill(footprints, camera, open_tiles, cursors, entries)
+        _fill(CHUNKS, footprints, camera, open_tiles, cursors, entries)
         yield Batch(batch, footprints, starts, entries)
         if not open_tiles.any():
             return
@@ -116,13 +117,6 @@ def camera_of(view, near=NEAR):
     )
 
 
-def _read_only(array):
-    """The array as the one type that the kernels are compiled for; copies only other dtypes and strides."""
-    array = np.ascontiguousarray(array, np.float32).view()
-    array.flags.writeable = False
-    return array
-
-
 def _front_to_back(depth):
     """Indices of the finite depths, nearest first, ties by index: (N,) float32 > 0 or inf -> (M,) int64."""
     index = np.flatnonzero(np.isfinite(depth))
@@ -134,17 +128,17 @@ def _front_to_back(depth):
 
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 
 
-@_kernel
-def _cull(means, scales, opacities, camera, depth):
+@shared
+@_function
+def _cull(begin, end, means, scales, opacities, camera, depth):
     """Camera z of the splats that may touch the image, infinity for the others.
 
     A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
     """
     widest = 2 * math.log(1 / MIN_ALPHA)
-    for i in numba.prange(len(means)):
+    for i in range(begin, end):
         depth[i] = np.inf
         x, y, z = _camera_point(camera, means, i)
         if not (z > camera.near and opacities[i] >= MIN_ALPHA):
@@ -161,11 +155,12 @@ def _cull(means, scales, opacities, camera, depth):
             depth[i] = z
 
 
-@_kernel
-def _project(means, scales, quats, opacities, sh, camera, order, open_tiles, footprints, counts):
+@shared
+@_function
+def _project(begin, end, means, scales, quats, opacities, sh, camera, order, open_tiles, footprints, counts):
     """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles)."""
     chunks, n = counts.shape[0], len(order)
-    for chunk in numba.prange(chunks):
+    for chunk in range(begin, end):
         basis, count_only = np.zeros(16), np.zeros(0, np.int32)
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             s = footprints[i]
@@ -174,11 +169,12 @@ def _project(means, scales, quats, opacities, sh, camera, order, open_tiles, foo
                 _color_one(camera, means, sh, order[i], basis, s)
 
 
-@_kernel
-def _fill(footprints, camera, open_tiles, cursors, entries):
+@shared
+@_function
+def _fill(begin, end, footprints, camera, open_tiles, cursors, entries):
     """Write each footprint's index into the lists of its open tiles. cursors: (CHUNKS, tiles), consumed."""
     chunks, n = cursors.shape[0], len(footprints)
-    for chunk in numba.prange(chunks):
+    for chunk in range(begin, end):
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             _bin_one(footprints[i], i, camera, open_tiles, cursors[chunk], entries)
 

@@ -8,6 +8,7 @@ import math
 import numba
 import numpy as np
 
+from ..base.threads import shared
 from .footprints import TILE
 from .rasterize import _exp_minus_half
 
@@ -47,8 +48,9 @@ ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def search_level(lists, counts, dealt, level, out):
+@shared
+@_function
+def search_level(begin, end, lists, counts, dealt, level, out):
     """Find the level in every pixel.
 
     lists: (tiles, TILE, LIST * ENTRY * TILE) float32, the Gaussians of the pixel rows; consumed.
@@ -57,7 +59,7 @@ def search_level(lists, counts, dealt, level, out):
     out: (tiles, TILE, 2 * TILE) float32: for each pixel row the camera z where the opacity reaches the level, NaN
         where it never does, then the distance in z between the opacities SPREAD_FROM and SPREAD_TO.
     """
-    for deal in numba.prange(len(dealt)):
+    for deal in range(begin, end):
         tile, search = dealt[deal], np.zeros(SEARCH * TILE, np.float32)
         for row in range(TILE):
             _search_row(lists[tile, row], counts[tile, row], level, search)

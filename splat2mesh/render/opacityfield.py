@@ -16,6 +16,7 @@ import numba
 import numpy as np
 
 from ..base.errors import InputError
+from ..base.threads import shared
 from .footprints import NEAR, TILE, camera_of, footprint_batches
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import _exp_minus_half, _pixels
@@ -76,13 +77,14 @@ def field_depth(splats, view, near=NEAR, level=LEVEL):
     dealt = np.random.default_rng(0).permutation(tiles)  # spreads the crowded tiles evenly over the threads
     for batch in footprint_batches(splats, camera, open_tiles):
         shapes = np.empty((len(batch.order), 13), np.float32)
-        _shapes(splats.means, splats.scales, splats.quats_wxyz, batch.order, camera, shapes)
-        _gather(batch.footprints, shapes, batch.starts, batch.entries, dealt, camera, open_tiles, pixels, counts, lists)
+        _shapes(len(shapes), splats.means, splats.scales, splats.quats_wxyz, batch.order, camera, shapes)
+        seen = batch.footprints, shapes, batch.starts, batch.entries
+        _gather(tiles, *seen, dealt, camera, open_tiles, pixels, counts, lists)
     found = np.empty((tiles, TILE, 2 * TILE), np.float32)
-    search_level(lists.reshape(tiles, TILE, -1), counts, dealt, np.float32(level), found)
+    search_level(tiles, lists.reshape(tiles, TILE, -1), counts, dealt, np.float32(level), found)
     depth, spread, alpha = (np.full((height, width), np.nan, np.float32) for _ in range(3))
     normal, color = (np.zeros((height, width, 3), np.float32) for _ in range(2))
-    _assemble(pixels, found, camera, depth, normal, spread, color, alpha)
+    _assemble(height, pixels, found, camera, depth, normal, spread, color, alpha)
     return FieldDepth(depth, normal @ camera.rotation.astype(np.float32), spread, color, alpha)
 
 
@@ -100,18 +102,18 @@ ZERO, ONE = np.float32(0), np.float32(1)
 FLATTEST, WIDEST = 1e-7, 1e7  # scales, in units of the distance, between which float32 keeps every digit it needs
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 
 
-@_kernel
-def _shapes(means, scales, quats, order, camera, out):
+@shared
+@_function
+def _shapes(begin, end, means, scales, quats, order, camera, out):
     """Maps M that make each Gaussian order[i] a unit ball, for rays in the camera's frame: (M, 13) float32.
 
     A row holds M (axis after axis, in units of 1 / distance), M times the Gaussian's centre, and 1 / distance^2. Along
     the ray t r the Gaussian peaks at t = (M r . M centre) / |M r|^2 with sigma = distance / |M r| and normal M^T M r.
     """
     r, t = camera.rotation, camera.translation
-    for i in numba.prange(len(order)):
+    for i in range(begin, end):
         k = order[i]
         w, x = np.float64(quats[k, 0]), np.float64(quats[k, 1])
         y, z = np.float64(quats[k, 2]), np.float64(quats[k, 3])
@@ -136,10 +138,13 @@ def _shapes(means, scales, quats, order, camera, out):
         out[i, 12] = 1 / (distance * distance)
 
 
-@_kernel
-def _gather(footprints, shapes, starts, entries, dealt, camera, open_tiles, pixels, counts, lists):
+@shared
+@_function
+def _gather(
+    begin, end, footprints, shapes, starts, entries, dealt, camera, open_tiles, pixels, counts, lists
+):  # fmt: skip
     """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
-    for deal in numba.prange(len(dealt)):
+    for deal in range(begin, end):
         tile = dealt[deal]
         if open_tiles[tile]:
             _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, pixels, counts, lists)
@@ -252,11 +257,12 @@ def _list_row(sketch, first, last, counts, lists):
             counts[column] = count + 1
 
 
-@_kernel
-def _assemble(pixels, found, camera, depth, normal, spread, color, alpha):
+@shared
+@_function
+def _assemble(begin, end, pixels, found, camera, depth, normal, spread, color, alpha):
     """The tiles as images, and only pixels with a surface in front of the near plane have a depth."""
     tiles_x = (camera.width + TILE - 1) // TILE
-    for row in numba.prange(camera.height):
+    for row in range(begin, end):
         for column in range(camera.width):
             tile, i = row // TILE * tiles_x + column // TILE, row % TILE
             block, at, p = pixels[tile, i * PLANES * TILE :], (row, column), np.uint64(column % TILE)

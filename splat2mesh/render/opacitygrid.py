@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from ..base.threads import shared
+
 CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
 
@@ -107,6 +109,7 @@ class OpacityGrid:
         shape = len(points), len(directions)
         distance, pixel, level = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int8)
         _march(
+            len(points),
             np.ascontiguousarray(points, np.float64),
             np.ascontiguousarray(directions, np.float64),
             self.origins,
@@ -188,9 +191,12 @@ def deal(means, scales, quats, opacities, pattern, origin, cell, shape, depth):
                 depth[(int(u) * shape[1] + int(v)) * shape[2] + int(t)] += share
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _march(points, directions, origins, cells, shapes, starts, depth, pixels, pixel_starts, distance, pixel, level):
-    for m in numba.prange(len(points)):
+@shared
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _march(
+    begin, end, points, directions, origins, cells, shapes, starts, depth, pixels, pixel_starts, distance, pixel, level
+):
+    for m in range(begin, end):
         for k in range(len(directions)):
             dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
             x, y, z = points[m, 0], points[m, 1], points[m, 2]

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from ..base.threads import shared
 from .footprints import NEAR, TILE, camera_of, footprint_batches
 from .tiles import AREA, Tiles
 
@@ -57,7 +58,8 @@ def rasterize(splats, view, near=NEAR):
     camera = camera_of(view, near)
     tiles = Tiles.of(camera, PLANES, transmittance=4, median=5)
     for batch in footprint_batches(splats, camera, tiles.open):
-        _blend(batch.footprints, batch.starts, batch.entries, tiles.dealt, tiles.open, tiles.across, tiles.pixels)
+        lists = batch.footprints, batch.starts, batch.entries
+        _blend(len(tiles.open), *lists, tiles.dealt, tiles.open, tiles.across, tiles.pixels)
     images = tiles.images(camera)
     depth_sum, transmittance, depth_median = images[3:]
     alpha = 1 - transmittance
@@ -67,13 +69,13 @@ def rasterize(splats, view, near=NEAR):
 
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
-_kernel = numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
 
 
-@_kernel
-def _blend(footprints, starts, entries, dealt, open_tiles, tiles_x, pixels):
+@shared
+@_function
+def _blend(begin, end, footprints, starts, entries, dealt, open_tiles, tiles_x, pixels):
     """Blend each open tile's list into its pixels, and close the tiles that let no more light through."""
-    for deal in numba.prange(len(dealt)):
+    for deal in range(begin, end):
         tile = dealt[deal]
         if not open_tiles[tile]:
             continue

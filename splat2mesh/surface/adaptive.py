@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
+from ..base.threads import shared
 from ..render.view import View
 from .octree import corners_of, dual_mesh, leaves_of, requested_cells
 
@@ -97,7 +98,8 @@ def fuse_adaptively(sights, origin, stage=lambda count: None):
     batches = -(-len(values) // BATCH)
     dealt = np.random.default_rng(0).permutation(batches)
     for part in np.array_split(dealt, SLABS):
-        _integrate(corners.positions, corners.levels, part, finest, NARROW, WIDE, np.inf, *packed, values, weights)
+        points = corners.positions, corners.levels, part
+        _integrate(len(part), *points, finest, NARROW, WIDE, np.inf, *packed, values, weights)
         stage(1)
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     return vertices * finest + origin, faces, finest * 2.0**levels
@@ -132,8 +134,11 @@ def _packed(sights, origin):
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@shared
+@_function
 def _integrate(
+    begin,
+    end,
     positions,
     levels,
     batches,
@@ -153,7 +158,7 @@ def _integrate(
 ):
     """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`; carve: of
     `_blend`."""
-    for n in numba.prange(len(batches)):
+    for n in range(begin, end):
         first = batches[n] * BATCH
         last = min(first + BATCH, len(positions))
         low, high, step = np.full(3, np.inf), np.full(3, -np.inf), 0.0

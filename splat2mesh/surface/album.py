@@ -10,6 +10,7 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..base.threads import shared
 from ..scene.color import bytes_from_unit
 
 TOLERANCE = 0.02
@@ -100,7 +101,9 @@ class Album:
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
         arrays = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread, self.thickness
         points, normals = points.astype(np.float64), normals.astype(np.float64)
-        _look_up(points, normals, *_groups(points), *arrays, self._deepest(), colors, thickness, pixel)
+        order, groups = _groups(points)
+        arrays = points, normals, order, groups, *arrays
+        _look_up(len(groups) - 1, *arrays, self._deepest(), colors, thickness, pixel)
         return colors, thickness, pixel
 
     def _deepest(self):
@@ -164,8 +167,11 @@ def _along(pose, row, scale, deep, middle, half):
     return at, reach, terms
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
+@shared
+@_function
 def _look_up(
+    begin,
+    end,
     points,
     normals,
     order,
@@ -183,7 +189,7 @@ def _look_up(
     out_thickness,
     out_pixel,
 ):
-    for g in numba.prange(len(groups) - 1):
+    for g in range(begin, end):
         members = order[groups[g] : groups[g + 1]]
         low, high = points[members[0]].copy(), points[members[0]].copy()
         for i in members:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..base.distinct import distinct
 from ..base.meshlibrary import open3d
+from ..base.threads import shared
 from ..render.view import View
 
 BLOCK = 8
@@ -64,7 +65,7 @@ def fuse(maps, voxel, advance=lambda: None):
         pose = view.camera_from_world.copy()
         pose[:3, 3] += pose[:3, :3] @ origin
         intrinsics = np.array([view.fx, view.fy, view.cx, view.cy])
-        _integrate(keys, voxel, pose, intrinsics, depth_map.plane, depth_map.weight, values, weights)
+        _integrate(len(keys), keys, voxel, pose, intrinsics, depth_map.plane, depth_map.weight, values, weights)
         advance()
     np.divide(values, weights, out=values, where=weights > 0)
     if not ((values < 0) & (weights > ENOUGH_WEIGHT)).any():  # open3d raises where there is no surface
@@ -117,11 +118,12 @@ def _in_fixed_order(vertices, faces):
     return vertices[order], faces[np.lexsort(faces.T[::-1])].astype(np.int32)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _integrate(keys, voxel, pose, intrinsics, planes, trust, values, weights):
+@shared
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _integrate(begin, end, keys, voxel, pose, intrinsics, planes, trust, values, weights):
     height, width = trust.shape
     limit = TRUNCATION * voxel
-    for b in numba.prange(len(keys)):
+    for b in range(begin, end):
         # The block's bounding sphere tells whether the view can see any of it.
         side = BLOCK * voxel
         half = 0.5 * side

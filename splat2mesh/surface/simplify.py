@@ -7,6 +7,8 @@ collapses that do not touch one another, so that the result is the same whatever
 import numba
 import numpy as np
 
+from ..base.threads import shared
+
 LONGEST = 6.0
 """Length in cells that no edge outgrows: colours need vertices on flat ground too."""
 
@@ -49,7 +51,7 @@ def simplify(points, faces, sizes, wanted, fixed=None):
         border |= kept >= 0
         open_edges = (uses == 1) & (kept[edges] < 0).all(axis=1)
         costs, places = np.empty(len(edges)), np.empty((len(edges), 3))
-        _costs(points, edges, quadrics, weights, sizes, border, open_edges, costs, places)
+        _costs(len(edges), points, edges, quadrics, weights, sizes, border, open_edges, costs, places)
         finite = np.isfinite(costs)
         if not finite.any():
             break
@@ -145,10 +147,11 @@ def _add_plane(quadrics, vertex, x, y, z, d, weight):
     q[9] += weight * d * d
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", parallel=True)
-def _costs(points, edges, quadrics, weights, sizes, border, on_border, costs, places):
+@shared
+@_function
+def _costs(begin, end, points, edges, quadrics, weights, sizes, border, on_border, costs, places):
     """What the collapse of each edge costs, in squared cells, and where its vertex would lie; inf: not at all."""
-    for e in numba.prange(len(edges)):
+    for e in range(begin, end):
         a, b = edges[e, 0], edges[e, 1]
         weight, size = weights[a] + weights[b], min(sizes[a], sizes[b])
         length2 = _square(points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2])

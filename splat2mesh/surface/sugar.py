@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from ..base.errors import InputError
 from ..base.meshlibrary import open3d
+from ..base.threads import shared
 
 LEVEL = 0.3
 """Density at which the surface lies: SuGaR's value."""
@@ -60,7 +61,7 @@ class DensityField:
         neighbors = self._tree.query(local, k=count, workers=-1)[1].reshape(len(local), count).astype(np.int32)
         arrays = (self._means, self._rotations, self._scales, self._opacities)
         offset, normal = np.full(len(local), np.nan, np.float32), np.zeros((len(local), 3), np.float32)
-        _enter_level(local, directions.astype(np.float32, order="C"), neighbors, *arrays, offset, normal)
+        _enter_level(len(local), local, directions.astype(np.float32, order="C"), neighbors, *arrays, offset, normal)
         found = np.isfinite(offset)
         surface = points[found] + offset[found, None] * directions[found]
         return SurfacePoints(surface.astype(np.float32), normal[found])
@@ -119,11 +120,12 @@ def _density(x, y, z, p, neighbors, means, rotations, scales, opacities):
     return total, right, up, back
 
 
-@numba.njit(cache=True, nogil=True, parallel=True)
-def _enter_level(points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
+@shared
+@numba.njit(cache=True, nogil=True)
+def _enter_level(begin, end, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
     """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
-    for p in numba.prange(len(points)):
-        _enter(np.int64(p), points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
+    for p in range(begin, end):
+        _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
 
 
 @numba.njit(cache=True, nogil=True)

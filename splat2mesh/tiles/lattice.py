@@ -62,7 +62,7 @@ def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     dealt = np.random.default_rng(0).permutation(-(-len(values) // BATCH))
     arrays = corners.positions, corners.levels, dealt, plan.finest, NARROW, WIDE, carve
-    _integrate(*arrays, *packed, values, weights)
+    _integrate(len(dealt), *arrays, *packed, values, weights)
     del packed
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     points = vertices * plan.finest

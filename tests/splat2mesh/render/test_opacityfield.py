@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 
-import numba
 import numpy as np
 import pytest
 from disc_splats import discs, plain
@@ -223,19 +222,11 @@ def test_moving_everything_moves_only_the_normals():
 def test_order_threads_and_batches_do_not_matter(monkeypatch):
     splats, view = scattered(3000, 11, size=0.05), around(100, 90)
     shuffled = splats.take(np.random.default_rng(0).permutation(3000))
-    before, results = numba.get_num_threads(), []
-    try:
-        for splats_now, threads, batch in (
-            (splats, 1, 32768),
-            (splats, 2, 32768),
-            (splats, 2, 100),
-            (shuffled, 1, 999),
-        ):
-            numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-            monkeypatch.setattr(footprints, "BATCH", batch)
-            results.append(bytes_of(field_depth(splats_now, view)))
-    finally:
-        numba.set_num_threads(before)
+    results = []
+    for splats_now, threads, batch in ((splats, 1, 32768), (splats, 2, 32768), (splats, 2, 100), (shuffled, 1, 999)):
+        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        monkeypatch.setattr(footprints, "BATCH", batch)
+        results.append(bytes_of(field_depth(splats_now, view)))
     assert found(field_depth(splats, view)).sum() > 1000
     assert results[1:] == results[:1] * 3
 

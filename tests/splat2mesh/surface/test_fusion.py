@@ -1,6 +1,5 @@
 """Fusion of exact depth maps: the surface comes back to a fraction of a voxel, closed, outward, the same every time."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -120,15 +119,11 @@ def test_a_sphere_before_a_wall_leaves_nothing_between_them():
     assert np.minimum(on_sphere, on_wall).max() < VOXEL
 
 
-def test_the_bytes_do_not_depend_on_the_number_of_threads():
+def test_the_bytes_do_not_depend_on_the_number_of_threads(monkeypatch):
     maps, meshes = sphere_maps(), []
-    before = numba.get_num_threads()
-    try:
-        for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS), 1):
-            numba.set_num_threads(threads)
-            meshes.append(arrays_of(fuse(maps, VOXEL)))
-    finally:
-        numba.set_num_threads(before)
+    for threads in (1, 2, 1):
+        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        meshes.append(arrays_of(fuse(maps, VOXEL)))
     for vertices, faces in meshes[1:]:
         assert vertices.tobytes() == meshes[0][0].tobytes()
         assert faces.tobytes() == meshes[0][1].tobytes()

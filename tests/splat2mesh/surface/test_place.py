@@ -1,6 +1,5 @@
 """The whole way for places: rooms from within without holes, a garden that keeps its table, and the sky set apart."""
 
-import numba
 import numpy as np
 import open3d as o3d
 import pytest
@@ -101,13 +100,9 @@ def test_the_far_background_is_set_apart_with_its_splats(from_the_garden, tmp_pa
     assert len(again.background) == len(from_the_garden.background)
 
 
-def test_the_same_bytes_again_on_any_number_of_threads(from_the_room, tmp_path):
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        again = made(tmp_path, room(0.06))
-    finally:
-        numba.set_num_threads(threads)
+def test_the_same_bytes_again_on_any_number_of_threads(from_the_room, tmp_path, monkeypatch):
+    monkeypatch.setattr("splat2mesh.base.threads.cores", lambda: 1)
+    again = made(tmp_path, room(0.06))
     for name in ("vertices", "normals", "faces", "colors_srgb"):
         np.testing.assert_array_equal(getattr(again, name), getattr(from_the_room, name))
 
