@@ -14,7 +14,7 @@ stands around them, and by a splat of the tile."""
 USUAL_GB = 4.0
 """Of a process, where nobody says."""
 
-LEAST_VERTICES = 2_000
+LEAST_VERTICES = 64
 """Of a part: what has fewer is mostly surroundings."""
 
 LEAST_SHARE = 1 / 64
@@ -83,7 +83,7 @@ def parts_of(
         cost = len(inside) + lit_share * (len(near) - len(inside))
         sides = part.box[1] - part.box[0]
         can_shrink = part.distance > LEAST_SHARE * distance
-        can_cut = len(inside) >= 2 * LEAST_VERTICES
+        can_cut = len(inside) >= 2 * LEAST_VERTICES and sides.max() > LEAST_SHARE * distance
         if cost <= most or not (can_shrink or can_cut):
             done.append(part)
         elif can_shrink and (sides.max() < 2 * part.distance or not can_cut):

@@ -1,5 +1,6 @@
 """What workers do for a relit city: one light for all tiles, found on the coarse city; then tile by tile."""
 
+import gc
 import io
 from typing import Any
 
@@ -131,7 +132,7 @@ def _lit(shared, around, options, albedo, formats, splats, memory):
         facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
         facts |= {name: max(value, facts.get(name, 0)) for name, value in told.items()}
         del local
-        give_back()
+        _release()
     shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
     files = {}
     if "glb" in formats:
@@ -158,12 +159,19 @@ def _lit_part(shared, local, options, albedo, splats, spacing):
     colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
     shading = relighter.shading(shared.sky, colors)
     del relighter
+    _release()
     own = np.flatnonzero(local.own)
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     relit = None
     if splats is not None:
         relit = _relit_sh(splats, local, before, _received(shading.radiance, colors), shared, spacing)
     return shading.radiance[own], relit, told
+
+
+def _release():
+    """Return what nothing needs any more to the system: plans hold each other, so that it waits for the collector."""
+    gc.collect()
+    give_back()
 
 
 def _places(splats, shared):

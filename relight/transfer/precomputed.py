@@ -129,8 +129,9 @@ class Precomputed:
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             found = Interreflection(occluder, rays, self.seed, visible, advance, receivers)
         self.rays_traced += rays * len(receivers.rows)
-        with self._stages.stage("keep"):
-            self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
+        if self.cache.keeps:  # its arrays are a copy of the matrix
+            with self._stages.stage("keep"):
+                self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
         return found
 
     def _kept(self, settings):
@@ -214,8 +215,8 @@ class Precomputed:
             visibility.name = name
             new = visibility.rays
         self._visibility = visibility
-        if new:
-            self.rays_traced += new * traced
+        self.rays_traced += new * traced
+        if new and self.cache.keeps:
             with self._stages.stage("keep"):
                 bits = np.stack(visibility.bits)
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)

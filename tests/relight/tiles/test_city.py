@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from buckets import bucket_server, copied, made_bucket, sent
-from cities import few_pixels, generated, meshed, sums
+from cities import sums
 from scipy.spatial import cKDTree
 from splat_samples import make_splats
 
@@ -24,15 +24,6 @@ from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Loop
 
 OPTIONS = LightingOptions(bands=3, rays=16, effects="shadows")
-
-
-@pytest.fixture(scope="module")
-def city(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("relit")
-    with pytest.MonkeyPatch.context() as patch:
-        few_pixels(patch)
-        meshed(generated(folder / "city"), folder / "scene")
-    return folder / "scene"
 
 
 @pytest.fixture(scope="module")
