@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
-BASE_GB, GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 0.5, 4.0e-6, 1.5e-6, 1.0e-6
+BASE_GB, GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 0.5, 2.8e-6, 1.2e-6, 1.0e-6
 """Peak of a process: what its libraries take, and what is added by a vertex whose own light is found, by one that
 stands around them, and by a splat of the tile."""
 
