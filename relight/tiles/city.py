@@ -80,7 +80,8 @@ def relight_city(
         "memory": memory,
         "options": repr(options),
     }
-    room_for(memory, max(plan.counts), sum(entry.get("far_vertices", 0) for entry in city["tiles"]))
+    held = max(plan.counts) if {"splat", "sog"} & set(formats) else 0
+    room_for(memory, held, sum(entry.get("far_vertices", 0) for entry in city["tiles"]))
     _begin(store, folder, asked, overwrite, resume)
     took = {}
 
