@@ -104,6 +104,12 @@ class Precomputed:
         self._transfers[found[0]] = found[1]
         return found[1], settings._replace(rays=found[0][2])
 
+    def forget_transfers(self):
+        """Let go of the transfers in memory: the next is computed, or read, from what was traced."""
+        self._transfers.clear()
+        for found in self._interreflections.values():
+            found[1] = None
+
     def interreflection(self, rays, transfer):
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
         rays = next((each for each in self._matrices() if each >= rays), rays)
