@@ -14,6 +14,7 @@ from relight.tiles.city import relight_city
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
 from relight.tiles.shared import city_of, coarse_city
+from relight.transfer.precomputed import Precomputed
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.tiles.plan import FILE, Plan
@@ -125,3 +126,15 @@ def test_a_part_holds_its_own_faces_and_what_is_near(city):
         own_faces = np.isin(around.mesh.faces, local.rows[local.own]).any(axis=1).sum()
         assert np.isin(near.faces, np.flatnonzero(local.own)).any(axis=1).sum() == own_faces
     assert len(found) > 2 and (seen == 1).all()
+
+
+def test_what_goes_before_the_new_light_changes_no_bit(city, monkeypatch):
+    options = LightingOptions(bands=3, rays=128, effects="shadows bounces")
+    folders = []
+    for name in ("gone", "kept"):
+        folders.append(f"relit/parts_{name}")
+        relight_city(city, "noon", Loop(), options, formats=("npy",), memory=4.0, folder=folders[-1])
+        monkeypatch.setattr(Precomputed, "forget_transfers", lambda self: None)
+    for entry in city_of(Store(city))["tiles"]:
+        gone, kept = (np.load(city / folder / entry["name"] / "radiance.npy") for folder in folders)
+        np.testing.assert_array_equal(gone, kept)
