@@ -14,8 +14,10 @@ from splat2mesh.tiles.store import Store
 from .parts import Part, grown, parts_of
 from .shared import Shared, joined_meshes, scene_of
 
-NEAR = 1.0
-"""How far around its core a tile sees its neighbours as they are, in distances between stations."""
+NEAR = 2.0
+"""How far around its core a tile sees its neighbours as they are, in distances between stations. With 1 a wall in the
+shadow of a house next door, which is coarse then, was lit by a low sun: error .29 in a tile of a city of ten million;
+.021 with 2, .023 with 3."""
 
 EXACT = 0.1
 """How far around its box a part finds light at every vertex, in distances between stations: splats near its border take
