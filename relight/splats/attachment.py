@@ -47,7 +47,8 @@ class Surface:
     box.
     """
 
-    def __init__(self, scene):
+    def __init__(self, scene, diagonal=None):
+        """diagonal: of the scene that this one is a part of, in the frame of its splats; its own box's without."""
         vertices, normals = scene.vertices, scene.normals
         content = np.ascontiguousarray(np.hstack([vertices, normals]).astype(np.float32) + np.float32(0.0))
         unique, self.node = _distinct(content)
@@ -66,7 +67,9 @@ class Surface:
         self.used = np.zeros(len(self.points), bool)
         self.used[self.faces.ravel()] = True
         used = self.used
-        self.diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
+        if diagonal is None:
+            diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
+        self.diagonal = diagonal
         self._caster = None
 
     def of_vertices(self, values):

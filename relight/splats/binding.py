@@ -44,6 +44,7 @@ class Binding:
         seed=0,  # of the choice
         advance=lambda count: None,  # called with the number of views looked at
         cache=None,  # Cache of the scene, where what takes long is kept unless views are given
+        diagonal=None,  # of `Surface`, where the scene is a part of another
     ):
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
         self._splats, self.lit = splats, usable(splats)
@@ -55,7 +56,7 @@ class Binding:
                 stacklevel=2,
             )
         self._captured = linear_from_srgb(scene.colors_srgb.astype(np.float32) / np.float32(255.0))
-        self.surface = Surface(scene)
+        self.surface = Surface(scene, diagonal)
         self.shown = splats if not unlit else splats.take(self.lit)
         self._near = 0.005 * self.surface.diagonal
         volume = scene.foliage
@@ -118,11 +119,12 @@ class Binding:
             asked[self._looks.corners.ravel()] = True
         return asked
 
-    def relit(self, before, after, exposure=1.0, rounds=ROUNDS):
+    def relit(self, before, after, exposure=1.0, rounds=ROUNDS, usual=None):
         """The splats in a new light: Splats, in order, of which only `sh` differs.
 
         before: (V, 3) irradiance of the scene's vertices in the light of the capture, unit of the captured colours.
         after: (V, 3) the same in the new light. exposure: shown = radiance * exposure. rounds: of the fit in views.
+        usual: Usual of the scene that this one is a part of; its own without.
         Where before and after are equal at all vertices, no bit changes.
         Raises InputError for arrays or an exposure that do not fit.
         """
@@ -134,7 +136,7 @@ class Binding:
                 f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
             )
         shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
-        of_vertices, mean = log_gain(self._captured, before, after, shares)
+        of_vertices, mean = log_gain(self._captured, before, after, shares, usual)
         of_nodes = self._wide.shared(self.surface.of_vertices(of_vertices))
         logs = self.places.interpolate(of_nodes)
         s = self._splats

@@ -6,6 +6,8 @@ blending unchanged, even where single Gaussians are darker than black or brighte
 Gaussian without a clip, and interpolate its logarithm, the log gain b = log g.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from splat2mesh.base.errors import InputError
@@ -29,11 +31,32 @@ _DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte tells 
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
+class Usual(NamedTuple):
+    """What is usual in a scene.
+
+    soft: (3,) float64, the square of an irradiance that is dim in the light of the capture. ratio: (3,) float64, the
+    light ratio of the whole scene. gain: (3,), its mean log gain, where it was found.
+    """
+
+    soft: np.ndarray
+    ratio: np.ndarray
+    gain: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, before, after, shares):
+        """That of irradiances (V, 3) in both lights, vertices weighing `shares`, (V,)."""
+        total = shares @ before, shares @ after
+        # A colour that the light of the capture lacked has no ratio: it stays as it is.
+        ratio = np.divide(total[1], total[0], out=np.ones(3), where=total[0] > 0.0)
+        return cls((SOFTNESS * np.median(before, axis=0)) ** 2, ratio)
+
+
 def log_gain(
     captured,  # (V, 3) linear colours as captured
     before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
     after,  # (V, 3) irradiance in the new light, exposure applied
     shares=None,  # (V,) weights of the vertices in means, such as areas; equal by default
+    usual=None,  # Usual of the scene that these vertices are a part of; their own by default
 ):
     """Log gain of every vertex, (V, 3) float32, and its mean over the scene, (3,). Equal light gives zeros, to the bit.
 
@@ -51,10 +74,7 @@ def log_gain(
     shares = np.ones(len(captured)) if shares is None else np.asarray(shares, np.float64)
     if not shares.sum() > 0.0:
         shares = np.ones(len(captured))
-    total = shares @ before, shares @ after
-    # A colour that the light of the capture lacked has no ratio: it stays as it is.
-    usual = np.divide(total[1], total[0], out=np.ones(3), where=total[0] > 0.0)
-    soft = (SOFTNESS * np.median(before, axis=0)) ** 2
+    soft, usual, mean = Usual.of(before, after, shares) if usual is None else usual
     below = before * before + soft
     ratio = np.divide(
         before * after + soft * usual, below, out=np.broadcast_to(usual, below.shape).copy(), where=below > 0
@@ -65,7 +85,8 @@ def log_gain(
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
     ratio = np.where(shown > start, rolled / np.maximum(captured, _DARKEST), ratio)
     logs = np.log(np.clip(ratio, LEAST, MOST)) / CURVE_POWER
-    return logs.astype(np.float32), (shares @ logs / shares.sum()).astype(np.float32)
+    mean = shares @ logs / shares.sum() if mean is None else mean
+    return logs.astype(np.float32), mean.astype(np.float32)
 
 
 def linear_parts(

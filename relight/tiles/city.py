@@ -15,7 +15,7 @@ from splat2mesh.tiles.tileset import tileset
 from ..light.environment import Environment
 from ..options import PLACE_TOLERANCE, LightingOptions
 from ..splats.sky import SKIES
-from .local import NEAR
+from .parts import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
 from .work import common_light, relit_environment, relit_far, relit_tile
@@ -42,6 +42,7 @@ def relight_city(
     exposure_ev: float | None = None,
     formats: tuple[str, ...] = ("glb", "splat"),
     sky: str = "new",
+    memory: float | None = None,
     folder: str | None = None,
     overwrite: bool = False,
     resume: bool = False,
@@ -50,7 +51,8 @@ def relight_city(
     """Light a city; returns the report, JSON-clean.
 
     scene: what `convert_city` wrote. engine: of `splat2mesh.tiles.tasks.engine`. folder: within the city, by the light
-    and its angle without. formats: of FORMATS. sky: of `splats.SKIES`, of the far background.
+    and its angle without. formats: of FORMATS. sky: of `splats.SKIES`, of the far background. memory:
+    GiB of a process, which tells in how many parts a tile is lit.
     Raises InputError for what cannot be used, UnfinishedError where tiles failed and the others are done.
     """
     stages, store = stages or Stages(), Store(scene)
@@ -65,6 +67,7 @@ def relight_city(
     city = store.read_json(CITY)
     if city.get("schema_version", 0) > SCHEMA_VERSION:
         raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
+    plan = Plan(**store.read_json(FILE)["plan"])
     folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
     options = options.planned(PLACE_TOLERANCE)
     asked = {
@@ -74,10 +77,12 @@ def relight_city(
         "exposure_ev": exposure_ev,
         "formats": sorted(formats),
         "sky": sky,
+        "memory": memory,
         "options": repr(options),
     }
+    held = max(plan.counts) if {"splat", "sog"} & set(formats) else 0
+    room_for(memory, held, sum(entry.get("far_vertices", 0) for entry in city["tiles"]))
     _begin(store, folder, asked, overwrite, resume)
-    plan = Plan(**store.read_json(FILE)["plan"])
     took = {}
 
     def run(label, tasks):
@@ -109,8 +114,8 @@ def relight_city(
     for tile, entry in enumerate(city["tiles"]):
         if kept.get(f"{folder}/{entry['name']}/relit.json") is None:
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
-            wishes = (told["sha256"], options, albedo, tuple(formats))
-            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, NEAR * plan.spacing)))
+            wishes = (told["sha256"], options, albedo, tuple(formats), memory)
+            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, plan.spacing)))
     environment = f"{folder}/{FOLDER}/environment.json"
     shared = store, folder, told["sha256"]
     for number in background:

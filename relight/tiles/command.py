@@ -52,6 +52,7 @@ def light_city(
                 exposure_ev=options.exposure,
                 formats=tuple(formats),
                 sky=options.sky,
+                memory=options.memory,
                 overwrite=options.overwrite,
                 resume=options.resume,
                 stages=stages,

@@ -16,6 +16,7 @@ from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
 
 from ..albedo.division import Prior
 from ..light.environment import Environment
+from ..splats.light_ratio import Usual
 from .background import Background
 
 SKY, LIGHT = "sky.npz", "light.npz"
@@ -27,7 +28,8 @@ class Shared(NamedTuple):
 
     cores: (T, 2, 2) lowest and highest x and z. coarse: their coarse meshes, None where a tile has no surface. sky:
     the new light. capture: that of the capture, or None where none was told. prior: of the albedo, with `capture`.
-    background: of what belongs to no tile, None where all does or no splats are written.
+    usual: change of light of the coarse city. background: of what belongs to no tile, None where all does or no splats
+    are written.
     """
 
     scene_from_splat: NDArray[np.float64]
@@ -37,6 +39,7 @@ class Shared(NamedTuple):
     capture: Environment | None = None
     prior: Prior | None = None
     exposure: float = 1.0
+    usual: Usual | None = None
     background: Background | None = None
 
     @classmethod
@@ -101,6 +104,8 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
     if shared.capture is not None and shared.prior is not None:
         arrays |= {"capture": shared.capture.radiance}
         arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
+    if shared.usual is not None:
+        arrays |= {f"usual_{name}": value for name, value in shared.usual._asdict().items()}
     if shared.background is not None:
         arrays |= {f"background_{name}": value for name, value in shared.background.arrays().items()}
     for name in ("vertices", "faces"):
@@ -148,5 +153,6 @@ def _kept(root: str, folder: str, key: str) -> Shared:
         capture,
         prior,
         float(kept["exposure"]),
+        Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
         Background.of({name.removeprefix("background_"): value for name, value in kept.items()}),
     )

@@ -1,5 +1,6 @@
 """What workers do for a relit city: one light for all tiles, found on the coarse city; then tile by tile."""
 
+import gc
 import io
 from typing import Any
 
@@ -12,16 +13,23 @@ from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import NUMBERS, Splats, usable
 from splat2mesh.tiles.glb import glb_bytes
+from splat2mesh.tiles.memory import give_back
 from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 
-from ..engine.appearance import CAPTURE, LEAST_ALBEDO
+from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
 from ..light.environment import Environment
 from ..options import LightingOptions
+from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
-from .local import far_scene, local_scene
+from .local import NEAR, Surroundings, far_scene
+from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
+
+DIAGONAL = 10.0
+"""Of what counts as the scene of a tile's splats, in distances between stations, whatever the size of tile and part: it
+tells how far from the mesh a splat takes its light."""
 
 
 def common_light(
@@ -34,6 +42,7 @@ def common_light(
 ) -> dict[str, Any]:
     """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
     from ..albedo import estimate
+    from ..albedo.samples import vertex_areas
     from ..engine.relighter import Relighter
     from ..light.tonemap import auto_exposure
 
@@ -56,13 +65,17 @@ def common_light(
             "evidence": round(float(found.evidence), 3),
         }
         colors, brightness = found.albedo, found.brightness
-    radiance: Any = relighter.shade(sky, colors) if ev is None or far else None
+    radiance = relighter.shade(sky, colors)
     exposure = 2.0**ev if ev is not None else auto_exposure(radiance)
     if ev is None and brightness is not None and sky.mean_luminance > 0:
         exposure = float(min(max(brightness / sky.mean_luminance, exposure / 2.0), exposure * 2.0))
     shared = shared._replace(exposure=float(exposure))
+    after = _received(radiance, colors) * np.float32(exposure)
+    shares = vertex_areas(relighter.occluder)
+    usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
+    gain = log_gain(captured, before, after, shares, usual)[1]
+    shared = shared._replace(usual=usual._replace(gain=gain))
     if far:
-        after = _received(radiance, colors) * np.float32(exposure)
         shared = shared._replace(background=background_of(store, far, scene, before, after))
     return {**told, "exposure": float(exposure), "sha256": write_shared(store, folder, shared)}
 
@@ -74,18 +87,24 @@ def relit_tile(
     options: LightingOptions,
     albedo: str,
     formats: tuple[str, ...],
+    memory: float | None,
     tile: int,
     sources: list[int],
-    distance: float,
+    spacing: float,
 ) -> dict[str, Any]:
-    """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned."""
+    """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned.
+
+    memory: GiB of this process, or None. spacing: distance between stations.
+    """
     shared = Shared.kept(store, folder, key)
     name = f"{folder}/{folder_of(tile)}"
     files: dict[str, bytes] = {}
     facts: dict[str, Any] = {"tile": tile, "vertices": 0}
     splats = _source(store, tile, sources) if {"splat", "sog"} & set(formats) else None
     if shared.coarse[tile] is not None:
-        files, facts, splats = _lit(store, shared, options, albedo, formats, tile, splats, distance)
+        around = Surroundings(store, shared, tile, spacing)
+        files, facts, splats = _lit(shared, around, options, albedo, formats, splats, memory)
+        facts = {"tile": tile, **facts}
     files = {f"{name}/{file}": data for file, data in files.items()}
     if splats is not None and "splat" in formats:
         files[f"{name}/splats.ply"] = inria_ply_bytes(splats)
@@ -95,17 +114,25 @@ def relit_tile(
     return store.commit(f"{name}/relit.json", files, **facts)
 
 
-def _lit(store, shared, options, albedo, formats, tile, splats, distance):
-    from ..engine.relighter import Relighter
-
-    local, exposure = local_scene(store, shared, tile, distance), shared.exposure
-    relighter = Relighter(local.scene, options)
-    captured = local.scene.colors_linear
-    colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
-    shading = relighter.shading(shared.sky, colors)
-    own = slice(0, local.own)
-    radiance = shading.radiance[own]
-    mesh = local.scene.chunks[0]
+def _lit(shared, around, options, albedo, formats, splats, memory):
+    """A tile in its parts: its files, facts for its record, and its splats."""
+    mesh, exposure = around.mesh, shared.exposure
+    parts = around.parts(room_for(memory, 0 if splats is None else len(splats), around.coarse))
+    radiance = np.zeros((len(mesh.vertices), 3), np.float32)
+    places, sh = _places(splats, shared), None if splats is None else splats.sh.copy()
+    facts = {"vertices": len(radiance), "parts": len(parts), "lit_with": 0, "nearest": NEAR}
+    for part in parts:
+        chosen = None if splats is None else np.flatnonzero(part.holds(places))
+        bound = splats.take(chosen) if chosen is not None and len(chosen) else None
+        local = around.of(part)
+        radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, options, albedo, bound, around.spacing)
+        if bound is not None:
+            sh[chosen] = relit
+        facts["lit_with"] = max(facts["lit_with"], len(local.shown))
+        facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
+        facts |= {name: max(value, facts.get(name, 0)) for name, value in told.items()}
+        del local
+        _release()
     shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
     files = {}
     if "glb" in formats:
@@ -118,11 +145,45 @@ def _lit(store, shared, options, albedo, formats, tile, splats, distance):
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
     if splats is not None:
-        splats = _relit_splats(splats, local, before, _received(shading.radiance, colors), exposure)
+        splats = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
     bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
-    facts = {"tile": tile, "vertices": len(radiance), "lit_with": len(captured), "bounds": bounds}
-    facts |= {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
-    return files, facts, splats
+    return files, facts | {"bounds": bounds}, splats
+
+
+def _lit_part(shared, local, options, albedo, splats, spacing):
+    """Of a part: radiance of its own vertices, the colours of its splats or None, and facts for the record."""
+    from ..engine.relighter import Relighter
+
+    relighter = Relighter(local.scene, options, shown=lambda: local.shown)
+    captured = local.scene.colors_linear
+    colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
+    plan, capture = relighter.plan_for(shared.sky, colors), CAPTURE_OF_PLACE
+    if plan is not None and (plan.settings.rays > capture.rays or plan.settings.bands > capture.bands):
+        relighter.precomputed.forget_transfers()  # that of the capture does not serve the new light
+    shading = relighter.shading(shared.sky, colors)
+    del relighter
+    _release()
+    own = np.flatnonzero(local.own)
+    told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
+    relit = None
+    if splats is not None:
+        relit = _relit_sh(splats, local, before, _received(shading.radiance, colors), shared, spacing)
+    return shading.radiance[own], relit, told
+
+
+def _release():
+    """Return what nothing needs any more to the system: plans hold each other, so that it waits for the collector."""
+    gc.collect()
+    give_back()
+
+
+def _places(splats, shared):
+    """x and z of splats in the scene frame, (N, 2); 0 for what is not finite. None without splats."""
+    if splats is None:
+        return None
+    matrix = shared.scene_from_splat
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
 
 
 def _received(radiance, colors):
@@ -139,7 +200,7 @@ def _albedo(relighter, captured, shared, choice, seed):
     if shared.capture is None:
         return captured, np.ones_like(captured)
     light, prior = shared.capture, shared.prior
-    return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE))
+    return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE_OF_PLACE))
 
 
 def _source(store, tile, sources):
@@ -148,15 +209,18 @@ def _source(store, tile, sources):
     return joined([Splats(**{name: part[name] for name in NUMBERS}) for part in parts]) if parts else None
 
 
-def _relit_splats(splats, local, before, after, exposure):
-    """Splats that take the change of light of the mesh near them; without a fit in views, which borders would show."""
+def _relit_sh(splats, local, before, after, shared, spacing):
+    """Colours of splats that take the change of light of the mesh near them, with what is usual in the whole city and
+    without a fit in views, which borders would show."""
     from splat2mesh.scene.scene import Scene
 
     from ..splats.binding import Binding
 
-    near = Scene(local.scene.chunks[: local.near], scene_from_splat=local.scene.scene_from_splat)
-    count = near.vertex_count
-    return Binding(splats, near, views=()).relit(before[:count], after[:count], exposure)
+    matrix = local.scene.scene_from_splat
+    near = Scene(local.scene.chunks[: local.near], scene_from_splat=matrix)
+    count, scale = near.vertex_count, float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    bound = Binding(splats, near, views=(), diagonal=DIAGONAL * spacing / scale)
+    return bound.relit(before[:count], after[:count], shared.exposure, usual=shared.usual).sh
 
 
 def relit_far(store: Store, folder: str, key: str, piece: int, sky: str) -> dict[str, Any]:

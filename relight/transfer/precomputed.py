@@ -104,6 +104,12 @@ class Precomputed:
         self._transfers[found[0]] = found[1]
         return found[1], settings._replace(rays=found[0][2])
 
+    def forget_transfers(self):
+        """Let go of the transfers in memory: the next is computed, or read, from what was traced."""
+        self._transfers.clear()
+        for found in self._interreflections.values():
+            found[1] = None
+
     def interreflection(self, rays, transfer):
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
         rays = next((each for each in self._matrices() if each >= rays), rays)
@@ -129,8 +135,9 @@ class Precomputed:
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             found = Interreflection(occluder, rays, self.seed, visible, advance, receivers)
         self.rays_traced += rays * len(receivers.rows)
-        with self._stages.stage("keep"):
-            self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
+        if self.cache.keeps:  # its arrays are a copy of the matrix
+            with self._stages.stage("keep"):
+                self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
         return found
 
     def _kept(self, settings):
@@ -214,8 +221,8 @@ class Precomputed:
             visibility.name = name
             new = visibility.rays
         self._visibility = visibility
-        if new:
-            self.rays_traced += new * traced
+        self.rays_traced += new * traced
+        if new and self.cache.keeps:
             with self._stages.stage("keep"):
                 bits = np.stack(visibility.bits)
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)

@@ -80,7 +80,7 @@ class Cache:
 
     def put(self, kind, *settings, **arrays):
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
-        if not self.folder or self._read_only:
+        if not self.keeps:
             return
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
@@ -88,6 +88,11 @@ class Cache:
                 np.savez(file, key=np.array(self._key), **arrays)  # not waited for: a torn one counts as not there
             self._forget(kind)
             self._fit()
+
+    @property
+    def keeps(self):
+        """Whether `put` keeps anything: what is made for it alone need not be made otherwise."""
+        return bool(self.folder) and not self._read_only
 
     @property
     def size_bytes(self):

@@ -8,7 +8,7 @@ from ..base.console import wants_progress
 from ..base.errors import InputError
 from ..base.progress import Stages
 
-MEANINGLESS = ("cameras", "surface", "background", "stand", "eye", "plan", "max_chunk_vertices", "seed", "proxy")
+MEANINGLESS = ("cameras", "surface", "background", "stand", "eye", "max_chunk_vertices", "seed", "proxy")
 """Options that a city does not know."""
 
 
@@ -26,6 +26,15 @@ def mesh_city(
             option = "from" if name == "stand" else name.replace("_", "-")
             raise InputError(f"--{option}: has no meaning for a city in tiles; leave it out")
     stages = Stages(show=wants_progress(options))
+    names = ("lod", "up", "detail", "memory")
+    if options.plan:
+        from .outlook import lines_of, outlook
+
+        try:
+            expected = outlook(options.input, **{name: getattr(options, name) for name in names}, stages=stages)
+        finally:
+            stages.close()
+        return lines_of(expected), expected
     start = time.perf_counter()
     try:
         with engine(options.scheduler, options.workers, options.memory) as running:
@@ -33,7 +42,8 @@ def mesh_city(
                 options.input,
                 output,
                 running,
-                **{name: getattr(options, name) for name in ("lod", "vertices", "up", "detail", "memory")},
+                **{name: getattr(options, name) for name in names},
+                vertices=options.vertices,
                 overwrite=options.overwrite,
                 resume=options.resume,
                 stages=stages,

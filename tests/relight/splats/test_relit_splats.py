@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit, write_relit_ply
-from relight.splats.light_ratio import CURVE_POWER, log_gain
+from relight.splats.light_ratio import CURVE_POWER, Usual, log_gain
 from relight.transfer.store import Cache
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.rasterize import rasterize
@@ -299,6 +299,24 @@ def test_the_change_is_bounded_in_any_light():
         assert np.isfinite(mean).all()
         shown = captured * np.exp(CURVE_POWER * logs.astype(np.float64))
         assert (shown <= 1.0 + 1e-3).all()  # the shoulder's room for what was captured white
+
+
+def test_a_part_of_a_scene_changes_as_it_does_in_the_whole(ball):
+    rng = np.random.default_rng(3)
+    captured, before, after = rng.uniform(0.01, 1.0, (3, 60, 3))
+    whole, mean = log_gain(captured, before, after)
+    usual = Usual.of(before, after, np.ones(60))._replace(gain=mean)
+    rows = np.flatnonzero(before[:, 0] < 0.3)  # dim: their change depends on what is usual
+    part, same = log_gain(captured[rows], before[rows], after[rows], usual=usual)
+    np.testing.assert_array_equal(part, whole[rows])
+    np.testing.assert_array_equal(same, mean)
+    alone, _ = log_gain(captured[rows], before[rows], after[rows])
+    assert np.abs(alone - whole[rows]).max() > 0.01
+    scene, splats, _ = ball
+    diagonal = 3.0 * Binding(splats, scene, views=()).surface.diagonal
+    farther = Binding(splats, scene, views=(), diagonal=diagonal)
+    assert farther.surface.diagonal == diagonal
+    assert (farther.places.far <= Binding(splats, scene, views=()).places.far).all()
 
 
 def test_captured_light_that_is_brighter_than_what_arrived_changes_as_the_scene_does():

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 from buckets import bucket_server, copied, made_bucket, sent
-from cities import few_pixels, generated, meshed, sums
+from cities import sums
 from scipy.spatial import cKDTree
 from splat_samples import make_splats
 
 from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
 from relight.tiles.city import relight_city
-from relight.tiles.local import local_scene, tile_mesh
+from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
 from relight.tiles.streamed import LEVELS, META, environment_files, lod_meta, tile_levels
 from splat2mesh.base.errors import InputError
@@ -24,15 +24,6 @@ from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Loop
 
 OPTIONS = LightingOptions(bands=3, rays=16, effects="shadows")
-
-
-@pytest.fixture(scope="module")
-def city(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("relit")
-    with pytest.MonkeyPatch.context() as patch:
-        few_pixels(patch)
-        meshed(generated(folder / "city"), folder / "scene")
-    return folder / "scene"
 
 
 @pytest.fixture(scope="module")
@@ -159,10 +150,15 @@ def test_a_city_in_a_bucket_has_the_same_bytes(city, relit, tmp_path):
         assert sums(copied(f"{url}/relit/a", tmp_path / "copy")) == sums(relit[0])
 
 
+def whole(around):
+    (part,) = around.parts(np.inf)
+    return around.of(part)
+
+
 def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
     store = Store(city)
-    local = local_scene(store, coarse_city(store, Environment.load("noon")), 0, 5.0)
-    assert local.own == len(tile_mesh(store, 0).vertices)
+    local = whole(Surroundings(store, coarse_city(store, Environment.load("noon")), 0, 5.0))
+    assert local.own.sum() == len(local.own) == len(tile_mesh(store, 0).vertices)
     assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
 
 
@@ -171,9 +167,9 @@ def test_what_lies_below_the_horizon_is_left_out(city):
     shared = coarse_city(store, Environment.load("noon"))
     cores = shared.cores.copy()
     cores[1:] += 1e5
-    assert len(local_scene(store, shared._replace(cores=cores), 0, 5.0).scene.chunks) == 1
+    assert len(whole(Surroundings(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 1
     cores[1:] -= 9.99e4
-    assert len(local_scene(store, shared._replace(cores=cores), 0, 5.0).scene.chunks) == 2
+    assert len(whole(Surroundings(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 2
 
 
 def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):

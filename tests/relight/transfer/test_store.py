@@ -69,7 +69,7 @@ def test_without_a_folder_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     nowhere = Cache()
     nowhere.put("transfer", 1, **ARRAYS)
-    assert nowhere.get("transfer", 1) is None and nowhere.settings_of("transfer") == []
+    assert not nowhere.keeps and nowhere.get("transfer", 1) is None and nowhere.settings_of("transfer") == []
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,103 @@
+"""Tiles in parts: how many vertices are lit at once follows from the memory that a process may take."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+
+BASE_GB, GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 0.5, 2.8e-6, 1.2e-6, 1.0e-6
+"""Peak of a process: what its libraries take, and what is added by a vertex whose own light is found, by one that
+stands around them, and by a splat of the tile."""
+
+USUAL_GB = 4.0
+"""Of a process, where nobody says."""
+
+LEAST_VERTICES = 64
+"""Of a part: what has fewer is mostly surroundings."""
+
+LEAST_SHARE = 1 / 64
+"""Of the distance within which a part sees what is around it as it is, at least, before it is cut on."""
+
+
+class Part(NamedTuple):
+    """A rectangle of a tile that is lit by itself.
+
+    core: (2, 2) lowest and highest x and z of the tile. box: (2, 2) of the part. distance: around it within which
+    everything is seen as it is.
+    """
+
+    core: NDArray[np.float64]
+    box: NDArray[np.float64]
+    distance: float
+
+    def holds(self, places: NDArray) -> NDArray[np.bool_]:
+        """(N,) bool of places of the tile, (N, 2) x and z: those beyond its core belong to the part beside them, so
+        that each is in one part."""
+        low, high = self.core
+        return _inside(np.clip(places, low, np.nextafter(high, low)), self.box)
+
+    @property
+    def grown(self) -> NDArray[np.float64]:
+        """(2, 2) the box and what is seen around it as it is."""
+        return grown(self.box, self.distance)
+
+
+def grown(box: NDArray, distance: float) -> NDArray[np.float64]:
+    """A box, (2, 2) lowest and highest x and z, with so much more around it."""
+    return box + np.array([[-distance], [distance]])
+
+
+def room_for(memory_gb: float | None, splats: int, coarse: int) -> float:
+    """Vertices whose light a process may find at once beside what is always there: splats of a tile, and the coarse
+    city. Raises InputError for a memory that these alone fill."""
+    memory_gb = USUAL_GB if memory_gb is None else memory_gb
+    taken = BASE_GB + splats * GB_PER_SPLAT + coarse * GB_PER_NEAR
+    if memory_gb < taken + LEAST_VERTICES * GB_PER_LIT:
+        least = np.ceil(10 * (taken + LEAST_VERTICES * GB_PER_LIT)) / 10
+        raise InputError(f"`memory` {memory_gb:g}: a process needs {least:g} GiB at least")
+    return (memory_gb - taken) / GB_PER_LIT
+
+
+def parts_of(
+    own: NDArray,  # (V, 2) x and z of a tile's vertices
+    around: NDArray,  # (W, 2) of those of its neighbours that lie near it
+    core: NDArray,  # (2, 2) lowest and highest x and z
+    distance: float,  # around it within which it sees all as it is
+    most: float,  # vertices, of `room_for`
+) -> list[Part]:
+    """The parts of a tile. Cuts go across the longer side, at half of the vertices.
+
+    Where a part is no wider than what it sees around it, and all that is still too much, that distance is halved.
+    """
+    core = np.asarray(core, np.float64)
+    whole = Part(core, core, distance)
+    places, lit = np.concatenate([own, around]), np.arange(len(own) + len(around)) < len(own)
+    lit_share = GB_PER_NEAR / GB_PER_LIT
+    pending, done = [(whole, np.arange(len(places)))], []
+    while pending:
+        part, rows = pending.pop()
+        near = rows[_inside(places[rows], part.grown) | (lit[rows] & part.holds(places[rows]))]
+        inside = near[lit[near] & part.holds(places[near])]
+        cost = len(inside) + lit_share * (len(near) - len(inside))
+        sides = part.box[1] - part.box[0]
+        can_shrink = part.distance > LEAST_SHARE * distance
+        can_cut = len(inside) >= 2 * LEAST_VERTICES and sides.max() > LEAST_SHARE * distance
+        if cost <= most or not (can_shrink or can_cut):
+            done.append(part)
+        elif can_shrink and (sides.max() < 2 * part.distance or not can_cut):
+            pending.append((part._replace(distance=part.distance / 2), rows))
+        else:
+            axis = int(sides.argmax())
+            middle = float(np.median(places[inside, axis]))
+            if not part.box[0, axis] < middle < part.box[1, axis]:
+                middle = float(part.box[:, axis].mean())
+            low, high = part.box.copy(), part.box.copy()
+            low[1, axis] = high[0, axis] = middle
+            pending += [(part._replace(box=high), near), (part._replace(box=low), near)]
+    return done
+
+
+def _inside(places, box):
+    return ((places >= box[0]) & (places < box[1])).all(axis=1)
