@@ -59,7 +59,8 @@ REACH = 0.995
 class Lamp(NamedTuple):
     """rows: vertices, sorted. area: of the squared diagonal. place: (3,) float64, mean position, unit frame.
 
-    normal: (3,) the mean direction that it faces, of any length. color: (3,) captured, linear.
+    normal: (3,) the mean direction that it faces, of any length. color: (3,) captured, linear, of it and of what
+    glows about it: where it was clipped it is white.
     """
 
     rows: NDArray[np.int64]
@@ -80,30 +81,34 @@ def find(
     order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
     node = np.zeros(len(captured), np.int64)
     node[order] = np.cumsum(new_node) - 1
-    white, core = np.zeros((2, int(node.max()) + 1), bool)
-    peak = captured.max(axis=1)
-    pale = (peak > PALE) & (captured.min(axis=1) > LEAST_PALE)
-    white[node[pale & (peak > GLOWS * bounce.max(axis=1))]] = True
-    core[node[peak > WHITE]] = True
+    peak, nodes = captured.max(axis=1), int(node.max()) + 1
+    pale = (peak > PALE) & (peak > GLOWS * bounce.max(axis=1))
+    clipped = pale & (captured.min(axis=1) > LEAST_PALE)
     edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
-    edges = edges[white[node[edges]].all(axis=1)]
     smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
-    edges = node[edges[smooth]]
-    joined = coo_array((np.ones(len(edges)), edges.T), (len(white), len(white)))
-    _, label = connected_components(joined, directed=False)
-    of_vertex = np.where(white[node], label[node], -1)
-    kept = of_vertex >= 0
-    size = np.bincount(of_vertex[kept], areas[kept], len(white))
+
+    def pieces(chosen):
+        """Number of the piece that each vertex is of, (V,), -1 for none."""
+        white = np.bincount(node, chosen, nodes) > 0
+        joined = node[edges[smooth & white[node[edges]].all(axis=1)]]
+        _, label = connected_components(coo_array((np.ones(len(joined)), joined.T), (nodes, nodes)), directed=False)
+        return np.where(white[node], label[node], -1)
+
+    of_vertex, glow = pieces(clipped), pieces(pale)
+    kept, size = of_vertex >= 0, np.zeros(nodes)
+    size += np.bincount(of_vertex[kept], areas[kept], nodes)
+    core = np.bincount(of_vertex[kept], peak[kept] > WHITE, nodes) > 0
     found = []
-    within = np.bincount(label[white & core], minlength=len(white)) > 0
-    for chosen in np.flatnonzero((size > LEAST_AREA) & within[: len(size)]):
+    for chosen in np.flatnonzero((size > LEAST_AREA) & core):
         rows = np.flatnonzero(of_vertex == chosen)
         weight = areas[rows] / areas[rows].sum()
         normal = weight @ occluder.normals[rows].astype(np.float64)
         upright = np.linalg.norm(normal) > FLAT and normal[1] > -UPWARD
         if upright or normal[1] > UPWARD or weight @ visible[rows] > MOST_OPEN:
             continue
-        place, color = weight @ occluder.origins[rows].astype(np.float64), weight @ captured[rows].astype(np.float64)
+        around = np.flatnonzero(glow == glow[rows[0]])
+        color = areas[around] / areas[around].sum() @ captured[around].astype(np.float64)
+        place = weight @ occluder.origins[rows].astype(np.float64)
         found.append(Lamp(rows, float(size[chosen]), place, normal, color))
     found.sort(key=lambda lamp: (-lamp.area, *lamp.place))
     return found[:MOST_LAMPS]
