@@ -37,10 +37,6 @@ LEAST_EXCESS = 2.0
 """Times what it receives that a lamp sends out at least: a ceiling over a lamp is as white, and sends out less than it
 receives; how bright all lamps are together is known within a factor of two."""
 
-CLIPPED = 0.9
-"""Linear colour, brightest channel, from which a lamp's vertices show its own radiance and not what they were seen as:
-dark beside it, and lit surfaces that are of one piece with it, keep their colours."""
-
 LEAST_SEEN = 0.3
 """Part of a lamp that must have been seen from where the capture stood."""
 
@@ -158,8 +154,7 @@ def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
     glow, lamp_light, sent = np.zeros_like(captured), np.zeros_like(captured), captured.copy()
     for lamp, light, radiance in emitters:
         lamp_light += light[:, None] * radiance.astype(np.float32)
-        white = lamp.rows[captured[lamp.rows].max(axis=1) > CLIPPED]
-        glow[white] = np.maximum(radiance, captured[white])
+        glow[lamp.rows] = np.maximum(radiance, captured[lamp.rows])
         sent[lamp.rows] = 0.0
     glowing = glow.any(axis=1)
     irradiance = outside + lamp_light + interreflection.bounce(sent)
@@ -176,7 +171,8 @@ def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
     error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
-    known = np.where(glowing[:, None], captured / np.float32(level), modelled)  # of lamps there is nothing to model
+    bright = glowing | (captured.max(axis=1) > lamps.PALE)  # of lamps and of what they burn out nothing is modelled
+    known = np.where(bright[:, None], captured / np.float32(level), modelled)
     trust = trust_in(known, captured, faces, level, DOUBT)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
     return {**arrays, "trust": trust, "self_relight_db": decibels}
