@@ -58,12 +58,12 @@ def self_relight(occluder, captured, found, interreflection, seen=None):
     }
 
 
-def trust_in(modelled, captured, faces, level=1.0, half=DOUBT):
+def trust_in(modelled, captured, faces, half=DOUBT):
     """(V,) float32 in (0, 1]: trust in a model that says (V, 3) was captured where (V, 3) was, by region.
 
-    level: factor on what is modelled, where the model does not know how bright all of it is. half: as DOUBT.
+    half: as DOUBT.
     """
-    doubt = np.abs(np.log((level * modelled.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
+    doubt = np.abs(np.log((modelled.mean(axis=1) + _LEAST) / (captured.mean(axis=1) + _LEAST)))
     return (1.0 / (1.0 + (_of_region(faces, doubt) / half) ** 2)).astype(np.float32)
 
 

@@ -7,9 +7,12 @@ import pytest
 from lit_rooms import room
 
 from relight import Environment, LightingOptions, Relighter
+from relight.albedo import samples
+from relight.albedo.check import DOUBT, trust_in
 from relight.albedo.interior import within
 from relight.engine.relit_room import RelitRoom
 from relight.job import Job
+from relight.rooms import lamps
 from relight.rooms.seen import seen_from
 from relight.transfer.occluder import Frame, Occluder
 from scenes.radiosity import light
@@ -140,3 +143,24 @@ def test_words_for_lamps_and_openings():
     for wrong in ({"lamps": "dim"}, {"lamps": -1.0}, {"lamps": float("nan")}, {"opened": "door"}):
         with pytest.raises(InputError, match="expected"):
             LightingOptions(**wrong)
+
+
+def test_what_is_bright_in_one_channel_alone_is_no_lamp():
+    scene, place, *_ = room()
+    glowing, captured = place.emitted.any(axis=1), scene.colors_linear.copy()
+    occluder = Occluder(scene.vertices, scene.normals, scene.faces)
+    areas, nothing = samples.vertex_areas(occluder), np.zeros_like(captured)
+    found = lamps.find(occluder, captured, areas, nothing[:, 0], nothing)
+    assert any(np.isin(lamp.rows, np.flatnonzero(glowing)).all() for lamp in found)
+    captured[glowing] = 0.95, 0.7, 0.4  # as a wall beside a lamp is seen
+    found = lamps.find(occluder, captured, areas, nothing[:, 0], nothing)
+    assert not any(np.isin(np.flatnonzero(glowing), lamp.rows).any() for lamp in found)
+
+
+def test_a_model_is_trusted_where_it_gives_the_capture_back():
+    scene, *_ = room()
+    captured = np.full_like(scene.colors_linear, 0.5)
+    modelled = captured.copy()
+    np.testing.assert_array_equal(trust_in(modelled, captured, scene.faces), 1.0)
+    modelled *= np.exp(DOUBT)  # a thousandth is added to both before they are compared
+    np.testing.assert_allclose(trust_in(modelled, captured, scene.faces), 0.5, atol=2e-3)
