@@ -10,8 +10,7 @@ import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
-
-from ..transfer.threads import in_slices
+from splat2mesh.base.threads import in_slices
 
 TRAINED_ON = 2**15
 """Rows that clusters are found on; all rows then choose theirs and take part in its components."""

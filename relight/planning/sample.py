@@ -5,9 +5,10 @@ import time
 
 import numpy as np
 
+from splat2mesh.base.threads import cores
+
 from ..sh.sphere import fibonacci_sphere
 from ..transfer import sampling
-from ..transfer.threads import cores
 
 SCAN_VERTICES, SCAN_RAYS = 4096, 16
 """A coarse look at more vertices, for shadows so small that the sample may miss them. A shadow on a thousandth of the

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import in_batches
 from splat2mesh.render.raycaster import RayCaster
 
 from ..transfer.neighbors import ranked_nodes
-from ..transfer.threads import in_batches
 
 NEAREST = 6
 """Nearest vertices to use beside the nearest point of the surface. On a tabletop 1 gains 0.3 dB but follows the noise

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import in_batches
 from splat2mesh.splats.splats import SH_C0
 
-from ..transfer.threads import in_batches
 from .blending import Blending, blending_of, in_tiles
 from .light_ratio import CURVE_OFFSET
 

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from splat2mesh.base.errors import InputError
-
-from ..transfer.threads import in_batches
+from splat2mesh.base.threads import in_batches
 
 NEIGHBORS = 48
 """Vertices of a volume that share a change of light; a patchwork of fewer is seen as blotches."""

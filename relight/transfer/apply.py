@@ -7,16 +7,15 @@ Against copying as many bytes in the same run, one product takes 1 to 2.5 times 
 """
 
 import math
-import os
 from itertools import pairwise
 
 import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import cores, over
 
 from .checks import check_shape
-from .threads import over
 
 BLOCK = 128
 """Vertices side by side: three sums of 512 bytes stay in the first cache. 32 is slower by half."""
@@ -91,8 +90,8 @@ class BlockTransfer:
         factors = [_flat(name, array, shape) for name, array in (("the other light", other), ("the albedo", albedo))]
         light = np.ascontiguousarray(np.asarray(light, np.float32).T)
         numbers = (end - begin) * self.coefficients
-        cores = 1 if numbers < PARALLEL_NUMBERS else (os.cpu_count() or 1) if threads is None else threads
-        cuts = [begin + round((end - begin) * i / cores / BLOCK) * BLOCK for i in range(cores)] + [end]
+        parts = 1 if numbers < PARALLEL_NUMBERS else cores() if threads is None else threads
+        cuts = [begin + round((end - begin) * i / parts / BLOCK) * BLOCK for i in range(parts)] + [end]
         spans = pairwise(min(cut, end) for cut in cuts)
         over(_multiply, spans, begin, self._blocks, light, *factors, out.reshape(-1))
         return out

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .threads import in_slices
+from splat2mesh.base.threads import in_slices
 
 
 def packed(columns, weights, used):

@@ -18,13 +18,12 @@ from itertools import pairwise
 import numpy as np
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.threads import read_only
+from splat2mesh.base.threads import in_order, in_slices, read_only
 
 from . import check_rays, sampling
 from .bounce_rows import gather, gather_rgb, join, merge, packed
 from .checks import check_shape, checked_albedo
 from .neighbors import ranked_nodes
-from .threads import in_order, in_slices
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):

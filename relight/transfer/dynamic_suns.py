@@ -3,10 +3,11 @@
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import in_slices
+
 from .bodies import Sight
 from .reach import Beams
 from .sunlight import shining
-from .threads import in_slices
 
 
 class DynamicSunlight:

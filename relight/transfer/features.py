@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from splat2mesh.base.threads import read_only
+from splat2mesh.base.threads import in_slices, read_only
 
 from ..sh import harmonics
 from . import filtering
 from .sampling import legendre_factors, squared_lobe
-from .threads import in_slices
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
 """What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with

@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import in_slices
+
 from ..sh import harmonics
 from .sampling import add_lobes, legendre_factors, squared_lobe
-from .threads import in_slices
 
 NOISE = 0.078
 NOISE_POWER = -1.48

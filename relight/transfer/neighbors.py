@@ -8,7 +8,7 @@ along a curve through space by their own bits, so that nothing here depends on t
 import numpy as np
 from numba import njit
 
-from .threads import in_slices
+from splat2mesh.base.threads import in_slices
 
 SHARPNESS = np.float32(8.0)
 """The weight of a neighbour falls by exp(-8 (1 - n.n')): light does not bleed over edges. 4 to 12 do as well."""

@@ -9,12 +9,13 @@ from functools import lru_cache
 
 import numpy as np
 
+from splat2mesh.base.threads import in_order
+
 from ..sh import harmonics
 from .analytic import analytic
 from .features import describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
 from .sessions import open_session, workers_of
-from .threads import in_order
 from .visibility import Visibility, completed
 
 MODEL = "neural"

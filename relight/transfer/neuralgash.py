@@ -8,11 +8,12 @@ Source: Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 
 import numpy as np
 
+from splat2mesh.base.threads import in_order
+
 from ..sh import cga
 from ..sh.normals import unit_normals
 from .checks import check_shape, check_vertices
 from .sessions import open_session, workers_of
-from .threads import in_order
 
 MODEL = "neural-gash"
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .threads import in_slices
+from splat2mesh.base.threads import in_slices
 
 MARGIN = np.float32(1e-5)
 """A box is larger by this, in the unit frame: a hundred roundings."""

@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import in_slices
 
 from .neighbors import Neighbors
 from .store import array_key
-from .threads import in_slices
 
 SPARSE = 6
 """Of the vertices that nothing shows, one in so many is traced: along a curve through space, so that they are even."""

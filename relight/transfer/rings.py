@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import in_slices
+
 from .filtering import average
 from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
-from .threads import in_slices
 
 WHOLE = 0.5
 """Where more than this part of the nodes would be averaged anew, all are: to pick them out costs more than it saves."""

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .threads import in_slices
+from splat2mesh.base.threads import in_slices
 
 GOLDEN_TURN = 0.6180339887498949  # of a full turn, between successive points of the Fibonacci set
 

@@ -4,8 +4,7 @@ from importlib import resources
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.extras import needed
-
-from .threads import cores
+from splat2mesh.base.threads import cores
 
 PROVIDERS: tuple[tuple[str, dict[str, str]], ...] = (
     # TF32 keeps 10 bits of each factor: errors of 1e-3, where every other provider has 1e-6.

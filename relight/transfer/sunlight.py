@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.threads import in_slices
 
 from .neighbors import along_curve
-from .threads import in_slices
 
 BATCH_RAYS = 2**20
 """Rays in memory at once, at most: 24 MiB."""

@@ -15,12 +15,13 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from splat2mesh.base.threads import in_slices
+
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from .settings import VOLUME_DIRECTIONS
 from .store import array_key
 from .sunlight import shining
-from .threads import in_slices
 
 LEAST = 0.02
 """Volume from which a vertex takes any part: less is a rounding of a surface."""

@@ -6,11 +6,10 @@ NumPy takes several times as long for either, mostly for products with three col
 import numpy as np
 from numba import njit
 
-from splat2mesh.base.threads import read_only
+from splat2mesh.base.threads import in_slices, read_only
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..light.tonemap import DESATURATION, SHOULDER_START
-from ..transfer.threads import in_slices
 
 _STEPS = 2**14
 """Of the table of the sRGB curve, whose steepest part rises by 0.2 bytes between two of them."""

@@ -15,9 +15,8 @@ import math
 import numpy as np
 from numba import njit
 
-from splat2mesh.base.threads import read_only
+from splat2mesh.base.threads import read_only, shared
 
-from ..transfer.threads import in_slices
 from .camera import Orbit
 
 SOFTWARE = "llvmpipe", "softpipe", "swrast", "swiftshader", "software"
@@ -52,7 +51,7 @@ class Raster:
         focal = 0.5 * width / math.tan(math.radians(orbit.fov_deg) / 2.0)
         axes = np.stack([right * focal, up * focal, -backward]).astype(np.float32)
         local = (self._vertices - orbit.eye.astype(np.float32)) @ axes.T
-        in_slices(_rasterise, height, local, self._faces, np.float32(self._near), self._face, self._weights)
+        _rasterise(height, local, self._faces, np.float32(self._near), self._face, self._weights)
         self._seen, self._sky_places = (orbit, size), None
 
     def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, backdrop=((0, 0, 0), (0, 0, 0))):
@@ -72,7 +71,7 @@ class Raster:
             places = self._places()
         shift = np.float32(angle_deg % 360.0 / 360.0)
         arrays = self._faces, self._face, self._weights, colors, captured, np.float32(left)
-        in_slices(_paint, height, *arrays, places, sky, shift, ramp, out)
+        _paint(height, *arrays, places, sky, shift, ramp, out)
         return out
 
     def _places(self):
@@ -82,7 +81,7 @@ class Raster:
             right, up, backward = (axis.astype(np.float32) for axis in orbit.axes)
             focal = np.float32(0.5 * width / math.tan(math.radians(orbit.fov_deg) / 2.0))
             self._sky_places = np.zeros((height, width, 2), np.float32)
-            in_slices(_look_up, height, self._face, right, up, -backward, focal, self._sky_places)
+            _look_up(height, self._face, right, up, -backward, focal, self._sky_places)
         return self._sky_places
 
 
@@ -93,6 +92,7 @@ def prepare():
     raster.paint(np.zeros((3, 3), np.uint8), sky=np.zeros((2, 4, 3), np.uint8))
 
 
+@shared
 @njit(cache=True, nogil=True, error_model="numpy")
 def _rasterise(begin, end, local, faces, near, face, weights):
     """Find the nearest face at every pixel of rows begin..end, or -1."""
@@ -146,6 +146,7 @@ def _rasterise(begin, end, local, faces, near, face, weights):
                         weights[y, x, 2] = total
 
 
+@shared
 @njit(cache=True, nogil=True)
 def _look_up(begin, end, face, right, up, ahead, focal, places):
     height, width = face.shape
@@ -163,6 +164,7 @@ def _look_up(begin, end, face, right, up, ahead, focal, places):
             places[y, x, 1] = np.float32(0.5) - math.atan2(ty, math.sqrt(tx * tx + tz * tz)) * np.float32(2.0) * turn
 
 
+@shared
 @njit(cache=True, nogil=True)
 def _paint(begin, end, faces, face, weights, colors, captured, left, places, sky, shift, ramp, out):
     _, width = face.shape

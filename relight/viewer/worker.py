@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from splat2mesh.base.compiling import allow_read_only_install
-from splat2mesh.base.console import THREADS
 from splat2mesh.base.errors import DataWarning, InputError
 
 from .lighting import Lighting, keys
@@ -102,7 +101,7 @@ class Process:
     def __init__(self, scene, environments, albedos, options=None, cache=None):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         # Ctrl-C in the terminal is the window's to answer: it ends this process.
-        self._process = subprocess.Popen(command(), **pipes, env=THREADS | os.environ, start_new_session=True)
+        self._process = subprocess.Popen(command(), **pipes, start_new_session=True)
         self._answers, self._wishes = queue.SimpleQueue(), queue.SimpleQueue()
         threading.Thread(target=self._read, daemon=True).start()
         threading.Thread(target=self._write, daemon=True).start()

@@ -18,14 +18,6 @@ from .strictjson import text_of
 EXIT_DONE, EXIT_FAILED, EXIT_BAD_INPUT = 0, 1, 2
 EXIT_INTERRUPTED = 130  # 128 and the number of SIGINT, as shells have it
 
-THREADS = {
-    # Numba tries TBB first and warns about old ones, which some machines have; OpenMP comes with every wheel used here.
-    "NUMBA_THREADING_LAYER_PRIORITY": "omp tbb workqueue",
-    # OpenMP threads spin while they wait; where other work shares the cores that costs milliseconds a parallel loop.
-    "OMP_WAIT_POLICY": "passive",
-}
-"""Environment variables of a process that belongs to this toolkit alone; both are read as the libraries load."""
-
 ONE_BLAS_THREAD = {"OPENBLAS_NUM_THREADS": "1"}
 """Whatever the user has: sums of matrix products depend on the number of threads, and so would the bytes of results."""
 
@@ -49,8 +41,6 @@ def run(
     """
     global _owns_process
     _owns_process = True
-    for name, value in THREADS.items():
-        os.environ.setdefault(name, value)
     os.environ.update(ONE_BLAS_THREAD)
     names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
     with warnings.catch_warnings():

@@ -1,7 +1,13 @@
-"""Compiled loops on all cores, by threads of Python's own: with Numba's, each takes a second more to compile."""
+"""Loops on all cores, by one pool of threads of Python's own, for what releases the GIL: compiled kernels, networks.
+
+Threads stay: to start them takes as long as a thousand vertices. Numba's own cost each loop a second of compiling.
+What runs in a thread of the pool does all its own work by itself: a thread that waited for another could wait for ever.
+"""
 
 import os
-from collections.abc import Callable
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, wraps
 from itertools import pairwise
@@ -10,31 +16,67 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+MIN_SHARED = 2048
+"""Vertices from which on it is worth to share them between cores."""
 
-def cores() -> int:
-    """How many threads share a loop: all cores that this process may use, or NUMBA_NUM_THREADS."""
+_here = threading.local()
+
+
+def all_cores() -> int:
+    """How many cores this process may use, or NUMBA_NUM_THREADS."""
     from numba import config
 
     return config.NUMBA_NUM_THREADS
+
+
+def cores() -> int:
+    """How many threads may run at once: 1 in a thread of the pool."""
+    return 1 if _pooled() else all_cores()
 
 
 def shared(kernel: Callable) -> Callable:
     """Make loop(count, *arrays) of a compiled kernel(begin, end, *arrays) that releases the GIL.
 
     The kernel runs over the items 0..count, in order, a part of them in each thread; so what it makes of one item must
-    not depend on the others, and the bits do not on the number of threads.
+    not depend on the others, and the bits do not on the number of threads. For items that take long, such as rows of a
+    picture: for vertices there is `in_slices`.
     """
 
     @wraps(kernel)
     def loop(count: int, *arrays: Any) -> None:
-        parts = max(min(cores(), count), 1)
-        first, *others = pairwise(count * part // parts for part in range(parts + 1))
-        pending = [_pool().submit(kernel, *span, *arrays) for span in others]
-        kernel(*first, *arrays)
-        for done in pending:
-            done.result()
+        over(kernel, _spans(count), *arrays)
 
     return loop
+
+
+def in_slices(kernel: Callable, count: int, *arrays: Any) -> None:
+    """Run a kernel over the vertices 0..count, a slice for each core where they are many."""
+    over(kernel, _spans(count) if count >= MIN_SHARED else [(0, count)], *arrays)
+
+
+def over(kernel: Callable, spans: Iterable[tuple[int, int]], *arrays: Any) -> None:
+    """Run a kernel over each of some (begin, end) at once; the first by the thread that asks."""
+    first, *others = spans
+    if _pooled():
+        for span in (first, *others):
+            kernel(*span, *arrays)
+        return
+    pending = [_pool().submit(kernel, *span, *arrays) for span in others]
+    kernel(*first, *arrays)
+    for done in pending:
+        done.result()
+
+
+def in_order(function: Callable, *columns: Iterable, workers: int | None = None) -> Iterator:
+    """Yield what a function makes of each row of some columns, in their order; on so many threads, or all cores."""
+    if (cores() if workers is None else workers) == 1:
+        return map(function, *columns)
+    return _pool().map(function, *columns)
+
+
+def in_batches(function: Callable[[slice], Any], count: int, size: int) -> None:
+    """Call a function for slice after slice of `size` rows, on all cores; it writes what it finds."""
+    deque(in_order(function, [slice(start, start + size) for start in range(0, count, size)]), maxlen=0)
 
 
 def read_only(array: ArrayLike, dtype: DTypeLike = np.float32) -> NDArray:
@@ -44,6 +86,16 @@ def read_only(array: ArrayLike, dtype: DTypeLike = np.float32) -> NDArray:
     return array
 
 
+def _spans(count):
+    parts = max(min(cores(), count), 1)
+    return pairwise(count * part // parts for part in range(parts + 1))
+
+
+def _pooled():
+    return getattr(_here, "pooled", False)
+
+
 @lru_cache(1)
 def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max(os.cpu_count() or 1, cores()), "splat2mesh")
+    size = max(os.cpu_count() or 1, all_cores())
+    return ThreadPoolExecutor(size, "splat2mesh", lambda: setattr(_here, "pooled", True))

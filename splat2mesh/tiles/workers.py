@@ -14,10 +14,8 @@ class Prepared(WorkerPlugin):
     name = "splat2mesh"
 
     def setup(self, worker: Any) -> None:
-        """Threads wait asleep, as in a command; freed memory stays."""
-        from ..base.console import ONE_BLAS_THREAD, THREADS
+        """One thread of BLAS, as in a command; freed memory stays."""
+        from ..base.console import ONE_BLAS_THREAD
 
-        for key, value in THREADS.items():
-            os.environ.setdefault(key, value)
         os.environ.update(ONE_BLAS_THREAD)  # the nanny of dask has one already; without it, where NumPy has not loaded
         keep_memory()

@@ -164,7 +164,7 @@ def test_the_preview_camera_looks_at_the_scene_from_slightly_above(converted, tm
 def test_the_same_file_gives_the_same_bytes_on_any_number_of_threads(files, quick, monkeypatch):
     results = []
     for threads in (1, 3):
-        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         found = convert(files / "small.ply", detail="draft", vertices=1500, max_chunk_vertices=500)
         results.append((contents(found), found.statistics, found.preview_camera))
     assert results[0] == results[1]

@@ -74,7 +74,6 @@ class Server:
             "PYTHONPATH": os.pathsep.join([str(ROOT), str(HERE)]),
         }
         # Copies of a process have none of its threads: so it must have none.
-        more |= {"NUMBA_THREADING_LAYER_PRIORITY": "workqueue omp tbb"}
         more |= dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         self._process = subprocess.Popen(
             [sys.executable, str(HERE / "fault_server.py")],

@@ -302,7 +302,7 @@ def test_order_and_slices_of_vertices_and_batches_change_no_bit(torus, monkeypat
     done = []
     np.testing.assert_array_equal(sunlight(torus, EVERY, lights, done.append), whole)
     assert sum(done) == len(whole) and len(done) > 1
-    monkeypatch.setattr("relight.transfer.threads.os.cpu_count", lambda: 1)
+    monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda: 1)
     np.testing.assert_array_equal(sunlight(torus, EVERY, lights), whole)
 
 

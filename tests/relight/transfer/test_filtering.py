@@ -277,7 +277,7 @@ def test_order_chunks_and_threads_change_no_bit(torus, bands, rays, monkeypatch)
         assert len(source) > len(vertices)
         np.testing.assert_array_equal(raytraced_scene(Occluder(*arrays), bands, rays, seed=3), whole[source])
     for threads in (1, 7):
-        monkeypatch.setattr("relight.transfer.threads.os.cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         np.testing.assert_array_equal(raytraced_scene(Occluder(*torus), bands, rays, seed=3), whole)
 
 

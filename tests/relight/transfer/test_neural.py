@@ -246,7 +246,7 @@ def test_order_chunks_threads_and_batches_change_no_bit(torus, monkeypatch):
     assert sum(done) == len(source)
     monkeypatch.setattr("relight.transfer.raytraced.BATCH_RAYS", 2**10)
     for threads in (1, 7):
-        monkeypatch.setattr("relight.transfer.threads.os.cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         np.testing.assert_array_equal(neural.neural(Occluder(*torus), 3, 16, seed=3), whole)
 
 

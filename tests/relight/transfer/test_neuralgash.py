@@ -224,7 +224,7 @@ def test_accelerators_come_before_the_processor(monkeypatch):
 
 
 def test_only_the_processor_serves_several_at_once(monkeypatch):
-    monkeypatch.setattr("relight.transfer.threads.os.cpu_count", lambda: 7)
+    monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda: 7)
     session = sessions.open_session("neural-gash", 1)
     processor_only = session.get_providers() == ["CPUExecutionProvider"]
     assert sessions.workers_of(session) == (7 if processor_only else 1)

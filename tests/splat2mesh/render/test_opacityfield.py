@@ -224,7 +224,7 @@ def test_order_threads_and_batches_do_not_matter(monkeypatch):
     shuffled = splats.take(np.random.default_rng(0).permutation(3000))
     results = []
     for splats_now, threads, batch in ((splats, 1, 32768), (splats, 2, 32768), (splats, 2, 100), (shuffled, 1, 999)):
-        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         monkeypatch.setattr(footprints, "BATCH", batch)
         results.append(bytes_of(field_depth(splats_now, view)))
     assert found(field_depth(splats, view)).sum() > 1000

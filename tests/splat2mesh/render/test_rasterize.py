@@ -121,7 +121,7 @@ def test_threads_and_batches_do_not_matter(monkeypatch):
     view = View.look_at((0, 0.5, 3), (0, 0, 0), (0, 1, 0), 45, 100, 90)
     renderings = []
     for threads, batch in ((1, 32768), (2, 32768), (2, 100)):
-        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         monkeypatch.setattr(module, "BATCH", batch)
         renderings.append(fields(rasterize(splats, view)))
     assert renderings[0] == renderings[1] == renderings[2]

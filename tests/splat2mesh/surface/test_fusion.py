@@ -122,7 +122,7 @@ def test_a_sphere_before_a_wall_leaves_nothing_between_them():
 def test_the_bytes_do_not_depend_on_the_number_of_threads(monkeypatch):
     maps, meshes = sphere_maps(), []
     for threads in (1, 2, 1):
-        monkeypatch.setattr("splat2mesh.base.threads.cores", lambda threads=threads: threads)
+        monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda threads=threads: threads)
         meshes.append(arrays_of(fuse(maps, VOXEL)))
     for vertices, faces in meshes[1:]:
         assert vertices.tobytes() == meshes[0][0].tobytes()

@@ -101,7 +101,7 @@ def test_the_far_background_is_set_apart_with_its_splats(from_the_garden, tmp_pa
 
 
 def test_the_same_bytes_again_on_any_number_of_threads(from_the_room, tmp_path, monkeypatch):
-    monkeypatch.setattr("splat2mesh.base.threads.cores", lambda: 1)
+    monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda: 1)
     again = made(tmp_path, room(0.06))
     for name in ("vertices", "normals", "faces", "colors_srgb"):
         np.testing.assert_array_equal(getattr(again, name), getattr(from_the_room, name))

@@ -159,7 +159,7 @@ def test_the_picture_turns_with_the_scene():
 def test_views_are_the_same_every_time_and_as_large_as_wanted(monkeypatch):
     splats = dilated_splats("object")
     first = virtual_views(splats, 12, 100, UP)
-    monkeypatch.setattr("splat2mesh.base.threads.cores", lambda: 1)
+    monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda: 1)
     again = virtual_views(splats, 12, 100, UP)
     assert same(first, again) and 9 <= len(first) <= 15
     assert not same(first, virtual_views(splats, 12, 100, UP, seed=1))
