@@ -42,6 +42,8 @@ def light_city(
     stages = Stages(show=wants_progress(options))
     try:
         with engine(options.scheduler, options.workers, options.memory) as running:
+            if running.dashboard:
+                stages.tell(f"dashboard: {running.dashboard}")
             result = relight_city(
                 options.scene,
                 options.env,

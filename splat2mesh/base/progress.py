@@ -29,6 +29,11 @@ class Stages:
             if task is not None:
                 self._bars.update(task, total=1, completed=1)
 
+    def tell(self, line: str) -> None:
+        """Show a line that stays, where progress is shown."""
+        if self._show:
+            self._started().console.print(line, markup=False, highlight=False)
+
     def close(self) -> None:
         """Leave the terminal as it was found."""
         if self._bars is not None:
@@ -36,8 +41,9 @@ class Stages:
             self._bars = None
 
     def _begin(self, label: str, total: int | None) -> Any:
-        if not self._show:
-            return None
+        return self._started().add_task(label, total=total) if self._show else None
+
+    def _started(self) -> Any:
         if self._bars is None:
             from rich.console import Console
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -45,4 +51,4 @@ class Stages:
             columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
             self._bars = Progress(*columns, console=Console(stderr=True), transient=True)
             self._bars.start()
-        return self._bars.add_task(label, total=total)
+        return self._bars

@@ -38,6 +38,8 @@ def mesh_city(
     start = time.perf_counter()
     try:
         with engine(options.scheduler, options.workers, options.memory) as running:
+            if running.dashboard:
+                stages.tell(f"dashboard: {running.dashboard}")
             result = convert_city(
                 options.input,
                 output,

@@ -11,6 +11,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 from ..base.console import ONE_BLAS_THREAD
@@ -27,6 +28,10 @@ can, and cannot where the machine is so busy that a start takes too long."""
 
 CONNECT_S = 10
 """Seconds in which a scheduler must answer."""
+
+DASHBOARD = "127.0.0.1:8787"
+"""Where Dask's dashboard answers, which needs bokeh; another port where that one is taken. To this machine alone: it
+asks nobody who they are."""
 
 
 class Task(NamedTuple):
@@ -68,7 +73,7 @@ def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...]
 class Loop:
     """Runs tasks here, one after another."""
 
-    workers = 1
+    workers, dashboard = 1, None
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
         """Yield what became of each, in their order; each task stands after those it waits for."""
@@ -85,10 +90,13 @@ class Loop:
 
 
 class Cluster:
-    """Runs tasks on the workers of a scheduler of dask.distributed."""
+    """Runs tasks on the workers of a scheduler of dask.distributed.
 
-    def __init__(self, client: Any) -> None:
-        self.client = client
+    dashboard: where Dask shows them at work, a URL, if it was started here and can.
+    """
+
+    def __init__(self, client: Any, dashboard: str | None = None) -> None:
+        self.client, self.dashboard = client, dashboard
         self.runs = 0
 
     @property
@@ -171,6 +179,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
         assert workers is not None
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
+        shown = find_spec("bokeh") is not None
         with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other will do
@@ -179,11 +188,13 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                     threads_per_worker=1,
                     processes=True,
                     memory_limit=limit,
-                    dashboard_address=None,  # it would answer to the whole network
+                    dashboard_address=DASHBOARD if shown else None,
                     silence_logs=50,
                 )
             with cluster, _kept_at(cluster, workers), Client(cluster) as client:
-                yield _checked(client, "the local cluster")
+                running = _checked(client, "the local cluster")
+                running.dashboard = client.dashboard_link if shown else None
+                yield running
 
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")

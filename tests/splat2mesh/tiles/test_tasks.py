@@ -2,11 +2,15 @@
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
+from socket import create_connection
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
 
+from splat2mesh.base.progress import Stages
 from splat2mesh.tiles.tasks import Cluster, Loop, Task, engine
 
 
@@ -67,9 +71,27 @@ def faults(size):
     return -made() + made()
 
 
+def test_the_dashboard_answers_to_this_machine_alone(monkeypatch, capfd):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("splat2mesh.tiles.tasks.find_spec", lambda name: name == "bokeh")
+    with engine(None, 1, None) as running:
+        host, port = running.dashboard.split("/")[2].split(":")
+        assert host == "127.0.0.1"
+        with urlopen(running.dashboard) as page:
+            assert page.status == 200
+        with pytest.raises(OSError, match="refused"):
+            create_connection(("127.0.0.2", int(port)), timeout=5)
+        for show in (False, True):
+            stages = Stages(show=show)
+            stages.tell(f"dashboard: {running.dashboard}")
+            stages.close()
+            assert (running.dashboard in capfd.readouterr().err) == show
+
+
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's malloc")
 def test_a_worker_keeps_its_memory_for_what_comes_next():
     pytest.importorskip("distributed")
     with engine(None, 1, None) as running:
+        assert (running.dashboard is None) == (find_spec("bokeh") is None)
         (done,) = running.run([Task("faults", faults, (3 << 20,))])
     assert done.result < 10 * (3 << 20) / os.sysconf("SC_PAGE_SIZE") / 10  # all of them without
