@@ -9,7 +9,7 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
 from splat2mesh.tiles.plan import FILE, Plan
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Task
+from splat2mesh.tiles.tasks import Task, costs
 from splat2mesh.tiles.tileset import tileset
 
 from ..light.environment import Environment
@@ -150,9 +150,7 @@ def relight_city(
         **report,
         "output": store.path(folder),
         "seconds": dict(stages.seconds),
-        "task_seconds": {name: round(done.seconds, 3) for name, done in took.items()},
-        "task_peak_mb": {name: done.peak_mb for name, done in took.items()},
-        "peak_mb": max((done.peak_mb for done in took.values()), default=0.0),
+        **costs(took.values()),
     }
 
 

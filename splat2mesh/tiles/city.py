@@ -25,7 +25,7 @@ from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
 from .survey import LEAST_SAMPLE, SAMPLE, check_detail, deal, plan_of, say_dropped, survey
-from .tasks import Done, Task
+from .tasks import Done, Task, costs
 from .tileset import tileset
 
 CITY, SCHEMA_VERSION = "city.json", 1
@@ -242,14 +242,10 @@ def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
     store.write_json(CITY, meta)
     store.write_json("tileset.json", tileset(full, "mesh.glb", "far.glb", plan.finest))
     store.remove("work")
-    seconds = {name: round(done.seconds, 3) for name, done in steps.took.items()}
-    peaks = [done.peak_mb for done in steps.took.values()]
     return {
         **totals,
         "scene": store.root,
         "bytes": sum(about["bytes"] for entry in tiles for about in entry["files"].values()),
         "seconds": dict(steps.stages.seconds),
-        "task_seconds": seconds,
-        "task_peak_mb": {name: done.peak_mb for name, done in steps.took.items()},
-        "peak_mb": max(peaks, default=0.0),
+        **costs(steps.took.values()),
     }

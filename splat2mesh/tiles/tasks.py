@@ -9,7 +9,7 @@ import threading
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -51,6 +51,19 @@ class Done(NamedTuple):
     seconds: float
     peak_mb: float
     error: str = ""
+
+
+def costs(took: Iterable[Done]) -> dict[str, Any]:
+    """Of tasks, for a report: the seconds, the MiB of peak memory and the bytes written that each took, by its name."""
+    done = {each.name: each for each in took}
+    results = {name: each.result for name, each in done.items() if isinstance(each.result, dict)}
+    files = {name: result["files"].values() for name, result in results.items() if "files" in result}
+    return {
+        "task_seconds": {name: round(each.seconds, 3) for name, each in done.items()},
+        "task_peak_mb": {name: each.peak_mb for name, each in done.items()},
+        "task_bytes": {name: sum(about["bytes"] for about in each) for name, each in files.items()},
+        "peak_mb": max((each.peak_mb for each in done.values()), default=0.0),
+    }
 
 
 def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *_: Any) -> Done:

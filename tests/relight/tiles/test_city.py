@@ -47,6 +47,7 @@ def test_each_tile_is_lit_as_in_the_whole_city(city, relit):
 def test_all_tiles_have_one_light_and_one_exposure(relit):
     folder, report = relit
     assert report["light"]["exposure"] > 0
+    assert report["bytes"] == sum(report["task_bytes"][f"tile {n}"] for n in range(report["tiles"])) > 0
     light = Store(folder).read_arrays("light.npz")
     assert float(light["exposure"]) == pytest.approx(report["light"]["exposure"])
     for entry in (folder / "tiles").iterdir():

@@ -38,6 +38,16 @@ def made(patch, source, tmp_path_factory):
     return folder, meshed(source, folder)
 
 
+def test_the_report_tells_what_each_tile_took(made):
+    folder, report = made
+    written = {f"mesh {path.name.lstrip('0') or '0'}": path for path in (folder / "tiles").iterdir()}
+    sizes = {name: sum(file.stat().st_size for file in path.glob("*.[pg]l[yb]")) for name, path in written.items()}
+    assert report["task_bytes"] == sizes and report["bytes"] == sum(sizes.values()) > 0
+    for cost in ("task_seconds", "task_peak_mb"):
+        assert all(report[cost][name] > 0 for name in sizes)
+    assert report["peak_mb"] == max(report["task_peak_mb"].values())
+
+
 def test_what_lies_on_a_border_is_the_same_on_both_sides(made):
     found = check_seams(Store(made[0]))
     assert found["borders"] >= 3 and found["edges"] > 50
