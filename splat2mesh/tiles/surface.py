@@ -18,16 +18,13 @@ from ..surface.clean import fill_holes
 from ..surface.fair import fair
 from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
 from ..surface.simplify import simplify
+from .coarse import coarse, far_vertices
 from .glb import glb_bytes
 from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, faces_around, sight_of
 from .memory import give_back
 from .plan import Plan, folder_of
 from .store import Store
-
-FAR_TOTAL, FAR_LEAST, FAR_FEW, FAR_SHARE = 60_000, 24, 1_500, 0.06
-"""Vertices of the coarse scene, which every worker holds: of all tiles together; of one tile at least; and of one tile
-at most, as a number or as a share of its own, whichever is more. A tile of fewer is its own twin."""
 
 
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
@@ -43,6 +40,8 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     raw = raw_surface(sights, known, tile, carve_of(known))
     give_back()
     made, facts = tile_mesh(raw, tile, album, known)
+    del raw, album
+    give_back()
     name, files = folder_of(tile), {}
     if len(made.faces):
         far = coarse(made, far_vertices(len(known.tiles), len(made.vertices)))
@@ -169,32 +168,6 @@ def without_crowded(points: NDArray, faces: NDArray, fixed: NDArray) -> NDArray:
     crowded = np.zeros(len(faces), bool)
     crowded[of_face[order[rank >= 2]]] = True
     return faces[~crowded | fixed[faces].any(axis=1)]
-
-
-def far_vertices(tiles: int, vertices: int) -> int:
-    """Vertices of the coarse twin of a tile of so many, in a city of so many tiles."""
-    return max(FAR_LEAST, min(FAR_TOTAL // max(tiles, 1), max(FAR_FEW, round(FAR_SHARE * vertices))))
-
-
-def coarse(mesh: Mesh, wanted: int) -> Mesh:
-    """A Mesh of about so many vertices, with the normals and colours of the nearest."""
-    from scipy.spatial import cKDTree
-
-    from ..surface.decimate import decimate
-
-    if len(mesh.vertices) <= wanted:
-        return mesh
-    points, faces = decimate(mesh.vertices.astype(np.float64), mesh.faces, wanted)
-    if len(faces) == 0:
-        return mesh
-    nearest = cKDTree(mesh.vertices).query(points)[1]
-    points = points.astype(np.float32)
-    return Mesh(
-        points,
-        normals_of(points.astype(np.float64), faces).astype(np.float32),
-        faces.astype(np.int32),
-        mesh.colors_srgb[nearest],
-    )
 
 
 def _as_glb(mesh: Mesh) -> bytes:

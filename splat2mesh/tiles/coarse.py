@@ -1,0 +1,114 @@
+"""The coarse twin of a tile: what stands in the light of other tiles, and what is shown of it from afar.
+
+Quadric decimation keeps the walls of houses best. Of trees it leaves thousands of pieces, which it can neither join nor
+drop, and too few of them; to merge what lies in a cell keeps their shade. So both are tried, one after the other too,
+and rays tell which twin hides most nearly what the tile hides.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..render.raycaster import RayCaster
+from ..scene.mesh import Mesh
+from .lattice import normals_of
+
+FAR_TOTAL, FAR_LEAST, FAR_FEW, FAR_SHARE = 120_000, 24, 1_500, 0.06
+"""Vertices of the coarse scene, which every worker holds: of all tiles together; of one tile at least; and of one tile
+at most, as a number or as a share of its own, whichever is more. A tile of fewer is its own twin."""
+
+MERGED = 6
+"""Vertices that merging leaves to decimation, for each that is wanted."""
+
+ALLOWED = 1.25
+"""A twin of more than so many times the vertices that are wanted is taken only where none has fewer."""
+
+BUNDLES, RAYS, WIDTH = 48, 400, 0.04
+"""Bundles of parallel rays, the rays of each, and their spread as a share of the longest side of the tile."""
+
+ELEVATIONS_DEG = 3.0, 8.0, 20.0, 45.0
+"""From which the bundles come: the lower the sun, the more of the city lies in a tile's shadow."""
+
+_HALVINGS, _FINEST = 12, 2.0**-20  # of the search for the size of cells, and the least, in longest sides
+
+
+def far_vertices(tiles: int, vertices: int) -> int:
+    """Vertices of the coarse twin of a tile of so many, in a city of so many tiles."""
+    return max(FAR_LEAST, min(FAR_TOTAL // max(tiles, 1), max(FAR_FEW, round(FAR_SHARE * vertices))))
+
+
+def coarse(mesh: Mesh, wanted: int) -> Mesh:
+    """A Mesh of about so many vertices that hides what the mesh hides, with the colours of the nearest."""
+    from scipy.spatial import cKDTree
+
+    from ..surface.decimate import decimate
+
+    if len(mesh.vertices) <= wanted:
+        return mesh
+    fine = mesh.vertices.astype(np.float64), mesh.faces
+    merged = merged_in_cells(*fine, MERGED * wanted)
+    twins = [decimate(*fine, wanted), decimate(*merged, wanted), merged_in_cells(*merged, wanted)]
+    twins = [twin for twin in twins if len(twin[1])]
+    if not twins:
+        return mesh
+    few = [twin for twin in twins if len(twin[0]) <= ALLOWED * wanted] or [min(twins, key=lambda twin: len(twin[0]))]
+    rays = _rays(fine[0])
+    hidden = _hidden(fine[0], fine[1], rays)
+    points, faces = min(few, key=lambda twin: float(np.abs(_hidden(twin[0], twin[1], rays) - hidden).mean()))
+    nearest = cKDTree(mesh.vertices).query(points)[1]
+    normals = normals_of(points, faces).astype(np.float32)
+    return Mesh(points.astype(np.float32), normals, faces.astype(np.int32), mesh.colors_srgb[nearest])
+
+
+def merged_in_cells(
+    points: NDArray,  # (V, 3) float64
+    faces: NDArray,  # (F, 3) integers
+    wanted: int,  # vertices at most
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """A mesh in which all vertices within a cell of a grid are one, their mean; the grid is the finest that serves.
+
+    Faces within two cells go, and of those with the same corners all but the first.
+    Source: Rossignac, Borrel, "Multi-resolution 3D approximations for rendering complex scenes", 1993.
+    """
+    low = points.min(axis=0)
+    longest = float(np.ptp(points, axis=0).max()) or 1.0
+    finest, coarsest = np.log2(_FINEST * longest), np.log2(1.001 * longest)
+    for _ in range(_HALVINGS):
+        middle = (finest + coarsest) / 2
+        if len(np.unique(_cells(points - low, 2.0**middle))) > wanted:
+            finest = middle
+        else:
+            coarsest = middle
+    _, cell = np.unique(_cells(points - low, 2.0**coarsest), return_inverse=True)
+    held = np.bincount(cell)
+    means = np.stack([np.bincount(cell, points[:, axis]) / held for axis in range(3)], axis=1)
+    corners = np.sort(cell[faces], axis=1)
+    rows = np.flatnonzero((corners[:, 0] < corners[:, 1]) & (corners[:, 1] < corners[:, 2]))
+    key = (corners[rows, 0] * len(held) + corners[rows, 1]) * len(held) + corners[rows, 2]
+    first = rows[np.sort(np.unique(key, return_index=True)[1])]
+    used, kept = np.unique(cell[faces[first]], return_inverse=True)
+    return means[used], kept.reshape(-1, 3).astype(np.int32)
+
+
+def _cells(places, size):
+    """A number for the cell of each place, (N,) int64."""
+    x, y, z = np.floor(places / size).astype(np.int64).T
+    return x << 42 | y << 21 | z
+
+
+def _rays(points):
+    """Bundles of parallel rays at places within the bulk of some points, (BUNDLES * RAYS, 6) float32."""
+    rng = np.random.default_rng(0)
+    low, high = np.percentile(points, 2, axis=0), np.percentile(points, 98, axis=0)
+    reach, spread = 3.0 * np.linalg.norm(high - low), WIDTH * float((high - low).max())
+    elevation = np.radians(np.resize(ELEVATIONS_DEG, BUNDLES))
+    azimuth = rng.uniform(0.0, 2.0 * np.pi, BUNDLES)
+    toward = [np.cos(elevation) * np.cos(azimuth), np.sin(elevation), np.cos(elevation) * np.sin(azimuth)]
+    direction = -np.repeat(np.stack(toward, axis=1), RAYS, axis=0)
+    middles = np.repeat(rng.uniform(low, high, (BUNDLES, 3)), RAYS, axis=0)
+    origin = middles + rng.normal(0.0, spread, (BUNDLES * RAYS, 3)) - reach * direction
+    return np.concatenate([origin, direction], axis=1).astype(np.float32)
+
+
+def _hidden(points, faces, rays):
+    """The share of each bundle that a mesh hides."""
+    return RayCaster(points, faces).occluded(rays).reshape(BUNDLES, RAYS).mean(axis=1)
