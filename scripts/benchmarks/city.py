@@ -1,4 +1,4 @@
-"""Cities in tiles: borders, equal bytes however the tiles are made, overhead, memory, the curve of cost, a scheduler.
+"""Cities in tiles: borders, equal bytes however tiles are made, overhead, memory, cost, light, a scheduler.
 
 Each run is a process of its own. Cities are generated; depth maps and light are those of `--detail draft`.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.city_light import light_error
 from benchmarks.city_scheduler import simulate
 from benchmarks.harness import ROOT
 from splat2mesh.base.console import ONE_BLAS_THREAD
@@ -23,7 +24,7 @@ from splat2mesh.tiles.store import Store
 
 QUICK = ["1000", "--parts", "scheduler", "--dummies", "50"]
 
-PARTS = ("curve", "workers", "bytes", "scheduler")
+PARTS = ("curve", "light", "workers", "bytes", "scheduler")
 
 SMALL, SMALL_TILE, SMALL_PIXELS = 24_000, 9_000, 40
 """Of the city that is made in every way: splats, those of a tile and its halo, side of the views."""
@@ -46,6 +47,9 @@ def arguments(parser):
     add(
         "--deaths", type=int, default=20, metavar="N", help="runs with a worker killed at random (default: %(default)s)"
     )
+    add("--lights", nargs="+", default=["noon", "sunset"], metavar="ENV", help="(default: noon sunset)")
+    add("--tiles", type=int, default=8, metavar="N", help="lit of each city, at most (default: %(default)s)")
+    add("--vertices", type=int, default=500, metavar="N", help="looked at in all of them (default: %(default)s)")
     add("--shared", type=float, default=3e5, metavar="SPLATS", help="city that workers share (default: %(default)g)")
     add("--dummies", type=int, nargs="+", default=[100, 1000, 10_000], metavar="N", help="tiles of the simulation")
     add("--dummy-workers", type=int, default=4, metavar="N", help="its workers (default: %(default)s)")
@@ -58,6 +62,8 @@ def run(options, report):
         folder.mkdir(parents=True, exist_ok=True)
         if "curve" in options.parts:
             curve(folder, options, report)
+        if "light" in options.parts:
+            light(folder, options, report)
         if "workers" in options.parts:
             workers(folder, options, report)
         if "bytes" in options.parts:
@@ -128,6 +134,19 @@ def curve(folder, options, report):
         sizes, costs = np.array(rows).T
         each, fixed = np.polyfit(sizes, costs, 1)
         report.note(f"processor seconds = {fixed:.1f} + {1e6 * each:.1f} for each million splats, least squares")
+
+
+def light(folder, options, report):
+    """Light that tiles found against that of the untiled place around them; meshes what `curve` has not."""
+    columns = {"splats": "<10", "light": "<10", "tiles": ".0f", "vertices": ".0f", "error": ".4f", "worst": ".4f"}
+    table = report.table("light of tiles, tolerance .03, and of the place around them", **columns, cpu=".1f")
+    for splats in map(int, options.sizes):
+        output = folder / f"scene_{splats}"
+        if not (output / "city.json").exists():
+            convert(city(folder, splats), output, tile_splats=options.tile_splats)
+        for name in options.lights:
+            found = light_error(output, name, options.tiles, options.vertices)
+            table.add(splats=f"{splats:,}", light=Path(name).stem, **found)
 
 
 def workers(folder, options, report):

@@ -1,0 +1,69 @@
+"""How far the light of tiles is off the light of the untiled place around them: `scripts/bench city --parts light`."""
+
+import io
+import time
+
+import numpy as np
+
+from relight import Environment, LightingOptions
+from relight.options import PLACE_TOLERANCE
+from relight.tiles.local import tile_mesh
+from relight.tiles.shared import coarse_city, write_shared
+from relight.tiles.work import relit_tile
+from relight.transfer.occluder import Occluder
+from relight.transfer.reference import reference
+from splat2mesh.scene.scene import Scene
+from splat2mesh.tiles.plan import FILE, Plan, folder_of
+from splat2mesh.tiles.store import Store
+
+FOLDER = "relit/benchmark"
+
+REACH = 6.0
+"""Distances between stations around a tile within which the truth has all as it is; beyond, both have it coarse. Three
+times what a tile sees as it is."""
+
+DIRECTIONS = 8192
+"""Of the light, for the truth: one ray for each and each vertex."""
+
+
+def light_error(scene, light, tiles, vertices, memory=None, seed=0):
+    """Light random tiles of a meshed city, white, within the tolerance of places, and compare random vertices.
+
+    light: what `Environment.load` takes. Returns a dict: error, relative root mean square of radiance over all
+    vertices; worst, that of the worst tile; cpu, seconds for a tile.
+    """
+    store = Store(scene)
+    plan, sky = Plan(**store.read_json(FILE)["plan"]), Environment.load(light)
+    shared = coarse_city(store, sky)
+    key = write_shared(store, FOLDER, shared)
+    rng = np.random.default_rng(seed)
+    full = [tile for tile, mesh in enumerate(shared.coarse) if mesh is not None]
+    chosen = np.sort(rng.choice(full, min(tiles, len(full)), replace=False)).tolist()
+    found, truth, spent = [], [], 0.0
+    try:
+        for tile in chosen:
+            start, options = time.process_time(), LightingOptions(tolerance=PLACE_TOLERANCE)
+            relit_tile(store, FOLDER, key, options, "white", ("npy",), memory, tile, [], plan.spacing)
+            spent += time.process_time() - start
+            radiance = np.load(io.BytesIO(store.read(f"{FOLDER}/{folder_of(tile)}/radiance.npy")))
+            near = [other for other in plan.near(tile, REACH * plan.spacing) if other != tile and other in full]
+            coarse = [shared.coarse[other] for other in full if other not in {tile, *near}]
+            place = Scene([tile_mesh(store, tile), *(tile_mesh(store, other) for other in near), *coarse])
+            rows = np.sort(rng.choice(len(radiance), min(-(-vertices // len(chosen)), len(radiance)), replace=False))
+            truth.append(reference(Occluder(place.vertices, place.normals, place.faces), rows, sky, DIRECTIONS))
+            found.append(radiance[rows])
+    finally:
+        store.remove(FOLDER)
+    errors = [_relative(*pair) for pair in zip(found, truth, strict=True)]
+    whole = _relative(np.concatenate(found), np.concatenate(truth))
+    return {
+        "tiles": len(chosen),
+        "vertices": sum(map(len, found)),
+        "error": whole,
+        "worst": max(errors),
+        "cpu": spent / len(chosen),
+    }
+
+
+def _relative(found, truth):
+    return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
