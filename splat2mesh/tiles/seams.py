@@ -39,6 +39,7 @@ def check_seams(store: Store) -> dict[str, int]:
 def _compared(first: Mesh, second: Mesh) -> dict[str, Any]:
     """Places where both meshes have vertices, and at how many the normals or the colours there differ: where no vertex
     of the one has what a vertex of the other has. Apart from the border's own vertex another may lie at a place."""
+    first, second = _maybe_shared(first, second), _maybe_shared(second, first)
     keys = [_keys(mesh.vertices) for mesh in (first, second)]
     shared = np.intersect1d(keys[0], keys[1])
     found = {"vertices": len(shared)}
@@ -54,6 +55,16 @@ def _compared(first: Mesh, second: Mesh) -> dict[str, Any]:
             sides.append({tuple(row) for row in np.hstack([places, value[rows].astype(np.uint32)]).tolist()})
         found[name] = len(shared) - len({row[:3] for row in sides[0] & sides[1]})
     return found
+
+
+def _maybe_shared(mesh: Mesh, other: Mesh) -> Mesh:
+    """The vertices of a Mesh, without faces, whose x and y a vertex of another has to the bit. Numbers are compared
+    several times as fast as whole places, of which few are left then."""
+    ours, theirs = (
+        np.ascontiguousarray(each.vertices[:, :2], np.float32).view(np.uint64).ravel() for each in (mesh, other)
+    )
+    rows = np.flatnonzero(np.isin(ours, theirs))
+    return Mesh(mesh.vertices[rows], mesh.normals[rows], np.zeros((0, 3), np.int32), mesh.colors_srgb[rows])
 
 
 def _keys(points: NDArray) -> Any:
