@@ -12,6 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.scene.scene import Scene
+from splat2mesh.tiles.plan import DISTANT, FAR
 from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
 
 from ..albedo.division import Prior
@@ -60,9 +61,15 @@ def coarse_city(store: Store, sky: Environment) -> Shared:
     return Shared(
         np.array(city["scene_from_splat"]),
         np.array([entry["core"] for entry in entries]).reshape(-1, 2, 2),
-        [mesh_from_ply_bytes(store.read(f"{e['name']}/far.ply")) if e["faces"] else None for e in entries],
+        [_distant(store, entry) if entry["faces"] else None for entry in entries],
         sky,
     )
+
+
+def _distant(store, entry):
+    """What all the city holds of a tile."""
+    far, distant = (f"{entry['name']}/{twin}" for twin in (FAR, DISTANT))
+    return mesh_from_ply_bytes(store.read(distant if distant in entry["files"] else far))
 
 
 def scene_of(chunks: list[Mesh], shared: Shared) -> Scene:

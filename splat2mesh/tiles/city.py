@@ -3,7 +3,8 @@
 plan.json            what was asked for, and how the city is cut
 splats/              the source dealt out to the tiles, kept for `relight`
 work/                depth maps, gone once the tiles that need them are done
-tiles/00003/         mesh.ply, mesh.glb, their coarse twins far.ply and far.glb, and mesh.json with their checksums
+tiles/00003/         mesh.ply, mesh.glb, its coarse twins far.ply, far.glb and, of many tiles, distant.ply; mesh.json
+                     with checksums
 city.json            all tiles; tileset.json: 3D Tiles
 """
 

@@ -1,4 +1,4 @@
-"""The coarse twin of a tile: what stands in the light of other tiles, and what is shown of it from afar.
+"""Coarse twins of a tile: what stands in the light of other tiles, and what is shown of it from afar.
 
 Quadric decimation keeps the walls of houses best. Of trees it leaves thousands of pieces, which it can neither join nor
 drop, and too few of them; to merge what lies in a cell keeps their shade. So both are tried, one after the other too,
@@ -12,9 +12,12 @@ from ..render.raycaster import RayCaster
 from ..scene.mesh import Mesh
 from .lattice import normals_of
 
-FAR_TOTAL, FAR_LEAST, FAR_FEW, FAR_SHARE = 120_000, 24, 1_500, 0.06
-"""Vertices of the coarse scene, which every worker holds: of all tiles together; of one tile at least; and of one tile
-at most, as a number or as a share of its own, whichever is more. A tile of fewer is its own twin."""
+TOTAL, LEAST = 120_000, 24
+"""Vertices of the coarse city, which every worker holds: of all tiles together, and of one tile at least."""
+
+FEW, SHARE = 1_500, 0.06
+"""Vertices of the twin that tiles not far away see: as many as of the coarse city, but no more than a share of its own
+and no fewer than a few. A tile of fewer is its own twin."""
 
 MERGED = 6
 """Vertices that merging leaves to decimation, for each that is wanted."""
@@ -31,9 +34,11 @@ ELEVATIONS_DEG = 3.0, 8.0, 20.0, 45.0
 _HALVINGS, _FINEST = 12, 2.0**-20  # of the search for the size of cells, and the least, in longest sides
 
 
-def far_vertices(tiles: int, vertices: int) -> int:
-    """Vertices of the coarse twin of a tile of so many, in a city of so many tiles."""
-    return max(FAR_LEAST, min(FAR_TOTAL // max(tiles, 1), max(FAR_FEW, round(FAR_SHARE * vertices))))
+def twins(mesh: Mesh, tiles: int) -> tuple[Mesh, Mesh | None]:
+    """Of a tile of a city of so many: what others see of it, and what all the city holds of it, where that is less."""
+    most = max(LEAST, TOTAL // max(tiles, 1))
+    far = coarse(mesh, max(FEW, min(most, round(SHARE * len(mesh.vertices)))))
+    return far, None if len(far.vertices) <= ALLOWED * most else coarse(far, most)
 
 
 def coarse(mesh: Mesh, wanted: int) -> Mesh:

@@ -21,6 +21,9 @@ from .store import Store
 FILE = "plan.json"
 """Of a city's folder: what was asked for, and the plan."""
 
+FAR, DISTANT = "far.ply", "distant.ply"
+"""Of a tile's folder: what others see of it, and what all the city holds of it where that is less."""
+
 LEVELS = 3
 """Times that the finest cell doubles up to the largest one, which is the block."""
 

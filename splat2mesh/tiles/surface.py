@@ -18,17 +18,17 @@ from ..surface.clean import fill_holes
 from ..surface.fair import fair
 from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
 from ..surface.simplify import simplify
-from .coarse import coarse, far_vertices
+from .coarse import twins
 from .glb import glb_bytes
 from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, faces_around, sight_of
 from .memory import give_back
-from .plan import Plan, folder_of
+from .plan import DISTANT, FAR, Plan, folder_of
 from .store import Store
 
 
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
-    """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, far.ply, and its record; returns the record."""
+    """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, its twins, and its record; returns the record."""
     known = Plan.kept(store, key)
     sights, pictures = [], []
     for face in faces_around(store, known, tile):
@@ -44,15 +44,17 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     give_back()
     name, files = folder_of(tile), {}
     if len(made.faces):
-        far = coarse(made, far_vertices(len(known.tiles), len(made.vertices)))
+        far, distant = twins(made, len(known.tiles))
         files = {
             f"{name}/mesh.ply": mesh_ply_bytes(made),
             f"{name}/mesh.glb": _as_glb(made),
-            f"{name}/far.ply": mesh_ply_bytes(far),
+            f"{name}/{FAR}": mesh_ply_bytes(far),
             f"{name}/far.glb": _as_glb(far),
         }
+        if distant is not None:
+            files[f"{name}/{DISTANT}"] = mesh_ply_bytes(distant)
         facts |= {"bounds": [made.vertices.min(axis=0).tolist(), made.vertices.max(axis=0).tolist()]}
-        facts |= {"far_vertices": len(far.vertices)}
+        facts |= {"far_vertices": len((distant or far).vertices)}
     return store.commit(f"{name}/mesh.json", files, tile=tile, **facts)
 
 

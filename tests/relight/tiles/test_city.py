@@ -16,6 +16,7 @@ from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
 from relight.tiles.streamed import LEVELS, META, environment_files, lod_meta, tile_levels
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.streamed import open_streamed
@@ -161,6 +162,21 @@ def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
     local = whole(Surroundings(store, coarse_city(store, Environment.load("noon")), 0, 5.0))
     assert local.own.sum() == len(local.own) == len(tile_mesh(store, 0).vertices)
     assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
+
+
+def test_not_far_away_a_tile_sees_more_of_others_than_the_city_holds(city):
+    store = Store(city)
+    shared = coarse_city(store, Environment.load("noon"))
+    twins = [0 if mesh is None else len(mesh.vertices) for mesh in shared.coarse]
+    highest = [mesh.vertices[:, 1].argsort()[-3:] for mesh in shared.coarse if mesh is not None]
+    held = [
+        Mesh(mesh.vertices[rows], mesh.normals[rows], mesh.faces[:0], mesh.colors_srgb[rows])
+        for mesh, rows in zip(shared.coarse, highest, strict=True)
+    ]
+    for apart, expected in ((0.0, sum(twins)), (39.0, sum(twins)), (41.0, twins[0] + 9)):
+        cores = shared.cores.copy()
+        cores[1:] = cores[0] + [cores[0, 1, 0] - cores[0, 0, 0] + apart, 0.0]
+        assert Surroundings(store, shared._replace(cores=cores, coarse=held), 0, 5.0).coarse == expected
 
 
 def test_what_lies_below_the_horizon_is_left_out(city):

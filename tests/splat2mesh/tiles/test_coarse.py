@@ -7,7 +7,7 @@ from scenes import shapes
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.surface.decimate import decimate
-from splat2mesh.tiles.coarse import ALLOWED, FAR_TOTAL, coarse, far_vertices, merged_in_cells
+from splat2mesh.tiles.coarse import ALLOWED, FEW, TOTAL, coarse, merged_in_cells, twins
 from splat2mesh.tiles.lattice import normals_of
 
 WANTED = 600
@@ -90,10 +90,21 @@ def test_merged_vertices_are_few_and_faces_keep_their_side(wanted):
     assert wanted < 1000 or volume > 0.95 * 4 / 3 * np.pi
 
 
-def test_a_small_tile_is_its_own_twin_and_all_twins_are_bounded():
+def test_a_small_tile_is_its_own_twin():
     points, faces = shapes.blob(1.0, 0.0, np.random.default_rng(0), 0.3)
     normals = normals_of(points, faces).astype(np.float32)
     mesh = Mesh(points.astype(np.float32), normals, faces.astype(np.int32), np.zeros((len(points), 3), np.uint8))
     assert coarse(mesh, len(points)) is mesh
-    for tiles in (1, 45, 135, 4500):
-        assert tiles * far_vertices(tiles, 10**6) <= max(FAR_TOTAL, 24 * tiles)
+    assert twins(mesh, 1) == (mesh, None)
+
+
+@pytest.mark.parametrize("tiles", [1, 60, 135, 4500])
+def test_what_the_city_holds_of_a_tile_is_the_less_the_more_there_are(tiles):
+    points, faces = houses()
+    normals = normals_of(points, faces).astype(np.float32)
+    mesh = Mesh(points.astype(np.float32), normals, faces.astype(np.int32), np.zeros((len(points), 3), np.uint8))
+    far, distant = twins(mesh, tiles)
+    assert FEW / 2 < len(far.vertices) <= ALLOWED * max(FEW, 0.06 * len(points))
+    held = len((distant or far).vertices)
+    assert tiles * held <= ALLOWED * max(TOTAL, 24 * tiles)
+    assert (distant is None) == (tiles < 80)
