@@ -166,7 +166,8 @@ def _nearest(begin, end, rows, centers, half, near):
     """The nearest centres, (N, k), nearest first."""
     score = np.zeros(centers.shape[1], np.float32)
     for n in range(begin, end):
-        score[:] = half
+        for c in range(len(score)):  # a slice would have Numba compile how shapes are told, which takes seconds
+            score[c] = half[c]
         for d in range(centers.shape[0]):
             x = rows[n, d]
             line = centers[d]

@@ -125,9 +125,9 @@ def _mix(state):
 def _hash(position, normal, seed):
     """64 bits from six float32 and the seed; zeros of either sign count as one."""
     state = _mix(seed + np.uint64(0x9E3779B97F4A7C15))
-    values = np.zeros(6, np.float32)
-    values[:3] = position
-    values[3:] = normal
+    values = np.empty(6, np.float32)
+    for i in range(3):  # slices would have Numba compile how shapes are told, which takes seconds
+        values[i], values[3 + i] = position[i], normal[i]
     for word in (values + np.float32(0.0)).view(np.uint32):
         state = _mix((state ^ np.uint64(word)) + np.uint64(0x9E3779B97F4A7C15))
     return state
