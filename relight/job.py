@@ -273,9 +273,13 @@ class Job:
         return bool(self.room and self.room.steady)
 
     @property
+    def _brightness(self) -> float | None:
+        return self.appearance.capture["brightness"] if self.appearance.capture else None
+
+    @property
     def _level(self) -> float:
         """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
-        return level_of(self.appearance, self.environment)
+        return level_of(self._brightness, self.environment)
 
     def _shading(self, light: Environment) -> Shading:
         if self.room:
@@ -341,15 +345,15 @@ class Job:
             return self.room.exposure
         others = (self._shading(light).radiance for light in self.lights[1:])
         least = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        return exposure_as_captured(self.appearance, self.environment, least)
+        return exposure_as_captured(self._brightness, self.appearance.captured, self.environment, least)
 
     def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
         """The same for one other light. radiance: None in a room whose exposure is known."""
         if self.exposure_ev is not None:
             return 2.0**self.exposure_ev
         if radiance is None:
-            return level_of(self.appearance, light)
-        return exposure_as_captured(self.appearance, light, auto_exposure(radiance))
+            return level_of(self._brightness, light)
+        return exposure_as_captured(self._brightness, self.appearance.captured, light, auto_exposure(radiance))
 
 
 def light_of(source: AnyLight) -> Environment:

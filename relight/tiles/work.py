@@ -43,6 +43,7 @@ def common_light(
     """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
     from ..albedo import estimate
     from ..albedo.samples import vertex_areas
+    from ..engine.exposure import exposure_as_captured
     from ..engine.relighter import Relighter
     from ..light.tonemap import auto_exposure
 
@@ -66,10 +67,8 @@ def common_light(
         }
         colors, brightness = found.albedo, found.brightness
     radiance = relighter.shade(sky, colors)
-    exposure = 2.0**ev if ev is not None else auto_exposure(radiance)
-    if ev is None and brightness is not None and sky.mean_luminance > 0:
-        exposure = float(min(max(brightness / sky.mean_luminance, exposure / 2.0), exposure * 2.0))
-    shared = shared._replace(exposure=float(exposure))
+    exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(radiance)) if ev is None else 2.0**ev
+    shared = shared._replace(exposure=exposure)
     after = _received(radiance, colors) * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
     usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
@@ -77,7 +76,7 @@ def common_light(
     shared = shared._replace(usual=usual._replace(gain=gain))
     if far:
         shared = shared._replace(background=background_of(store, far, scene, before, after))
-    return {**told, "exposure": float(exposure), "sha256": write_shared(store, folder, shared)}
+    return {**told, "exposure": exposure, "sha256": write_shared(store, folder, shared)}
 
 
 def relit_tile(
