@@ -38,6 +38,9 @@ PER_CUBE, LEAST_PER_CUBE, ROUNDS = 30, 3, 5
 """Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
 the cubes is found."""
 
+MOST_CUBES = 2**20
+"""Along each axis of what is looked at in cubes."""
+
 REACH, SPACING = 1.3, 0.8
 """How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
@@ -158,10 +161,12 @@ def apart(places: NDArray, weights: NDArray) -> float:
     stands for. The surface has as many squares as there are cubes with splats in them."""
     low, high = np.percentile(places, [1, 99], axis=0)
     inside = ((places >= low) & (places <= high)).all(axis=1)
+    within = places[inside] - low
     area = max(float(np.sort(high - low)[1:].prod()), 1e-30)
     for _ in range(ROUNDS):
-        side = math.sqrt(area * PER_CUBE / max(int(inside.sum()), 1))
-        counts = np.unique(np.floor((places[inside] - low) / side).astype(np.int64), axis=0, return_counts=True)[1]
+        side = max(math.sqrt(area * PER_CUBE / max(len(within), 1)), float((high - low).max()) / MOST_CUBES)
+        cubes = tuple(np.floor(axis / side).astype(np.int64) for axis in within.T)
+        counts = np.unique(np.ravel_multi_index(cubes, (MOST_CUBES + 1,) * 3), return_counts=True)[1]
         area = side**2 * max(int((counts >= LEAST_PER_CUBE).sum()), 1)
     return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
 
@@ -208,22 +213,28 @@ def cut(
         raise InputError(f"the city spans {np.max(high - low):g} units in cells of {block / 2**LEVELS:g}: too many")
     least = max(3 * RING, math.ceil(halo / block / 4))
     whole = [int(first[0]), int(first[1]), int(last[0]), int(last[1])]
-    pending, done = [(whole, np.arange(len(places)))], []
+    pending: list[tuple[list[int], NDArray]] = [(whole, np.array([*places.T, weights]))]
+    done = []
     while pending:
-        (x0, z0, x1, z1), rows = pending.pop()
+        (x0, z0, x1, z1), splats = pending.pop()
         box = np.array([[x0, z0], [x1, z1]]) * block
-        rows = rows[((places[rows] >= box[0] - halo) & (places[rows] < box[1] + halo)).all(axis=1)]
-        own = rows[((places[rows] >= box[0]) & (places[rows] < box[1])).all(axis=1)]
+        splats = splats[:, _within(splats, box[0] - halo, box[1] + halo)]
+        own = splats[:, _within(splats, box[0], box[1])]
         axis = 0 if x1 - x0 >= z1 - z0 else 1
         start, stop = ((x0, x1), (z0, z1))[axis]
-        if weights[rows].sum() <= most or stop - start < 2 * least:
-            done.append(([x0, z0, x1, z1], round(float(weights[own].sum()))))
+        if splats[2].sum() <= most or stop - start < 2 * least:
+            done.append(([x0, z0, x1, z1], round(float(own[2].sum()))))
             continue
-        where = np.sort(places[own, axis])
-        middle = round(float(np.median(where)) / block) if len(where) else (start + stop) // 2
+        middle = round(float(np.median(own[axis])) / block) if own.size else (start + stop) // 2
         middle = min(max(middle, start + least), stop - least)
         halves = (
             ([x0, z0, middle, z1], [middle, z0, x1, z1]) if axis == 0 else ([x0, z0, x1, middle], [x0, middle, x1, z1])
         )
-        pending += [(halves[1], rows), (halves[0], rows)]
+        pending += [(halves[1], splats), (halves[0], splats)]
     return [tile for tile, _ in done], [count for _, count in done]
+
+
+def _within(splats, low, high):
+    """Which of (3, N) splats lie in a box on the ground."""
+    x, z = splats[:2]
+    return (x >= low[0]) & (x < high[0]) & (z >= low[1]) & (z < high[1])
