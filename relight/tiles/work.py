@@ -156,11 +156,11 @@ def _lit_part(shared, local, options, albedo, splats, spacing):
     relighter = Relighter(local.scene, options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
     colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
-    plan, capture = relighter.plan_for(shared.sky, colors), CAPTURE_OF_PLACE
-    if plan is not None and (plan.settings.rays > capture.rays or plan.settings.bands > capture.bands):
-        relighter.precomputed.forget_transfers()  # that of the capture does not serve the new light
+    plan = relighter.plan_for(shared.sky, colors)
+    if plan is not None:
+        relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
     shading = relighter.shading(shared.sky, colors)
-    del relighter
+    del relighter, plan  # which hold all that was traced
     _release()
     own = np.flatnonzero(local.own)
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}

@@ -104,11 +104,16 @@ class Precomputed:
         self._transfers[found[0]] = found[1]
         return found[1], settings._replace(rays=found[0][2])
 
-    def forget_transfers(self):
-        """Let go of the transfers in memory: the next is computed, or read, from what was traced."""
-        self._transfers.clear()
-        for found in self._interreflections.values():
-            found[1] = None
+    def forget(self, settings):
+        """Let go of what is in memory and does not serve these Settings: transfers, of which the next is computed, or
+        read, from what was traced; and bounces of fewer rays."""
+        leaves = self._leaves(settings)
+        for key in [key for key in self._transfers if not _serves(key, settings, leaves)]:
+            gone = self._transfers.pop(key)
+            for found in self._interreflections.values():
+                found[1] = None if found[1] is gone else found[1]
+        for rays in [rays for rays in self._interreflections if not 0 < settings.bounce_rays <= rays]:
+            del self._interreflections[rays]
 
     def interreflection(self, rays, transfer):
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""

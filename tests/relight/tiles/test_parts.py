@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from cities import sums
 
 from relight import Environment, LightingOptions
-from relight.tiles import parts
+from relight.tiles import parts, work
 from relight.tiles.city import relight_city
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
@@ -133,8 +134,20 @@ def test_what_goes_before_the_new_light_changes_no_bit(city, uncut, tmp_path, mo
     copy = Path(shutil.copytree(city, tmp_path / "copy", ignore=shutil.ignore_patterns("relit")))
     shutil.copytree(uncut, copy / "relit/it", ignore=shutil.ignore_patterns("tiles"))
     options = LightingOptions(bands=3, rays=128, effects="shadows bounces", tolerance=0.03)
-    asked, forgot = [], Precomputed.forget_transfers
-    monkeypatch.setattr(Precomputed, "forget_transfers", lambda self: (asked.append(self), forgot(self)))
+    gone_before, forget, known, held, release = [], Precomputed.forget, [], [], work._release
+
+    def forgotten(self, settings):
+        known.append(weakref.ref(self))
+        before = len(self._transfers), len(self._interreflections)
+        forget(self, settings)
+        gone_before.append((before, (len(self._transfers), len(self._interreflections))))
+
+    def released():
+        release()
+        held.extend(each() for each in known)
+
+    monkeypatch.setattr(Precomputed, "forget", forgotten)
+    monkeypatch.setattr(work, "_release", released)
     store, spacing = Store(copy), Plan(**Store(copy).read_json(FILE)["plan"]).spacing
     key = json.loads((uncut / "light.json").read_text())["sha256"]
 
@@ -143,6 +156,7 @@ def test_what_goes_before_the_new_light_changes_no_bit(city, uncut, tmp_path, mo
         return np.load(copy / "relit/it/tiles/00000/radiance.npy")
 
     gone = radiance()
-    monkeypatch.setattr(Precomputed, "forget_transfers", lambda self: None)
-    assert asked
+    monkeypatch.setattr(Precomputed, "forget", lambda self, settings: None)
+    assert gone_before and all(before == (1, 1) and after == (0, 1) for before, after in gone_before)
+    assert held and not any(held), "all that was traced is gone when splats take their light"
     np.testing.assert_array_equal(gone, radiance())
