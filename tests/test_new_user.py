@@ -50,13 +50,13 @@ def bin_folder(tmp_path_factory):
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
     build = "from setuptools import build_meta; build_meta.build_wheel('.')"
-    subprocess.run([sys.executable, "-c", build], cwd=source, check=True, capture_output=True)
+    _done([sys.executable, "-c", build], cwd=source)
     (wheel,) = source.glob("*.whl")
     assert wheel.stat().st_size < 8e6
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", env], check=True)
+    _done([sys.executable, "-m", "venv", "--without-pip", env])
     python = env / "bin" / "python"
     install = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--no-deps", "--no-index", wheel]
-    subprocess.run(install, check=True, capture_output=True)
+    _done(install)
     (site,) = (env / "lib").glob("python*/site-packages")
     paths = dict.fromkeys(sysconfig.get_path(name) for name in ("purelib", "platlib"))
     (site / "needs.pth").write_text("\n".join(paths) + "\n")
@@ -65,6 +65,11 @@ def bin_folder(tmp_path_factory):
     (site / "zz_haste.pth").write_text(f"import os; os.environ.get({HASTE!r}) and __import__('in_haste')\n")
     _compiled_before(site)
     return env / "bin"
+
+
+def _done(command, **options):
+    done = subprocess.run(command, capture_output=True, text=True, **options)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def _compiled_before(site):
