@@ -113,10 +113,16 @@ class Choice:
         known = settings.sun_tolerance and (settings.bands, settings.sun_tolerance) in self._splits
         return costs.SPLIT * self.measured.sample.ray_s if known else 0.0
 
-    def checked(self, settings, transfer):
-        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has."""
+    def checked(self, settings, transfer, tolerance):
+        """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
+        tolerance, by a closer look."""
         traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
-        return math.hypot(self._but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
+
+        def error():
+            return math.hypot(self._but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
+
+        found = error()
+        return error() if found > tolerance and self.measured.look_closer() else found
 
     def contributions(self, settings):
         """[(effect, error without it, decision)] for the table and the report."""

@@ -21,6 +21,11 @@ DARK = 1e-3
 """Errors are relative to at least this part of the light of unshadowed surfaces: darkness has no relative error."""
 
 
+CLOSER = 4
+"""Times as many directions in which the sample looks before a check against it fails: its own noise, in the shade of
+leaves, was two thirds of what rays were blamed for, and no number of them made it less."""
+
+
 class EffectErrors:
     """The contributions of effects to the light on a sample of a scene: the errors of leaving them out.
 
@@ -37,6 +42,7 @@ class EffectErrors:
         self._light = cells.turned(self._cells, self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
+        self._closer = None
         self._known = {}  # what is derived from all light, from each level of it, from each image
         self.bounced = None
         if bouncing:
@@ -106,11 +112,20 @@ class EffectErrors:
 
     def check(self, transfer, traced=None, level=None, image=None):
         """Error of a transfer (S, K) of the sample's rows, in its own bands, over the rows that are `traced`, (S,)."""
-        off = transfer.astype(np.float64) - self.seen_transfer[:, : transfer.shape[1]]
+        known = self.seen_transfer if self._closer is None else self._closer
+        off = transfer.astype(np.float64) - known[:, : transfer.shape[1]]
         if traced is not None:
             off[~traced] = 0.0
         radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
+
+    def look_closer(self):
+        """Have `check` know the sample by CLOSER times as many directions; False where it does already."""
+        if self._closer is not None:
+            return False
+        finer = self.sample.finer(CLOSER)
+        self._closer = finer.seen.astype(np.float64) @ cells.basis(len(finer.directions))
+        return True
 
     def coefficients(self, level=None, image=None):
         """Coefficients of the light, or of its rest, in all rotations and bands: (K, TURNS, 3)."""

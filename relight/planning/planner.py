@@ -60,7 +60,8 @@ class Planner:
                 return
             transfer = self._precomputed.transfer(settings)[0]
             with self._stages.stage("check"):
-                plan.checked = plan.choice.checked(settings, transfer[plan.rows, : settings.bands**2])
+                rows = transfer[plan.rows, : settings.bands**2]
+                plan.checked = plan.choice.checked(settings, rows, self._tolerance)
             hopeless = plan.error > self._tolerance  # by other things than the rays, as was known before
             if plan.checked <= self._tolerance or hopeless or plan.budget_s is not None or fixed_rays or not left:
                 return

@@ -46,34 +46,52 @@ class Sample:
         self.occluder, self.sizes, self._traced = occluder, np.asarray(sizes), traced
         self.traced_share = 1.0 if traced is None else float(traced.mean())
         self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
-        self.normals = occluder.normals[self.rows]
-        self.directions = fibonacci_sphere(directions).astype(np.float32)
-        cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
-        self.open = cosine * np.float32(4.0 / directions)
-        self.seen, self.rays = self.open.copy(), 0
-        per_batch = max(1, BATCH_RAYS // directions)
-        for begin in range(0, len(self.rows), per_batch):
-            row, column = np.nonzero(cosine[begin : begin + per_batch])
-            rays = np.concatenate([occluder.origins[self.rows[row + begin]], self.directions[column]], axis=1)
-            hidden = occluder.occluded(rays)
-            self.seen[row[hidden] + begin, column[hidden]] = 0.0
-            self.rays += len(rays)
+        self.normals, self.rays, self._foliage = occluder.normals[self.rows], 0, None
+        self._look(directions)
         self.ray_s = self._timed(orders)
         self.solid = np.ones(len(self.rows), np.float32)
         self.hidden = self._scan()
 
+    def finer(self, times):
+        """The same Sample that looks in so many times as many directions; its `rays` are those of this look."""
+        other = copy.copy(self)
+        other.rays = 0
+        other._look(times * len(self.directions))
+        if self._foliage is not None:
+            other._thicken(self._foliage)
+        return other
+
     def thickened(self, foliage):
         """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""
         foliage.probe_count  # noqa: B018  is found once, and not timed
+        other = copy.copy(self)
         start = time.perf_counter()
-        share, free, marches = foliage.seen(self.rows, self.directions)
+        marches = other._thicken(foliage)
         march_s = (time.perf_counter() - start) / max(1, marches) / cores()
-        other, share = copy.copy(self), share[:, None]
-        even = np.float32(1.0 / len(self.directions))
-        other.open = self.open + share * (even - self.open)
-        other.seen = self.seen + share * (even * free - self.seen)
-        other.solid = 1.0 - share[:, 0]
         return other, march_s * foliage.probe_count
+
+    def _look(self, directions):
+        """Look in D directions, as surfaces hide them."""
+        self.directions = fibonacci_sphere(directions).astype(np.float32)
+        cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
+        self.open = cosine * np.float32(4.0 / directions)
+        self.seen = self.open.copy()
+        per_batch = max(1, BATCH_RAYS // directions)
+        for begin in range(0, len(self.rows), per_batch):
+            row, column = np.nonzero(cosine[begin : begin + per_batch])
+            origins = self.occluder.origins[self.rows[row + begin]]
+            hidden = self.occluder.occluded(np.concatenate([origins, self.directions[column]], axis=1))
+            self.seen[row[hidden] + begin, column[hidden]] = 0.0
+            self.rays += len(hidden)
+
+    def _thicken(self, foliage):
+        """Take leaves and grass for volumes; how many marches it took."""
+        share, free, marches = foliage.seen(self.rows, self.directions)
+        share, even = share[:, None], np.float32(1.0 / len(self.directions))
+        self.open = self.open + share * (even - self.open)
+        self.seen = self.seen + share * (even * free - self.seen)
+        self.solid, self._foliage = 1.0 - share[:, 0], foliage
+        return marches
 
     def mean_square(self, values):
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
