@@ -75,6 +75,18 @@ def far_apart():
     return Scene([sphere().chunks[0], sphere_on_plane((60.0, 0.0, 0.0)).chunks[0]])
 
 
+def needles(count=1000, length=0.5, width=0.15):
+    """Ground in the shade of thin triangles that lie any way above it, as in a capture of a tree."""
+    random = np.random.default_rng(0)
+    middle = random.uniform([-1.5, 0.1, -1.5], [1.5, 1.5, 1.5], (count, 3))
+    along, across = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in random.normal(size=(2, count, 3)))
+    vertices = np.stack([middle - length / 2 * along, middle + length / 2 * along, middle + width * across], axis=1)
+    normals = np.repeat(np.cross(along, across), 3, axis=0)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    crown = vertices.reshape(-1, 3), normals, np.arange(3 * count).reshape(-1, 3)
+    return Scene([mesh_of(square(-1.5 * (X + Z), 3 * Z, 3 * X, 30), crown)])
+
+
 def turned(scene, angle_deg):
     """The scene after an active Ry(+angle): +z goes to +x."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
