@@ -74,14 +74,15 @@ class Rest(Environment):
     """An environment without its suns. Its image has them cut off. Its coefficients are those of the whole less those
     of the suns as points, so that both together are exact in any number of bands.
 
-    width: estimated relative error from patches that shine as points.
+    width: estimated relative error from patches that shine as points. variances: (S,) of those patches, mean square of
+    the distance from the sun over its light, rad^2.
     """
 
-    def __init__(self, whole: Environment, image: NDArray, suns: Suns, width: float) -> None:
+    def __init__(self, whole: Environment, image: NDArray, suns: Suns, width: float, variances: NDArray) -> None:
         """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
-        self._whole, self._suns, self.width = whole, suns, width
+        self._whole, self._suns, self.width, self.variances = whole, suns, width, variances
 
     def sh(self, bands: int) -> NDArray:
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
@@ -127,10 +128,10 @@ def _split(environment, bands, tolerance, limit):
     (missed, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, tolerance, limit)
     if missed:
         (_, _, error), cut, label = _cheapest(cuts, bands, coarse.scale, error * _ENOUGH, limit)
-    suns, rest = _suns(cut.spots, label), image.copy()
+    (suns, variances), rest = _suns(cut.spots, label), image.copy()
     rest[cut.row, cut.column] *= cut.stays[:, None].astype(np.float32)
     width = math.sqrt(max(error**2 - cut.contrast**2, 0.0))
-    return Rest(environment, rest, suns, width), suns
+    return Rest(environment, rest, suns, width, variances), suns
 
 
 class _Cut(NamedTuple):
@@ -307,14 +308,18 @@ def _variance(side):
 
 
 def _suns(spots, label):
-    """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun."""
-    toward, weights, _ = spots
+    """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun; and the (S,)
+    variances of their light."""
+    toward, weights, variances = spots
     for _ in range(_LLOYD_ROUNDS):
         centers, _ = _gathered(toward, weights, label)
         label = np.unique(cKDTree(centers).query(toward)[1], return_inverse=True)[1]
     directions, gathered = _gathered(toward, weights, label)
     order = np.argsort(-luminance(gathered), kind="stable")
-    return Suns(directions[order], gathered[order])
+    bright = luminance(weights)
+    apart = np.square(toward - directions[label]).sum(axis=1) + variances
+    spread = np.bincount(label, bright * apart) / np.bincount(label, bright)
+    return Suns(directions[order], gathered[order]), spread[order]
 
 
 def _gathered(toward, weights, label):

@@ -64,6 +64,7 @@ class Choice:
         self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
         self._target = SAFETY * tolerance
         self._splits, self._sun_factor = {}, 1.0
+        self._width_factor, self._finer = 1.0, []  # of suns, measured over planned; tolerances that it calls for
         sample = measured.sample
         self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
         self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
@@ -85,7 +86,7 @@ class Choice:
             if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
                 break
             self._split(key)
-            self._candidates = [self._rated(each.settings) for each in self._candidates]
+            self._candidates = list(self._all())
         return best
 
     def _least(self):
@@ -119,7 +120,7 @@ class Choice:
         traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
 
         def error():
-            return math.hypot(self._but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
+            return math.hypot(self.but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
 
         found = error()
         return error() if found > tolerance and self.measured.look_closer() else found
@@ -207,8 +208,8 @@ class Choice:
 
     def _sun_choices(self):
         parts = SUN_PARTS if self._budget_s is None else SUN_PARTS[:1]
-        wanted = (part * tolerance for tolerance in self._tolerances for part in parts)
-        found = list(dict.fromkeys(max(LEAST_SUN_TOLERANCE, each) for each in wanted))
+        wanted = [part * tolerance for tolerance in self._tolerances for part in parts]
+        found = list(dict.fromkeys(max(LEAST_SUN_TOLERANCE, each) for each in [*wanted, *self._finer]))
         if self._effects is None:
             return [0.0, *found]
         return found if SUN in self._effects else [0.0]
@@ -223,7 +224,7 @@ class Choice:
 
     def _rated(self, settings):
         """The candidate: what the settings cost and how far off they are."""
-        error, sizes = self._but_noise(settings), self.measured.sample.sizes
+        error, sizes = self.but_noise(settings), self.measured.sample.sizes
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
@@ -240,7 +241,7 @@ class Choice:
         once += self._leaves.seconds if settings.volume and not there[0] else 0.0
         return Candidate((once + self._angles * each, error, settings))
 
-    def _but_noise(self, settings):
+    def but_noise(self, settings):
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
@@ -254,9 +255,13 @@ class Choice:
         return math.hypot(*parts)
 
     def _sun_width(self, settings):
-        """Error of patches of light that shine as points: as planned for, or more where suns ran out."""
-        split = self._splits.get((settings.bands, settings.sun_tolerance))
-        return max(SUN_WIDTH * settings.sun_tolerance, 0.0 if split is None else split[2])
+        """Error of patches of light that shine as points: as measured, or as planned for by what was measured."""
+        tolerance, key = settings.sun_tolerance, (settings.bands, settings.sun_tolerance)
+        if key in self._splits:
+            return max(SUN_WIDTH * tolerance, self._splits[key][2])
+        if self._width_factor > 1.0:  # few bands keep suns from being as fine as they should be
+            tolerance = max(tolerance, self.measured.truncation(settings.bands, self._levels(*key)))
+        return SUN_WIDTH * self._width_factor * tolerance
 
     def _truncation(self, settings):
         return self.measured.truncation(settings.bands, **self.rest(settings))
@@ -283,5 +288,13 @@ class Choice:
 
     def _split(self, key):
         rest, found = sun_split.split(self._environment, *key)
-        self._splits[key] = (rest.radiance if len(found) else None), found, getattr(rest, "width", 0.0)
+        planned, measured = getattr(rest, "width", 0.0), 0.0
         self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])
+        if len(found):
+            unrotated = found.rotated(-self._environment.rotation_deg)
+            measured = self.measured.sun_width(unrotated, rest.variances)
+            self._width_factor = max(self._width_factor, measured / max(SUN_WIDTH * key[1], planned))
+        self._splits[key] = (rest.radiance if len(found) else None), found, max(planned, measured)
+        finest = self._target / SUN_WIDTH / self._width_factor * SUN_PARTS[0]
+        if measured > self._target and finest < min(filter(None, self._sun_choices())):
+            self._finer = [finest]

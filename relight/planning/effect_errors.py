@@ -13,6 +13,7 @@ from ..light.sun_split import LEVELS
 from ..sh.harmonics import MAX_BANDS
 from . import cells
 from .paths import DEPTH, Bounced
+from .sun_widths import width_error
 
 UNSEEN_AMBIENCE = 1.5
 """Light from hidden directions over the mean, assumed where no vertex of the sample has anything before it."""
@@ -118,6 +119,10 @@ class EffectErrors:
             off[~traced] = 0.0
         radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
+
+    def sun_width(self, suns, variances):
+        """Error of suns of the unrotated light, as points, where their patches have these variances."""
+        return width_error(self.sample, self._tint, suns, variances, self.total)
 
     def look_closer(self):
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 MOST_DOUBLINGS = 4
 """How often the rays may be doubled when the sample shows more noise than was planned for."""
 
+UNMENDED = 0.85
+"""Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: many
+times as many would hardly help."""
+
 
 class Planner:
     """Plans by LightingOptions that have a tolerance or a budget of seconds."""
@@ -62,7 +66,8 @@ class Planner:
             with self._stages.stage("check"):
                 rows = transfer[plan.rows, : settings.bands**2]
                 plan.checked = plan.choice.checked(settings, rows, self._tolerance)
-            hopeless = plan.error > self._tolerance  # by other things than the rays, as was known before
+            rest = plan.choice.but_noise(settings)
+            hopeless = rest > UNMENDED * self._tolerance and plan.checked < 2.0**0.5 * rest
             if plan.checked <= self._tolerance or hopeless or plan.budget_s is not None or fixed_rays or not left:
                 return
             plan.settings = settings._replace(rays=2 * settings.rays)

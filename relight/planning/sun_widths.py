@@ -1,0 +1,69 @@
+"""What is lost where a patch of light shines as a point, measured on a sample by rays all over the patch.
+
+The split of suns estimates it for walls that may stand anywhere; in the shade of needles it is ten times as much.
+"""
+
+import math
+
+import numpy as np
+
+from . import cells
+
+RAYS = 8
+"""To each patch, in two halves whose product has no noise."""
+
+QUARTERS = 4
+"""Rotations of the light, a quarter turn apart."""
+
+FEW = 16
+"""Suns that every vertex of the sample looks at in each rotation; the more there are, the fewer of them look."""
+
+
+def width_error(sample, tint, suns, variances, total):
+    """Relative L2 of exit radiance, over four rotations of the light, by which suns are off that shine as points.
+
+    sample: Sample. tint: (S, 1, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
+    patches, as `sun_split.Rest` has them; patches are taken for discs. total: (TURNS,) norms of all light.
+    """
+    if not len(suns):
+        return 0.0
+    step = min(QUARTERS, 1 + len(suns) // FEW)
+    tint = np.broadcast_to(np.asarray(tint, np.float64), (len(sample.rows), 1, 3))[:, 0]
+    square = 0.0
+    for quarter in range(QUARTERS):
+        rows = np.arange(quarter % step, len(sample.rows), step)
+        turned = suns.rotated(360.0 * quarter / QUARTERS)
+        halves = _off(sample, rows, turned, variances) * tint[rows]
+        share = sample.weights[rows] * np.square(sample.solid[rows])
+        among = total[quarter * cells.TURNS // QUARTERS] ** 2 * sample.weights[rows].sum()
+        square += share @ (halves[0] * halves[1]).sum(axis=1) / among / QUARTERS
+    return math.sqrt(max(square, 0.0))
+
+
+def _off(sample, rows, suns, variances):
+    """By how much two halves of the rays say that exit radiance of white rows is off: (2, R, 3)."""
+    cosine = sample.normals[rows] @ suns.directions.T
+    row, sun = np.nonzero(cosine > 0.0)
+    off = np.zeros((2, len(rows), 3))
+    toward = suns.directions[sun]
+    sent = (cosine[row, sun] / np.pi)[:, None] * suns.weights[sun]
+    origins = sample.occluder.origins[sample.rows[rows[row]]]
+    point = _free(sample, origins, toward)
+    side = np.cross(toward, np.where(np.abs(toward[:, 1:2]) < 0.9, [[0.0, 1.0, 0.0]], [[1.0, 0.0, 0.0]]))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(toward, side)
+    start = np.random.default_rng(0).uniform(0.0, 2.0 * np.pi, len(row))
+    for ray in range(RAYS):
+        radius = np.sqrt(2.0 * variances[sun] * (ray + 0.5) / RAYS)[:, None]
+        angle = (start + ray * np.pi * (3.0 - math.sqrt(5.0)))[:, None]
+        aim = toward + radius * (np.cos(angle) * side + np.sin(angle) * other)
+        differs = _free(sample, origins, aim / np.linalg.norm(aim, axis=1, keepdims=True)) - point
+        for color in range(3):
+            off[ray % 2, :, color] += np.bincount(row, differs * sent[:, color], len(rows)) * (2.0 / RAYS)
+    return off
+
+
+def _free(sample, origins, toward):
+    """(N,) 1.0 where a ray meets nothing."""
+    rays = np.concatenate([origins, toward.astype(np.float32)], axis=1)
+    return 1.0 - sample.occluder.occluded(rays).astype(np.float64)
