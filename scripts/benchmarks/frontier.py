@@ -42,7 +42,7 @@ BARE_RAYS = 16  # of each vertex, for the unit of time
 MADE_VERTICES = 12_000
 DEFAULT_SCENES = ("ball", "ball-on-plane", "tabletop", "room", "object")
 NEURAL_RAYS = 8, 16, 32
-QUICK = ["ball", "--env", "noon", "--bands", "3", "--rays", "8", "--suns", "0", "--bounces", "0", "--repeats", "1"]
+QUICK = ["tabletop", "--env", "noon", "--bands", "3", "--rays", "8", "--suns", "0", "--bounces", "0", "--repeats", "1"]
 QUICK += ["--tolerances", "0.05", "--directions", "1024"]
 
 
@@ -114,7 +114,7 @@ def truths(occluder, rows, lights, albedo, directions):
         part = slice(start, start + 256)
         shot = np.zeros((len(origins[part]), GATHER_RAYS, 6), np.float32)
         sampling.shoot(origins[part], normals[part], azimuths, 7, shot)
-        face, uv, face_normal = occluder.first_hits(shot)
+        _, face, uv, face_normal = occluder.first_hits(shot)
         ray = np.nonzero(face >= 0)
         corners = occluder.faces[face[ray]].astype(np.int64)
         shares = np.stack([1.0 - uv[ray].sum(axis=1), *uv[ray].T], axis=1)
