@@ -24,7 +24,7 @@ DARK = 1e-3
 
 CLOSER = 4
 """Times as many directions in which the sample looks before a check against it fails: its own noise, in the shade of
-leaves, was two thirds of what rays were blamed for, and no number of them made it less."""
+needles, was most of what rays were blamed for, and no number of them made it less."""
 
 
 class EffectErrors:
