@@ -4,7 +4,7 @@ relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.api import convert
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
+from splat2mesh.base.version import __version__ as __version__
+from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.folder import META
 from splat2mesh.scene.foreign import AnyScene
 from splat2mesh.scene.scene import Scene
@@ -24,10 +27,13 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter
-from .job import AnyLight, Job, Shaded
+from .folders import lights_of, meshed_request, planned_request
+from .job import Job, Shaded
 from .light.environment import Environment
 from .light.tonemap import tone_map
 from .options import LightingOptions
+from .planning.plan import Plan
+from .request import AnyLight, RelightRequest
 from .splats import write_relit_ply
 from .writing import REPORT, Writer, report_of
 
@@ -114,90 +120,131 @@ class RelitSplat:
 
 
 def relight_scene(
-    scene: AnyScene,
+    scene: "AnyScene | RelightRequest",
     env: AnyLight = "studio",
     options: LightingOptions | str | None = None,
     *,
-    angle_deg: float = 0.0,
-    albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
-    capture_env: AnyLight | None = None,
-    exposure_ev: float | None = None,
-    formats: Sequence[str] | None = None,
-    live_mesh: bool = False,
-    harmonics: str = "zero",
+    angle_deg: float | None = None,
     stages: Stages | None = None,
-    **wishes: Any,
+    **changes: Any,
 ) -> RelitScene:
-    """Put a scene under a light, as the command does.
+    """Put a scene under a light, as the command does; nothing is written before `save`.
 
-    scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista. env: an
-    Environment, an .exr or .hdr file, or "studio", "overcast", "sunset", "noon". options: LightingOptions or the name
-    of a method; `wishes` are fields of them, such as tolerance=0.02. angle_deg: turns the light about the vertical,
-    counter-clockwise from above. albedo: "estimated" (the light of the capture taken out: the default for what was made
-    of a splat), "captured" (the default for other meshes), "white", or (V, 3) linear, as an array or a .npy file.
-    capture_env: the light of the capture, where it is known. exposure_ev: show radiance times 2^exposure_ev; by default
-    as the capture was exposed. formats: what `save` writes: any of glb, ply, npy, png, splat, albedo-splat,
-    splat-glb, usd, live, web; by default glb, png and, where the splat that the scene was made from is found, splat.
-    live_mesh: live.glb too, whose light shaders turn. harmonics: "zero", or "keep" what of an albedo splat's colours
-    depends on the view. stages: times the work. What can be used again is kept in the cache of a scene folder. Raises
-    InputError for what cannot be read or used.
+    Parameters
+    ----------
+    scene : Scene, path, mesh or RelightRequest
+        A Scene; the path of a scene folder or mesh file; a mesh of trimesh, open3d or PyVista; or all of it as one
+        request.
+    env : Environment, path or name
+        An `.exr` or `.hdr` file, or "studio", "overcast", "sunset", "noon".
+    options : LightingOptions or str, optional
+        LightingOptions or the name of a method.
+    angle_deg : float
+        Turns the light about the vertical, counter-clockwise from above.
+    stages : Stages, optional
+        Times the work.
+    **changes
+        Fields of LightingOptions and RelightRequest, such as tolerance=0.02, albedo="white" or formats=("npy",).
+
+    Raises
+    ------
+    InputError
+        For what cannot be read or used.
+
+    Notes
+    -----
+    What can be used again is kept in the cache of a scene folder.
     """
-    job = Job(
-        scene,
-        env,
-        LightingOptions.of(options, **wishes),
-        angles_deg=(angle_deg,),
-        albedo=albedo,
-        capture_env=capture_env,
-        exposure_ev=exposure_ev,
-        formats=formats,
-        stages=stages,
-    )
-    return _relit(Writer(job, live_mesh=live_mesh, harmonics=harmonics))
+    if angle_deg is not None:
+        changes["angles_deg"] = (angle_deg,)
+    return _relit(Writer(Job(RelightRequest.of(scene, env, options, **changes), stages)))
 
 
 def relight_splat(
-    splat: "Scene | str | os.PathLike[str]",
+    splat: Scene | str | os.PathLike[str],
     env: AnyLight = "studio",
     options: LightingOptions | str | None = None,
     *,
     angle_deg: float = 0.0,
-    albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
-    capture_env: AnyLight | None = None,
-    exposure_ev: float | None = None,
     source: str | os.PathLike[str] | None = None,
-    meshing: Mapping[str, Any] | None = None,
+    meshing: ConvertOptions | Mapping[str, Any] | None = None,
     stages: Stages | None = None,
-    **wishes: Any,
+    **changes: Any,
 ) -> RelitSplat:
     """Put a splat under a light: `relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")`.
 
-    splat: a splat file of any kind that can be read, or a layout of several, which is meshed first; or a Scene or scene
-    folder that was made of one. source: the splat of such a scene, where it is not where the scene says. meshing:
-    arguments of `splat2mesh.convert`, such as {"detail": "draft"}. The others: as for `relight_scene`.
-    Raises InputError for what cannot be read or used.
+    Parameters
+    ----------
+    splat : path or Scene
+        A splat file of any kind that can be read, or a layout of several, which is meshed first; or a Scene or scene
+        folder that was made of one.
+    source : path, optional
+        The splat of such a scene, where it is not where the scene says.
+    meshing : ConvertOptions or mapping, optional
+        How the splat is meshed, such as {"detail": "draft"}.
+    env, options, angle_deg, stages, **changes
+        As for `relight_scene`.
+
+    Raises
+    ------
+    InputError
+        For what cannot be read or used.
     """
     stages = stages or Stages()
-    scene = _meshed(splat, meshing or {}, stages)
-    job = Job(
-        scene,
-        env,
-        LightingOptions.of(options, **wishes),
-        angles_deg=(angle_deg,),
-        albedo=albedo,
-        capture_env=capture_env,
-        exposure_ev=exposure_ev,
-        formats=("glb", "png", "splat"),
-        splat=source,
-        stages=stages,
-    )
+    wanted = meshing if isinstance(meshing, ConvertOptions) else ConvertOptions(**(meshing or {}))
+    scene = _meshed(splat, wanted, stages)
+    fixed: dict[str, Any] = {"angles_deg": (angle_deg,), "formats": ("glb", "png", "splat"), "splat": source}
+    job = Job(RelightRequest.of(scene, env, options, **{**changes, **fixed}), stages)
     found = job.splats
     writer = Writer(job)
     relit = _relit(writer)
     return RelitSplat(writer.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
 
 
-def estimate_albedo(scene: "AnyScene | Relighter", capture_env: AnyLight | None = None, *, seed: int = 0) -> Appearance:
+def plan_relight(request: RelightRequest, stages: Stages | None = None) -> tuple[Plan | None, str]:
+    """Return the Plan of a request without any work that takes long, and a note on what it leaves open, or "".
+
+    The Plan is None for a splat that is not meshed yet. Nothing is written. Raises InputError for what cannot be
+    planned: a method that has no settings to choose, a room that no environment changes.
+    """
+    planned = planned_request(request)
+    if planned is None:
+        note = f"{request.scene} is meshed first: splat2mesh {request.scene} --plan shows how. "
+        return None, note + "Light is planned once that is done."
+    job = Job(planned.under(lights_of(planned)[0]), stages)
+    plan, note = job.planned()
+    if plan is None and job.steady:
+        raise InputError("no environment changes this room, so that there is nothing to plan")
+    if plan is None:
+        raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
+    return plan, note
+
+
+def view_request(
+    request: RelightRequest, *, screenshot: str | os.PathLike[str] | None = None, stages: Stages | None = None
+) -> None:
+    """Open the session of a request, a splat being meshed first; or write its picture and open no window."""
+    from .viewer import view
+
+    session = _session(request, stages or Stages())
+    view(**session, screenshot=screenshot)
+
+
+def serve_request(
+    request: RelightRequest,
+    port: int = 0,
+    announce: Callable[[str], None] = lambda url: None,
+    stages: Stages | None = None,
+) -> None:
+    """Show the session of a request in a browser of this machine, until it is quit. announce: given its address."""
+    from .viewer import serve
+
+    serve(**_session(request, stages or Stages()), port=port, announce=announce)
+
+
+def estimate_albedo(
+    scene: "AnyScene | Relighter", capture_env: "AnyLight | None" = None, *, seed: int = 0
+) -> Appearance:
     """The light of the capture taken out of the colours of a scene: an Appearance, whose `albedo` is (V, 3) linear.
 
     scene: as for `relight_scene`, or a Relighter, whose cache is used and whose rays are kept. capture_env: the light
@@ -217,14 +264,18 @@ def _relit(writer: Writer) -> RelitScene:
     return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
-def _meshed(splat: "Scene | str | os.PathLike[str]", settings: Mapping[str, Any], stages: Stages) -> "Scene | Path":
-    """The scene itself where it is one, else that of the splat."""
+def _session(request: RelightRequest, stages: Stages) -> dict[str, Any]:
+    if len(request.angles_deg) > 1:
+        raise InputError("`angles_deg`: a session has one angle")
+    request, _ = meshed_request(request, stages)
+    session = Job(request.under(lights_of(request)[0]), stages).session()
+    stages.close()
+    return session
+
+
+def _meshed(splat: Scene | str | os.PathLike[str], options: ConvertOptions, stages: Stages) -> Scene | Path:
+    """Return the scene itself where it is one, else that of the splat."""
     if isinstance(splat, Scene):
         return splat
     path = Path(splat)
-    if (path / META).is_file():
-        return path
-    from splat2mesh.layout import convert_layout, is_layout
-    from splat2mesh.pipeline import convert
-
-    return (convert_layout if is_layout(path) else convert)(path, stages=stages, **settings)
+    return path if (path / META).is_file() else convert(path, options, stages=stages)

@@ -5,9 +5,11 @@ import argparse
 from splat2mesh.base.commandline import Parser
 from splat2mesh.base.manual import add_manuals
 from splat2mesh.base.version import VERSION
-from splat2mesh.cli import add_tiling
+from splat2mesh.cli import add_display, add_meshing, add_tiling
 
+from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from .output.kinds import FILES
+from .request import RelightRequest
 from .transfer import METHODS
 from .transfer.settings import EFFECTS
 
@@ -33,8 +35,9 @@ def parser() -> argparse.ArgumentParser:
         description="Put a scene under any light, with the shadows of everything on everything.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,
     )
-    parser.signed = ("--rotate",)
+    parser.signed = ("--rotate", "--up", "--eye")
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
@@ -42,17 +45,17 @@ def parser() -> argparse.ArgumentParser:
     names = "studio, overcast, noon, sunset"
     add(
         "--env",
-        default="studio",
         metavar="FILE|NAME|FOLDER",
-        help=f".exr or .hdr file, a folder of them, each of which lights the scene, or {names} (default: %(default)s)",
+        help=f".exr or .hdr file, a folder of them, each of which lights the scene, or {names} "
+        f"(default: {RelightRequest.env})",
     )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
-    add("--rotate", default="0", metavar="DEG|A:B:STEP", help=rotate)
+    add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
-    lamps = "of a closed room: keep, off, or a factor on their light (default: %(default)s)"
-    add("--lamps", default="keep", metavar="keep|off|FACTOR", help=lamps)
+    lamps = f"of a closed room: keep, off, or a factor on their light (default: {LightingOptions.lamps})"
+    add("--lamps", metavar="keep|off|FACTOR", help=lamps)
     add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
-    add("--exposure", type=float, metavar="EV", help=exposure)
+    add("--exposure", dest="exposure_ev", type=float, metavar="EV", help=exposure)
 
     add = parser.add_argument_group("surface and accuracy").add_argument
     albedo = "estimated (the light of the capture taken out), captured (the scene's colours), white, or FILE.npy, "
@@ -60,21 +63,29 @@ def parser() -> argparse.ArgumentParser:
     add("--albedo", metavar="WHICH", help=albedo)
     capture = "the light of the capture, where it is known (.exr, .hdr): then only its exposure is estimated"
     add("--capture-env", metavar="FILE", help=capture)
-    method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced (default: %(default)s)"
-    add("--method", default="auto", metavar="NAME", help=method)
+    method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced "
+    method += f"(default: {LightingOptions.method})"
+    add("--method", metavar="NAME", help=method)
     tolerance = "relative error of the light that is accepted; what it does not call for is not computed "
-    tolerance += "(default: 0.01, which is 1%%, of places 0.03)"
+    tolerance += f"(default: {DEFAULT_TOLERANCE:g}, which is {DEFAULT_TOLERANCE:.0%}%, of places {PLACE_TOLERANCE:g})"
     add("--tolerance", metavar="ERROR", help=tolerance)
     budget = "the most exact light in so much time, instead of a tolerance"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
-    effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} (default: %(default)s)"
-    add("--effects", default="auto", metavar="LIST", help=effects)
+    effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} "
+    effects += f"(default: {LightingOptions.effects})"
+    add("--effects", metavar="LIST", help=effects)
     add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")
     add("--rays", type=int, metavar="N", help="rays per vertex (default: as planned)")
     add("--plan", action="store_true", help="print what would be done, and what accuracy costs here; do nothing")
-    add("--no-cache", action="store_true", help="neither use nor keep what was computed, in SCENE/cache")
+    add(
+        "--no-cache",
+        dest="caching",
+        action="store_const",
+        const="none",
+        help="neither use nor keep what was computed, in SCENE/cache",
+    )
     add("--clear-cache", action="store_true", help="remove first what is kept in SCENE/cache")
-    add("--seed", type=int, default=0, metavar="N", help="seed of the ray directions (default: %(default)s)")
+    add("--seed", type=int, metavar="N", help=f"seed of the ray directions (default: {LightingOptions.seed})")
 
     add = parser.add_argument_group("session").add_argument
     add("--view", action="store_true", help="open a window to turn, swap and compare lights in; h lists its keys")
@@ -84,33 +95,39 @@ def parser() -> argparse.ArgumentParser:
     add("--serve", nargs="?", const=0, type=int, metavar="PORT", help=serve)
 
     add = parser.add_argument_group("motion").add_argument
-    add("--animate", action="store_true", help="light every frame of an animated .glb; with ffmpeg a film too")
-    add("--fps", type=float, default=24.0, metavar="N", help="frames per second of --animate (default: %(default)g)")
+    add(
+        "--animate",
+        dest="animated",
+        action="store_true",
+        help="light every frame of an animated .glb; with ffmpeg a film too",
+    )
+    add("--fps", type=float, metavar="N", help=f"frames per second of --animate (default: {RelightRequest.fps:g})")
 
+    add_meshing(parser.add_argument_group("meshing of a splat that has no scene folder yet").add_argument)
     add_tiling(parser)
     add = parser.add_argument_group("results").add_argument
     output = "folder to write, for several angles the one for their folders (default: SCENE/relit/ENV_ANGLE)"
     add("-o", "--output", metavar="OUT", help=output)
     kinds = f"any of {' '.join(FILES)} (default: glb png, and splat where the scene was made of one); of a city any of "
     kinds += "glb ply npy splat sog"
-    add("--format", nargs="+", action="extend", metavar="KIND", help=kinds)
+    add("--format", dest="formats", nargs="+", action="extend", metavar="KIND", help=kinds)
     add("--sheet", action="store_true", help="sheet.png too: captured, albedo and the lights side by side")
     live = "with --format glb: live.glb too, whose light shaders turn (docs/engines.md)"
-    add("--live", action="store_true", help=live)
-    harmonics = "colour of an albedo splat that depends on the view: zero, keep (default: %(default)s)"
-    add("--harmonics", default="zero", metavar="WHICH", help=harmonics)
+    add("--live", dest="live_mesh", action="store_true", help=live)
+    harmonics = "colour of an albedo splat that depends on the view: zero, keep "
+    harmonics += f"(default: {RelightRequest.harmonics})"
+    add("--harmonics", metavar="WHICH", help=harmonics)
     bake = "textures for low-poly meshes: texture (GLB, relit and as albedo); with transfer also its images for shaders"
-    add("--bake", nargs="+", action="extend", metavar="WHAT", help=bake)
+    add("--bake", dest="baked", nargs="+", action="extend", metavar="WHAT", help=bake)
     add("--texture-size", type=int, metavar="N", help="side of the textures in texels (default: as fine as the splat)")
     add("--splat", metavar="FILE", help="the splat of the scene, for --format splat (default: where scene.json says)")
-    sky = "the far background of a relit splat: new (the new light), keep (as captured), drop (default: %(default)s)"
-    add("--sky", default="new", metavar="WHICH", help=sky)
+    sky = "the far background of a relit splat: new (the new light), keep (as captured), drop "
+    sky += f"(default: {RelightRequest.sky})"
+    add("--sky", metavar="WHICH", help=sky)
     lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
-    add("--lights", nargs="+", default=[], metavar="FILE|NAME", help=lights)
+    add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
     add("--overwrite", action="store_true", help="replace results that exist")
-    add("--json", action="store_true", help="print the result as one JSON object")
-    add("-q", "--quiet", action="store_true", help="no progress, no summary")
-    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+    add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
     return parser

@@ -1,14 +1,13 @@
 """A scene and a light, from files to radiance. Every stage is done when it is asked for; `writing` writes the results.
 
-job = Job("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,))
+job = Job(RelightRequest("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,)))
 job.plan                load, albedo, plan
 job.shaded()            shade
 """
 
-import copy
 import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -17,9 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.choices import check_choice
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
-from splat2mesh.scene.foreign import AnyScene, as_scene
+from splat2mesh.scene.foreign import as_scene
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
@@ -30,7 +30,8 @@ from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import OF_SPLATS
+from .output.kinds import FILES, OF_SPLATS
+from .request import AnyLight, RelightRequest
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
@@ -41,8 +42,8 @@ if TYPE_CHECKING:
 DEFAULT_FORMATS = ("glb", "png")
 """What is written where nobody says; with a splat, that too."""
 
-AnyLight = Environment | str | os.PathLike[str]
-"""An Environment, a file, or the name of a built-in one."""
+OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room"})
+"""Stages of a Job that another light does not share."""
 
 
 class Shaded(NamedTuple):
@@ -54,53 +55,27 @@ class Shaded(NamedTuple):
 
 
 class Job:
-    """A scene under an environment at some angles. Nothing is read or computed before it is asked for.
+    """A request of a relight, done stage by stage. Nothing is read or computed before it is asked for.
 
+    request: RelightRequest of one light. stages: Stages that time the work.
     Raises InputError, then, for whatever cannot be read or used.
     """
 
-    def __init__(
-        self,
-        scene: AnyScene,
-        env: AnyLight = "studio",
-        options: LightingOptions | None = None,
-        *,
-        angles_deg: Sequence[float] = (0.0,),
-        albedo: str | os.PathLike[str] | NDArray[np.floating] | None = None,
-        capture_env: AnyLight | None = None,
-        exposure_ev: float | None = None,
-        formats: Sequence[str] | None = None,
-        baked: Sequence[str] = (),
-        splat: str | os.PathLike[str] | None = None,
-        animated: bool = False,
-        caching: str = "keep",
-        stages: Stages | None = None,
-    ) -> None:
-        """What to light, and how.
-
-        options: LightingOptions; within the default tolerance where they name neither that nor a budget. angles_deg:
-        of the light. albedo: of `appearance_of`; by default "estimated" for what was made of a splat, "captured" for
-        other meshes. capture_env: the light of the capture, where it is known. exposure_ev: show radiance times
-        2^exposure_ev. formats: words of `output.kinds.FILES`; by default glb, png and, where the splat of the scene is
-        found, splat. baked: of `Results`. splat: the splat of the scene, where it is not where the scene says.
-        animated: whether the scene is an animated .glb. caching: "keep" what is computed in the scene's folder, "read"
-        what was kept there, or "none".
-        """
-        self.wishes = options or LightingOptions()
-        self.stages = stages or Stages()
-        self.angles_deg, self.exposure_ev, self.baked = tuple(angles_deg), exposure_ev, tuple(baked)
-        self._given, self._env, self._capture_env = scene, env, capture_env
-        self._formats = None if formats is None else tuple(formats)
-        self._albedo, self._splat, self._animated, self._caching = albedo, splat, animated, caching
+    def __init__(self, request: RelightRequest, stages: Stages | None = None) -> None:
+        self.request, self.stages = request, stages or Stages()
 
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light: all that does not depend on the light is shared."""
-        self.appearance, self.formats  # noqa: B018  what is shared is made first
-        other = copy.copy(self)
-        for name in ("environment", "plan", "lights", "room"):
-            other.__dict__.pop(name, None)
-        other._env = env
+        self.require("appearance", "formats")
+        other = Job(self.request.under(env), self.stages)
+        done = {name: made for name, made in vars(self).items() if name not in vars(other)}
+        vars(other).update({name: made for name, made in done.items() if name not in OF_ONE_LIGHT})
         return other
+
+    def require(self, *stages: str) -> None:
+        """Do stages now, by the names of their attributes: what fails, fails before the work that follows."""
+        for name in stages:
+            getattr(self, name)
 
     # load
 
@@ -108,14 +83,14 @@ class Job:
     def environment(self) -> Environment:
         """The light, not turned."""
         with self.stages.stage("environment"):
-            return light_of(self._env)
+            return light_of(self.request.env)
 
     @cached_property
     def scene(self) -> Scene:
         """What is lit; of an animation its first frame."""
-        self.environment  # noqa: B018  a light that cannot be read is told before a scene is
+        self.require("environment")  # a light that cannot be read fails before a scene is read
         with self.stages.stage("load"):
-            return self.animation.scene if self._animated else as_scene(self._given)
+            return self.animation.scene if self.request.animated else as_scene(self.request.scene)
 
     @cached_property
     def splats(self) -> tuple[Splats, list[Path]] | None:
@@ -123,13 +98,13 @@ class Job:
 
         Where nobody asked for them and they are not found, None, with a DataWarning.
         """
-        wanted = bool(set(OF_SPLATS) & set(self._formats or ()))
-        asked = wanted or (self._of_splats and (bool(self.baked) or self._splat is not None))
+        wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
+        asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
         if not asked and "sha256" not in self.scene.source:
             return None
         with self.stages.stage("load"):
             try:
-                return source_splats(self.scene, self._splat)
+                return source_splats(self.scene, self.request.splat)
             except InputError as error:
                 if asked:
                     raise
@@ -140,21 +115,23 @@ class Job:
     @cached_property
     def formats(self) -> tuple[str, ...]:
         """What is written of each light, of `output.kinds.FILES`."""
-        if self._formats is not None:
-            return self._formats
+        if self.request.formats is not None:
+            for word in self.request.formats:
+                check_choice("formats", word, tuple(FILES))
+            return tuple(self.request.formats)
         return DEFAULT_FORMATS if self.splats is None else (*DEFAULT_FORMATS, "splat")
 
     @cached_property
     def options(self) -> LightingOptions:
         """The options that were given, with the tolerance that the scene calls for where they name none."""
-        return self.wishes.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
+        return self.request.lighting.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
 
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
         if self.shows_splats:
-            self.splats  # noqa: B018  a splat that is missing is told before any work
-        if "usd" in (self._formats or ()):
+            self.require("splats")  # a missing splat fails before any work
+        if "usd" in (self.request.formats or ()):
             from .output.usd import library
 
             library()  # so is a package
@@ -164,7 +141,7 @@ class Job:
     @cached_property
     def cache(self) -> Cache | None:
         """Where what is computed is kept, or None."""
-        return Cache.of_scene(self.scene, self._caching == "read") if self._caching != "none" else None
+        return Cache.of_scene(self.scene, self.request.caching == "read") if self.request.caching != "none" else None
 
     @cached_property
     def binding(self) -> "Binding":
@@ -174,7 +151,7 @@ class Job:
         if self.splats is None:
             raise InputError(f"{self.name}: no splats belong to this scene")
         with self.stages.stage("bind splats"):
-            return Binding(self.splats[0], self.scene, seed=self.wishes.seed, cache=self.cache)
+            return Binding(self.splats[0], self.scene, seed=self.request.lighting.seed, cache=self.cache)
 
     # albedo
 
@@ -183,7 +160,7 @@ class Job:
         """Albedo and captured colours of the surfaces."""
         relighter = self.relighter
         with self.stages.stage("load"):
-            capture_env = None if self._capture_env is None else light_of(self._capture_env)
+            capture_env = self._capture_env()
         look = appearance_of(self._choice, capture_env, relighter)
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
@@ -198,7 +175,7 @@ class Job:
         albedo, room = self.appearance.albedo, self.room
         if self.steady:
             return None
-        return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.angles_deg))
+        return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
 
     def planned(self) -> tuple["Plan | None", str]:
         """The Plan without any work that takes long, and a note on what it leaves open, or "".
@@ -208,16 +185,18 @@ class Job:
         if self.choice_name != "estimated" or "appearance" in self.__dict__:
             return self.plan, ""
         relighter = self.relighter
-        albedo = albedo_kept(None if self._capture_env is None else light_of(self._capture_env), relighter)
+        albedo = albedo_kept(
+            None if self.request.capture_env is None else light_of(self.request.capture_env), relighter
+        )
         note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
         used = self.scene.colors_linear if albedo is None else albedo
-        return relighter.plan_for(self.environment, used, len(self.angles_deg)), note
+        return relighter.plan_for(self.environment, used, len(self.request.angles_deg)), note
 
     # shade
 
     def shaded(self) -> Iterator[Shaded]:
         """Light the scene from angle after angle, all at the same exposure."""
-        self.plan  # noqa: B018  for all the angles
+        self.require("plan")  # for all the angles
         lights = self.lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
         first = self._shading(lights[0])
@@ -235,7 +214,7 @@ class Job:
         others = {"captured": look.captured, "white": None}
         chosen = self.choice_name if self.choice_name in CHOICES else Path(self.choice_name).stem
         lights = Path(self.light_name)
-        exposure = None if self.exposure_ev is None else 2.0**self.exposure_ev
+        exposure = None if self.request.exposure_ev is None else 2.0**self.request.exposure_ev
         albedo, by_lamps = (look.albedo, None) if room is None else room.session()
         exposure = room.exposure if room and exposure is None else exposure
         opened = self.options.opened is not None
@@ -286,12 +265,15 @@ class Job:
             return self.room.shading(light)
         return self.relighter.shading(light, self.appearance.albedo)
 
+    def _capture_env(self) -> Environment | None:
+        return None if self.request.capture_env is None else light_of(self.request.capture_env)
+
     @cached_property
     def animation(self) -> Any:
         """The Animation that the scene is a frame of."""
         from .animation.animation import Animation
 
-        return Animation(str(self._given))
+        return Animation(str(self.request.scene))
 
     @cached_property
     def _of_splats(self) -> bool:
@@ -301,7 +283,7 @@ class Job:
     @property
     def _choice(self) -> Any:
         """What the albedo is taken from."""
-        return ("estimated" if self._of_splats else "captured") if self._albedo is None else self._albedo
+        return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
 
     @property
     def choice_name(self) -> str:
@@ -311,36 +293,43 @@ class Job:
     @cached_property
     def lights(self) -> list[Environment]:
         """The light, turned by each of the angles."""
-        return [self.environment.rotated(angle) for angle in self.angles_deg]
+        return [self.environment.rotated(angle) for angle in self.request.angles_deg]
 
     @property
     def _shows_splats_alone(self) -> bool:
         """Whether nothing of a place is shown but its splats, so that no vertex beside them needs light of its own."""
-        alone = not self.baked and self._formats is not None and set(self._formats) <= {"splat", "png"}
-        return alone and not self._animated and self.scene.is_place and self.splats is not None
+        alone = (
+            not self.request.baked
+            and self.request.formats is not None
+            and set(self.request.formats) <= {"splat", "png"}
+        )
+        return alone and not self.request.animated and self.scene.is_place and self.splats is not None
 
     @property
     def shows_splats(self) -> bool:
         """Whether any result needs the splats: pictures show them too."""
-        return bool(self.baked) or self._formats is None or bool({*OF_SPLATS, "png"} & set(self._formats))
+        baked, formats = self.request.baked, self.request.formats
+        return bool(baked) or formats is None or not {*OF_SPLATS, "png"}.isdisjoint(formats)
 
     @property
     def name(self) -> str:
         """The scene as the report names it."""
-        if isinstance(self._given, (str, os.PathLike)):
-            return str(Path(self._given))
+        given = self.request.scene
+        if isinstance(given, (str, os.PathLike)):
+            return str(Path(given))
         return str(self.scene.path or self.scene.source.get("file", "a mesh in memory"))
 
     @property
     def light_name(self) -> str:
         """The light as the report names it."""
-        return self._env.name if isinstance(self._env, Environment) else str(self._env)
+        env = self.request.env
+        return env.name if isinstance(env, Environment) else str(env)
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
         a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
-        if self.exposure_ev is not None:
-            return 2.0**self.exposure_ev
+        if self.request.exposure_ev is not None:
+            return 2.0**self.request.exposure_ev
         if self.room and self.room.exposure is not None:
             return self.room.exposure
         others = (self._shading(light).radiance for light in self.lights[1:])
@@ -349,8 +338,8 @@ class Job:
 
     def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
         """The same for one other light. radiance: None in a room whose exposure is known."""
-        if self.exposure_ev is not None:
-            return 2.0**self.exposure_ev
+        if self.request.exposure_ev is not None:
+            return 2.0**self.request.exposure_ev
         if radiance is None:
             return level_of(self._brightness, light)
         return exposure_as_captured(self._brightness, self.appearance.captured, light, auto_exposure(radiance))

@@ -2,22 +2,30 @@
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from splat2mesh.api import convert, default_folder
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Stages
+from splat2mesh.options import ConvertOptions, changed_fields
 from splat2mesh.scene.folder import META
-
-if TYPE_CHECKING:
-    from splat2mesh.base.progress import Stages
+from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.sources import fingerprint
+from splat2mesh.summary import summary_of
 
 _SPLAT_ENDINGS = (".splat", ".spz", ".sog", ".json")
 """Of files that are never meshes."""
 
 _HEADER_BYTES = 1 << 16
 
+_SETTINGS = {"stand": "from"}
+"""Fields of ConvertOptions that scene.json calls otherwise."""
+
+_UNRECORDED = ("cameras", "eyes")
+"""Fields whose values scene.json does not keep."""
+
 
 def is_splat(path: str | os.PathLike[str]) -> bool:
-    """Whether a path that exists is a splat or a layout of several, told by what it holds; not whether it is sound."""
+    """Whether a path that exists is a splat or a layout of several, by what it holds; not whether it is sound."""
     path = Path(path)
     if path.is_dir():
         return not (path / META).is_file()
@@ -29,47 +37,51 @@ def is_splat(path: str | os.PathLike[str]) -> bool:
     return b"f_dc_0" in header or b"packed_position" in header
 
 
-def scene_folder(splat: str | os.PathLike[str], stages: "Stages") -> tuple[Path, list[str]]:
-    """The scene folder of a splat, in the current folder, and what to tell: made now, unless it is there already.
+def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages: Stages) -> tuple[Path, list[str]]:
+    """Return the scene folder of a splat, in the current folder, and lines of a summary; it is made where missing.
 
-    Raises InputError where another thing has its name, and for a splat that cannot be used.
+    Raises InputError where another thing has its name, where the folder was made with other options, and for a splat
+    that cannot be used.
     """
-    from splat2mesh.cli import default_output, told
-
     splat = Path(splat)
-    folder = Path(default_output(splat))
-    if os.path.lexists(folder):
-        _check_made_of(folder, splat)
+    folder = existing_folder(splat, options)
+    if folder is not None:
         return folder, [f"{folder}: the scene of {splat}, made before"]
-    from splat2mesh.layout import convert_layout, is_layout
-    from splat2mesh.pipeline import convert
-
-    scene = (convert_layout if is_layout(splat) else convert)(splat, stages=stages)
+    folder = Path(default_folder(splat))
+    scene = convert(splat, options, stages=stages)
     with stages.stage("write"):
         scene.save(folder)
-    return folder, told(scene, folder)
+    return folder, summary_of(scene, folder)
 
 
-def planned(splat: str | os.PathLike[str]) -> Path | None:
-    """The scene folder that a splat has already, or None."""
-    from splat2mesh.cli import default_output
-
-    folder = Path(default_output(Path(splat)))
+def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> Path | None:
+    """Return the scene folder that a splat has already, or None. Errors as of `scene_folder`."""
+    folder = Path(default_folder(splat))
     if not os.path.lexists(folder):
         return None
-    _check_made_of(folder, Path(splat))
+    settings = _check_made_of(folder, Path(splat))
+    for name in changed_fields(options):
+        if name in _UNRECORDED or settings.get(_SETTINGS.get(name, name)) != getattr(options, name):
+            raise InputError(
+                f"`{name}`: it is about meshing, and {folder} is meshed already, with another or unknown value; "
+                f"mesh it anew: splat2mesh {splat} --overwrite with that option"
+            )
     return folder
 
 
-def _check_made_of(folder: Path, splat: Path) -> None:
-    """Raise InputError unless a folder is the scene of this splat as it is now."""
-    from splat2mesh.scene.scene import Scene
-    from splat2mesh.scene.sources import fingerprint
+def refuse_meshing(scene: object, options: ConvertOptions) -> None:
+    """Raise InputError for options of meshing where there is nothing to mesh."""
+    for name in changed_fields(options):
+        raise InputError(f"`{name}`: it is about meshing a splat, and {scene} is a mesh already: splat2mesh takes it")
 
+
+def _check_made_of(folder: Path, splat: Path) -> dict[str, object]:
+    """Return the settings of a folder. Raises InputError unless it is the scene of this splat as it is now."""
     advice = f"mesh it under another name: splat2mesh {splat} -o NAME; then relight NAME"
     if not (folder / META).is_file():
         raise InputError(f"{folder} exists already and is no scene folder: {advice}")
-    source = Scene.load(folder).source
-    same = source.get("sha256") == fingerprint(splat, source.get("lod", "auto"))
+    scene = Scene.load(folder)
+    same = scene.source.get("sha256") == fingerprint(splat, scene.source.get("lod", "auto"))
     if not same:
         raise InputError(f"{folder} is the scene of another splat, or of an older one: {advice}")
+    return scene.settings

@@ -5,9 +5,7 @@ for shaded in job.shaded():
     writer.write(shaded, folder)
 """
 
-import copy
 import os
-from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
@@ -23,47 +21,29 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from .job import AnyLight, Job, Shaded, light_of
+from .job import Job, Shaded, light_of
 from .light.skies import BUILTIN
 from .output.engine_files import EngineFiles
 from .output.kinds import FOR_ENGINES
 from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
+from .request import AnyLight
 
 REPORT = "report.json"
 """In every folder of results, which is how they are told from other folders."""
 
 
 class Writer:
-    """The results of a job in folders.
+    """Writes the results of a job into folders. messages: the warnings so far, for the report."""
 
-    texture_size: of `Results`. sky: what becomes of the far background of splats, of `splats.SKIES`. sheet: whether the
-    lights are also shown beside what was captured. lights: others that what is live has beside its own and the built-in
-    ones. live_mesh, harmonics: of `EngineFiles`. messages: the warnings so far, for the report.
-    """
-
-    def __init__(
-        self,
-        job: Job,
-        *,
-        texture_size: int | None = None,
-        sky: str = "new",
-        sheet: bool = False,
-        lights: Sequence[AnyLight] = (),
-        live_mesh: bool = False,
-        harmonics: str = "zero",
-        messages: list[str] | None = None,
-    ) -> None:
+    def __init__(self, job: Job, messages: list[str] | None = None) -> None:
         self.job = job
-        self._texture_size, self._sky, self._sheet, self._lights = texture_size, sky, sheet, tuple(lights)
-        self._live_mesh, self._harmonics = live_mesh, harmonics
         self._messages = [] if messages is None else messages
 
     def under(self, env: AnyLight) -> "Writer":
         """A Writer of the same job under another light, with the same sheet: what can be shared is."""
-        self._results  # noqa: B018  what is shared is made first
-        other = copy.copy(self)
-        other.job = self.job.under(env)
+        other = Writer(self.job.under(env), self._messages)
+        other._results = self._results  # with the sheet so far
         return other
 
     def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
@@ -73,10 +53,11 @@ class Writer:
         """
         light, shading, exposure = shaded
         report = report_of(self.job, shaded)
-        alone = self._sheet and len(self.job.angles_deg) == 1
+        asked = self.job.request
+        alone = asked.sheet and len(asked.angles_deg) == 1
         with staged_folder(folder, overwrite, REPORT) as staging:
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
-            if self._sheet:
+            if asked.sheet:
                 self._results.add_to_sheet(light, shading.radiance, exposure)
                 report["files"] += [self._results.write_sheet(staging, 1)] * alone
             report.update(told)
@@ -98,7 +79,7 @@ class Writer:
         from .animation.film import FILM, Frames, animate, frame_times
 
         job = self.job
-        job.plan  # noqa: B018  its rays are traced before the first frame
+        job.require("plan")  # its rays are traced before the first frame
         albedo, animation, (light,) = job.appearance.albedo, job.animation, job.lights
         count = len(frame_times(animation.duration_s, fps))
         shading: Any = None
@@ -119,7 +100,7 @@ class Writer:
             self._write_report(staging, report)
 
         report: dict[str, Any] = {}
-        exposure = None if job.exposure_ev is None else 2.0**job.exposure_ev
+        exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
         picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
         with ExitStack() as frames:
             advance = frames.enter_context(job.stages.stage("frames", count))
@@ -131,17 +112,18 @@ class Writer:
     @cached_property
     def _results(self) -> Results:
         job = self.job
-        relighter, look, seed = job.relighter, job.appearance, job.wishes.seed
+        asked, relighter, look = job.request, job.relighter, job.appearance
+        seed, formats = asked.lighting.seed, job.formats
         splats = job.splats if job.shows_splats else None
         live = engines = None
-        if splats is not None and {"live", "web"} & set(job.formats):
-            others = [light_of(each) for each in (*self._lights, *BUILTIN)]
-            wishes = job.exposure_of, job.wishes.tolerance, self._sky, seed, job.room
+        if splats is not None and {"live", "web"} & set(formats):
+            others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
+            wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
             live = LiveFiles(relighter, look, splats[0], others, *wishes)
-        if self._live_mesh or {*FOR_ENGINES} & {*job.formats}:
-            engines = EngineFiles(relighter, look, job.formats, splats, self._live_mesh, self._harmonics, self._sky)
-        more = self._texture_size, seed, self._sky, live, engines
-        return Results(relighter, look, job.formats, job.baked, splats, *more, lambda: job.binding)
+        if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
+            engines = EngineFiles(relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky)
+        more = asked.texture_size, seed, asked.sky, live, engines
+        return Results(relighter, look, formats, asked.baked, splats, *more, lambda: job.binding)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())
@@ -170,7 +152,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "effects": sorted(settings.effects),
         "suns": shading.sun_count,
         "bounces": [round(share, 6) for share in shading.bounces],
-        "seed": job.wishes.seed,
+        "seed": job.request.lighting.seed,
         "plan": None if job.plan is None else job.plan.as_dict(),
         "rays_traced": job.relighter.rays_traced,
         "exposure": exposure,

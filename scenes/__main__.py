@@ -35,7 +35,9 @@ EPILOG = """examples:
 
 def main(arguments=None):
     """Parse the command line and run it; returns the exit code."""
-    return console.run(_generate, _parser().parse_args(arguments))
+    options = _parser().parse_args(arguments)
+    display = console.Display(options.json, options.quiet, options.verbose)
+    return console.run(lambda: _generate(options), display)
 
 
 def _parser():

@@ -24,10 +24,15 @@ WHOLE = {
 """File of the repository -> page of the site."""
 
 REFERENCE = {
-    "splat2mesh": ("convert", "add_proxy", "Scene", "Splats", "InputError", "DataWarning"),
+    "splat2mesh": (
+        *("convert", "mesh_files", "plan_mesh", "ConvertOptions", "TilingOptions", "MeshedFiles", "add_proxy"),
+        *("Scene", "Splats", "Stages", "InputError", "UnfinishedError", "DataWarning"),
+    ),
     "relight": (
-        *("relight_splat", "relight_scene", "estimate_albedo", "Environment", "LightingOptions", "Relighter"),
-        *("RelitScene", "RelitSplat", "view"),
+        *("relight_splat", "relight_scene", "relight_files", "plan_relight", "estimate_albedo"),
+        *("RelightRequest", "LightingOptions", "Environment", "Relighter", "Shading", "Plan", "Appearance"),
+        *("RelitScene", "RelitSplat", "RelitFiles"),
+        *("view", "view_request", "serve", "serve_request", "record_turntable"),
     ),
 }
 """Package -> what of it is public; a test holds it against __all__."""

@@ -5,13 +5,25 @@ import math
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from .base.commandline import Parser, chosen
-from .base.console import peak_mb, run, wants_progress
+from .base.choices import (
+    BACKGROUND_CHOICES,
+    DETAIL_CHOICES,
+    PROXY_CHOICES,
+    STAND_CHOICES,
+    SURFACE_CHOICES,
+    UP_CHOICES,
+)
+from .base.commandline import Parser, chosen, count
+from .base.console import Display, peak_mb, run
+from .base.errors import InputError
 from .base.manual import add_manuals
+from .base.requests import given, option_names
 from .base.version import VERSION
+from .options import ConvertOptions, TilingOptions
 
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
@@ -24,6 +36,15 @@ EXAMPLES = """examples:
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
+_CHOSEN = (
+    ("detail", "--detail", DETAIL_CHOICES),
+    ("surface", "--surface", SURFACE_CHOICES),
+    ("background", "--background", BACKGROUND_CHOICES),
+    ("stand", "--from", STAND_CHOICES),
+    ("proxy", "--proxy", PROXY_CHOICES),
+)
+"""Fields whose words may come in any case, with the option of each."""
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of splat2mesh."""
@@ -32,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
         description="Turn a trained Gaussian splat into a clean, chunked triangle mesh that relight can light.",
         epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        argument_default=argparse.SUPPRESS,
     )
     parser.signed = ("--up", "--eye")
     add = parser.add_argument
@@ -47,81 +69,46 @@ def parser() -> argparse.ArgumentParser:
         metavar="SCENE",
         help="scene folder to write (default: the input's name, without its suffixes)",
     )
-    add(
-        "--cameras",
-        metavar="PATH",
-        help="cameras of the capture: a COLMAP folder such as sparse/0, a cameras.json of INRIA, a transforms.json of "
-        "nerfstudio, or none (default: the cameras.json of INRIA's output folder, else virtual views)",
-    )
-    add(
-        "--lod",
-        default="auto",
-        metavar="N",
-        help="level of a streamed SOG, 0 the finest; auto: the finest of at most 6 million splats "
-        "(default: %(default)s)",
-    )
-    add(
-        "--vertices",
-        type=_count,
-        default=None,
-        metavar="N",
-        help="size of the mesh; auto: 50,000 for an object, up to 400,000 for a place (default: auto)",
-    )
-    add("--max-chunk-vertices", type=int, default=40_000, metavar="N", help="limit of a chunk (default: %(default)s)")
-    add(
-        "--up",
-        default="auto",
-        metavar="AXIS",
-        help="what is up in the splat: +y, -y, +z, -z, or auto: told by the cameras, else by the floor of a place, "
-        "else -y (default: %(default)s)",
-    )
-    add("--detail", default="normal", metavar="LEVEL", help="draft, normal or fine (default: %(default)s)")
-    add(
-        "--surface",
-        default="field",
-        metavar="WAY",
-        help="field, or sugar: the SuGaR paper's way (default: %(default)s)",
-    )
-    add(
-        "--background",
-        default="cut",
-        metavar="WHAT",
-        help="far background of an open scene: cut, or keep, which hides the light's sky (default: %(default)s)",
-    )
-    add(
-        "--from",
-        dest="stand",
-        default="auto",
-        metavar="WHERE",
-        help="where the capture stood: auto, inside, outside (default: %(default)s)",
-    )
-    add(
-        "--eye",
-        action="append",
-        type=_point,
-        default=[],
-        metavar="X,Y,Z",
-        help="a place where the capture stood, in the splat's own frame; may be given several times",
-    )
-    add(
-        "--proxy",
-        metavar="KIND",
-        help="proxy.glb too, for collisions in engines: closed (one surface around the mesh) or convex (parts)",
-    )
-    add("--seed", type=int, default=0, metavar="N", help="seed of the virtual views (default: %(default)s)")
+    add_meshing(add)
+    add("--seed", type=int, metavar="N", help=f"seed of the virtual views (default: {ConvertOptions.seed})")
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace a scene folder that exists")
     add("--plan", action="store_true", help="print what would be done, and do nothing")
-    add("--json", action="store_true", help="print the result as one JSON object")
-    add("-q", "--quiet", action="store_true", help="no progress, no summary")
-    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+    add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
     return parser
 
 
+def add_meshing(add: Callable[..., Any]) -> None:
+    """Add the options that are fields of ConvertOptions, which both commands have. add: `add_argument` of a group."""
+    cameras = "cameras of the capture: a COLMAP folder such as sparse/0, a cameras.json of INRIA, a transforms.json of "
+    cameras += "nerfstudio, or none (default: the cameras.json of INRIA's output folder, else virtual views)"
+    add("--cameras", metavar="PATH", help=cameras)
+    lod = "level of a streamed SOG, 0 the finest; auto: the finest of at most 6 million splats (default: auto)"
+    add("--lod", metavar="N", help=lod)
+    vertices = "size of the mesh; auto: 50,000 for an object, up to 400,000 for a place (default: auto)"
+    add("--vertices", metavar="N", help=vertices)
+    most = f"limit of a chunk (default: {ConvertOptions.max_chunk_vertices})"
+    add("--max-chunk-vertices", type=int, metavar="N", help=most)
+    up = "what is up in the splat: +y, -y, +z, -z, or auto: decided by the cameras, else by the floor of a place, "
+    up += "else -y (default: auto)"
+    add("--up", metavar="AXIS", help=up)
+    add("--detail", metavar="LEVEL", help=f"draft, normal or fine (default: {ConvertOptions.detail})")
+    surface = f"field, or sugar: the SuGaR paper's way (default: {ConvertOptions.surface})"
+    add("--surface", metavar="WAY", help=surface)
+    background = "far background of an open scene: cut, or keep, which hides the light's sky "
+    add("--background", metavar="WHAT", help=f"{background}(default: {ConvertOptions.background})")
+    stand = f"where the capture stood: auto, inside, outside (default: {ConvertOptions.stand})"
+    add("--from", dest="stand", metavar="WHERE", help=stand)
+    eye = "a place where the capture stood, in the splat's own frame; may be given several times"
+    add("--eye", dest="eyes", action="append", metavar="X,Y,Z", help=eye)
+    proxy = "proxy.glb too, for collisions in engines: closed (one surface around the mesh) or convex (parts)"
+    add("--proxy", metavar="KIND", help=proxy)
+
+
 def add_tiling(parser: argparse.ArgumentParser) -> None:
-    """The options of cities in tiles, which both commands have."""
+    """Add the options of cities in tiles, which both commands have."""
     add = parser.add_argument_group("cities in tiles").add_argument
     add("--tiles", action="store_true", help="tile by tile, in bounded memory; any option of this group implies it")
     add("--memory", type=float, metavar="GIB", help="that a process may take: it sets the size of the tiles")
@@ -132,137 +119,103 @@ def add_tiling(parser: argparse.ArgumentParser) -> None:
     add("--resume", action="store_true", help="go on where a run with the same settings stopped")
 
 
-def wants_tiles(options: argparse.Namespace) -> bool:
-    """Whether an option asks for a city in tiles."""
-    return bool(options.tiles or options.resume) or any(
-        value is not None for value in (options.memory, options.workers, options.scheduler)
-    )
+def add_display(add: Callable[..., Any]) -> None:
+    """Add the options of Display, which both commands have. add: `add_argument` of a parser or a group."""
+    add("--json", action="store_true", help="print the result as one JSON object")
+    add("-q", "--quiet", action="store_true", help="no progress, no summary")
+    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+
+
+def convert_options(words: argparse.Namespace) -> ConvertOptions:
+    """Return what the words of a command line ask of the mesh. Raises InputError for words that mean nothing."""
+    said = given(ConvertOptions, words)
+    if "up" in said:
+        up = said["up"].lower()
+        said["up"] = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
+    if "vertices" in said:
+        said["vertices"] = _count(said["vertices"])
+    if "eyes" in said:
+        said["eyes"] = [_point(text) for text in said["eyes"]]
+    for name, option, choices in _CHOSEN:
+        if name in said:
+            said[name] = chosen(option, said[name], choices)
+    return ConvertOptions(**said)
+
+
+def tiling_options(words: argparse.Namespace) -> TilingOptions | None:
+    """Return how a city is worked on, or None where no option asks for tiles."""
+    said = given(TilingOptions, words)
+    return TilingOptions(**said) if said or hasattr(words, "tiles") else None
+
+
+def display_options(words: argparse.Namespace) -> Display:
+    """Return what a command shows."""
+    return Display(**given(Display, words))
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
-    return run(_command, parser().parse_args(arguments), {"stand": "--from", "eyes": "--eye"})
+    words = parser().parse_args(arguments)
+    display = display_options(words)
+    return run(lambda: _command(words, display), display, option_names(parser()))
 
 
-def _command(options: argparse.Namespace) -> tuple[list[str], Any]:
-    from .base.errors import InputError
-    from .base.outputs import check_output
-    from .scene.folder import META, PICTURE, PROXY
+def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], Any]:
+    if not os.path.exists(words.input) and "://" not in words.input:
+        raise InputError(f"{words.input}: no such file")
+    options, tiling = convert_options(words), tiling_options(words)
 
-    source = Path(options.input)
-    if not os.path.exists(source) and "://" not in options.input:
-        raise InputError(f"{source}: no such file")
-    _understand(options)
-    if wants_tiles(options) or "://" in options.input:
-        from .tiles.command import mesh_city
-
-        return mesh_city(options, parser().parse_args([options.input]), options.output or str(default_output(source)))
-    output = Path(options.output or default_output(source))
-    if options.plan:
-        return _plan(options)
-    check_output(output, options.overwrite, META)
-
+    from .api import mesh_files, plan_mesh
     from .base.progress import Stages
-    from .layout import convert_layout, is_layout
-    from .pipeline import convert
-    from .proxy import add_proxy, check_proxy
 
-    check_proxy(options.proxy)
-    start = time.perf_counter()
-    stages = Stages(show=wants_progress(options))
+    start, stages = time.perf_counter(), Stages(show=display.progress)
     try:
-        scene = (convert_layout if is_layout(source) else convert)(
-            source,
-            cameras=options.cameras,
-            lod=options.lod,
-            vertices=options.vertices,
-            max_chunk_vertices=options.max_chunk_vertices,
-            up=options.up,
-            detail=options.detail,
-            surface=options.surface,
-            background=options.background,
-            stand=options.stand,
-            eyes=options.eye,
-            seed=options.seed,
+        if hasattr(words, "plan"):
+            found = plan_mesh(words.input, options, tiling=tiling, stages=stages)
+            return _plan_lines(found), found
+        meshed = mesh_files(
+            words.input,
+            getattr(words, "output", None),
+            options,
+            tiling=tiling,
+            overwrite=hasattr(words, "overwrite"),
             stages=stages,
         )
-        if options.proxy:
-            with stages.stage("proxy"):
-                add_proxy(scene, options.proxy, options.seed)
-        with stages.stage("write"):
-            scene.save(output, overwrite=options.overwrite)
     finally:
         stages.close()
     seconds = time.perf_counter() - start
-    counts = scene.statistics
-    lines = told(scene, output, seconds)
-    lines += [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
-    if options.proxy:
-        bodies, faces = counts["proxy_bodies"], counts["proxy_faces"]
-        named = "one closed surface" if options.proxy == "closed" else f"{bodies} convex parts"
-        lines += [
-            f"  {output / PROXY}: {named} of {faces:,} faces, within {2.5 * counts['proxy_voxel']:.2g} of the mesh"
-        ]
-    lines += [f"  next: relight {output} --env sunset"]
-    if options.verbose:
+    if meshed.scene is None:
+        lines, result = _city_lines(meshed.report, seconds), meshed.report
+    else:
+        from .summary import extras_of, summary_of
+
+        output = Path(meshed.output)
+        lines = summary_of(meshed.scene, output, seconds) + extras_of(meshed.scene, output)
+        lines += [f"  next: relight {output} --env sunset"]
+        result = {**meshed.report, "peak_mb": peak_mb()}
+    if display.verbose:
         lines += [f"  {label:<16}{value:7.2f} s" for label, value in stages.seconds.items()]
-    result = {
-        "scene": str(output),
-        "chunks": len(scene.chunks),
-        **counts,
-        "seconds": stages.seconds,
-        "peak_mb": peak_mb(),
-    }
     return lines, result
 
 
-def told(scene: Any, output: Path, seconds: float | None = None) -> list[str]:
-    """What a summary says of a Scene that was written: its size, and what told which way is up."""
-    counts, took = scene.statistics, "" if seconds is None else f", {seconds:.1f} s"
-    lines = [
-        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
-        f"from {counts['splats']:,} splats{_level(scene)}{took}"
+def _city_lines(report: dict[str, Any], seconds: float) -> list[str]:
+    return [
+        f"{report['scene']}: {report['vertices']:,} vertices, {report['faces']:,} faces in {report['tiles']} tiles, "
+        f"from {report['splats']:,} splats, {seconds:.1f} s, at most {report['peak_mb'] / 1024:.2f} GiB in a process"
     ]
-    objects = scene.settings.get("objects") or {"": scene.settings}
-    for name, settings in objects.items():
-        if settings.get("up_from", "asked for") != "asked for":
-            lines.append(f"  up{f' of {name}' if name else ''}: {settings['up_from']} (--up overrules)")
-    return lines
 
 
-def _understand(options: argparse.Namespace) -> None:
-    """Put the words of options into the form that the library knows. Raises InputError for others."""
-    from .surface.extract import EFFORTS, WAYS
-    from .views.standpoints import CHOICES
-    from .views.upright import UP_CHOICES
+def _plan_lines(found: dict[str, Any]) -> list[str]:
+    if "tile_splats" in found:
+        from .tiles.outlook import lines_of
 
-    up = options.up.lower()
-    options.up = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
-    options.detail = chosen("--detail", options.detail, EFFORTS)
-    options.surface = chosen("--surface", options.surface, WAYS)
-    options.proxy = options.proxy and chosen("--proxy", options.proxy, ("closed", "convex"))
-    options.background = chosen("--background", options.background, ("cut", "keep"))
-    options.stand = chosen("--from", options.stand, CHOICES)
-
-
-def _level(scene: Any) -> str:
-    return f" of level {scene.source['lod']}" if "lod" in scene.source else ""
-
-
-def _plan(options: argparse.Namespace) -> tuple[list[str], Any]:
-    from .layout import is_layout, plan_layout
-    from .pipeline import plan
-
-    names = ("cameras", "lod", "up", "detail", "surface", "background", "stand")
-    settings = {name: getattr(options, name) for name in names} | {"eyes": options.eye}
-    if not is_layout(options.input):
-        result = plan(options.input, **settings)
-        return _listed(result), result
-    result = plan_layout(options.input, **settings)
-    lines = _listed({"splats": result["splats"]})
-    for name, planned in result["objects"].items():
+        return lines_of(found)
+    if "objects" not in found:
+        return _listed(found)
+    lines = _listed({"splats": found["splats"]})
+    for name, planned in found["objects"].items():
         lines += ["", f"{name}:", *_listed(planned)]
-    return lines, result
+    return lines
 
 
 def _listed(result: dict[str, Any]) -> list[str]:
@@ -271,24 +224,18 @@ def _listed(result: dict[str, Any]) -> list[str]:
 
 def _count(text: str) -> int | None:
     """A number of vertices, or None for auto."""
-    return None if text == "auto" else int(text)
+    return None if text == "auto" else count("--vertices", text)
 
 
 def _point(text: str) -> tuple[float, ...]:
     """Three numbers with commas between them."""
-    point = tuple(float(part) for part in text.split(","))
+    try:
+        point = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        point = ()
     if len(point) != 3 or not all(map(math.isfinite, point)):
-        raise ValueError(text)
+        raise InputError(f"--eye {text}: expected three numbers, such as 1.5,0,-2")
     return point
-
-
-def default_output(source: Path) -> str:
-    """The input's name, in the current folder; never the folder that is the input."""
-    source = source.resolve()
-    if source.name in ("meta.json", "lod-meta.json"):
-        source = source.parent
-    name = source.name.split(".")[0] or "scene"
-    return f"{name}_scene" if Path(name).resolve() == source else name
 
 
 if __name__ == "__main__":

@@ -7,18 +7,23 @@ Each object is brought y-up as if it were alone, then scaled, turned and moved, 
 
 import json
 import math
+import os
 import sys
 import warnings
 from collections import Counter
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.inputs import read_json, reading
-from .scene.chunks import DEFAULT_MAX_VERTICES
+from .base.progress import Stages
+from .options import ConvertOptions
+from .pipeline import DEFAULT_VERTICES, convert, plan
+from .proxy import add_proxy, check_proxy
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.placing import placed_mesh, similarity
@@ -26,7 +31,7 @@ from .views.upright import UP_CHOICES
 
 _SOG_METAS = ("meta.json", "lod-meta.json")
 _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up", "vertices", "cameras", "lod")
-_CHECKED = {"detail": "normal", "surface": "field", "background": "cut", "stand": "auto"}
+_OWN_SETTINGS = ("vertices", "up", "cameras", "lod", "up_from")
 MOST_OBJECTS = 10_000
 _LARGEST = 1e6
 """Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
@@ -63,41 +68,47 @@ def is_layout(path):
 
 
 def convert_layout(
-    path,
+    path: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
     *,
-    cameras=None,
-    lod="auto",
-    vertices=None,
-    max_chunk_vertices=DEFAULT_MAX_VERTICES,
-    up="auto",
-    stages=None,
-    **settings,
-):
+    stages: Stages | None = None,
+    **changes: Any,
+) -> Scene:
     """Make one scene of the splats that a layout places: each is converted as if alone, then placed.
 
-    path: JSON file. vertices, up: for each object that does not give its own. cameras, lod: refused here, objects have
-    theirs. The others: as for `pipeline.convert`. Returns a Scene, not yet saved, whose chunks are those of object
-    after object; its scene_from_splat is the identity, source["objects"] tells what stands where.
-    Raises InputError for a layout, or a splat in it, that cannot be used.
-    """
-    from .base.progress import Stages
-    from .pipeline import DEFAULT_VERTICES, check_settings, convert
+    Parameters
+    ----------
+    path : path
+        JSON file.
+    options : ConvertOptions, optional
+        For each object that does not give its own; `cameras` and `lod` are refused here, objects have theirs.
+        `changes` are fields of it.
+    stages : Stages, optional
+        Times the work.
 
-    vertices = DEFAULT_VERTICES if vertices is None else vertices
-    placements = _placements(path, cameras, lod)
-    own = [_own_settings(placement, vertices, up) for placement in placements]
-    checked = [settings.get(name, default) for name, default in _CHECKED.items()]
-    for each in own:  # all of them, before the first takes minutes
-        check_settings(each["vertices"], max_chunk_vertices, each["up"], *checked)
+    Returns
+    -------
+    Scene
+        Not yet saved. Its chunks are those of object after object, its `scene_from_splat` is the identity, and
+        `source["objects"]` says what stands where.
+
+    Raises
+    ------
+    InputError
+        For a layout, or a splat in it, that cannot be used.
+    """
+    shared = ConvertOptions.of(options, **changes)
+    check_proxy(shared.proxy)
+    placements = _placements(path, shared)
+    # All are checked before the first takes minutes.
+    each_asked = [_own_options(placement, shared) for placement in placements]
     stages, made = stages or Stages(), {}
     chunks, objects, object_settings, statistics = [], [], {}, Counter()
-    for placement, each in zip(placements, own, strict=True):
-        key = (placement.splat, *each.values())
+    for placement, asked in zip(placements, each_asked, strict=True):
+        key = (placement.splat, asked)
         if key not in made:  # the same splat may stand in several places
             with _about(placement.name):
-                scene = convert(
-                    placement.splat, **each, max_chunk_vertices=max_chunk_vertices, stages=stages, **settings
-                )
+                scene = convert(placement.splat, asked, stages=stages)
             made[key] = scene
         alone = made[key]
         first = len(chunks)
@@ -105,26 +116,28 @@ def convert_layout(
         matrix = placement.scene_from_upright @ alone.scene_from_splat
         place = {"scene_from_splat": matrix.tolist(), "chunks": [first, len(chunks)]}
         objects.append({"name": placement.name, **alone.source, **place})
-        object_settings[placement.name] = {name: alone.settings[name] for name in (*each, "up_from")}
+        object_settings[placement.name] = {name: alone.settings[name] for name in _OWN_SETTINGS}
         statistics.update(alone.statistics)
-    shared = {name: value for name, value in alone.settings.items() if name not in object_settings[placement.name]}
-    return Scene(
+    common = {name: value for name, value in alone.settings.items() if name not in object_settings[placement.name]}
+    scene = Scene(
         chunks,
         source={**describe(path), "objects": objects},
-        settings={**shared, "objects": object_settings},
+        settings={**common, "objects": object_settings},
         statistics=dict(statistics),
     )
+    if shared.proxy:
+        with stages.stage("proxy"):
+            add_proxy(scene, shared.proxy, shared.seed)
+    return scene
 
 
-def plan_layout(path, *, cameras=None, lod="auto", up="auto", **settings):
-    """What `convert_layout` would do: a dict of the number of splats, and each object's own plan by its name."""
-    from .pipeline import plan
-
+def plan_layout(path: str | os.PathLike[str], options: ConvertOptions | None = None, **changes: Any) -> dict[str, Any]:
+    """Return what `convert_layout` would do: the number of splats, and each object's own plan by its name."""
+    shared = ConvertOptions.of(options, **changes)
     plans = {}
-    for placement in _placements(path, cameras, lod):
+    for placement in _placements(path, shared):
         with _about(placement.name):
-            own = {"cameras": placement.cameras, "lod": placement.lod, "up": placement.up or up}
-            result = plan(placement.splat, **own, **settings)
+            result = plan(placement.splat, _own_options(placement, shared, planned=True))
         result["scene_from_splat"] = (placement.scene_from_upright @ np.array(result["scene_from_splat"])).tolist()
         plans[placement.name] = {"splat": str(placement.splat), **result}
     return {"splats": sum(result["splats"] for result in plans.values()), "objects": plans}
@@ -164,11 +177,11 @@ def read_layout(path):
     return placements
 
 
-def _placements(path, cameras, lod):
-    if cameras:
-        raise InputError(f'`cameras` {cameras}: in a layout, give each object its own: "cameras": PATH')
-    if lod != "auto":
-        raise InputError(f'`lod` {lod}: in a layout, give each object its own: "lod": N')
+def _placements(path, shared):
+    if shared.cameras:
+        raise InputError(f'`cameras` {shared.cameras}: in a layout, give each object its own: "cameras": PATH')
+    if shared.lod != "auto":
+        raise InputError(f'`lod` {shared.lod}: in a layout, give each object its own: "lod": N')
     return read_layout(path)
 
 
@@ -275,13 +288,17 @@ def _once(path, pairs):
     return dict(pairs)
 
 
-def _own_settings(placement, vertices, up):
-    return {
-        "vertices": vertices if placement.vertices is None else placement.vertices,
-        "up": placement.up or up,
-        "cameras": placement.cameras,
-        "lod": placement.lod,
-    }
+def _own_options(placement, shared, planned=False):
+    """The ConvertOptions of one object; the proxy is of the whole layout."""
+    vertices = DEFAULT_VERTICES if shared.vertices is None else shared.vertices
+    return replace(
+        shared,
+        vertices=shared.vertices if planned else placement.vertices or vertices,
+        up=placement.up or shared.up,
+        cameras=placement.cameras,
+        lod=placement.lod,
+        proxy=None,
+    )
 
 
 @contextmanager

@@ -1,28 +1,32 @@
 """The pipeline of splat2mesh: a trained splat file in, a scene out."""
 
+import os
 import warnings
+from typing import Any
 
 import numpy as np
 
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
+from .options import ConvertOptions
+from .proxy import add_proxy, check_proxy
 from .render.beside import beside
-from .scene.chunks import DEFAULT_MAX_VERTICES, split
+from .scene.chunks import split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.extent import check_extent
-from .splats.formats import check_lod, read_splats
+from .splats.formats import read_splats
 from .splats.splats import clean, usable
 from .surface.background import far_background, foreground_ball, views_from_within
-from .surface.extract import EFFORTS, WAYS, as_trained, dilated, extract, training_pixel
+from .surface.extract import EFFORTS, as_trained, dilated, extract, training_pixel
 from .surface.measure import measured_of
 from .surface.place import parted, reconstruct_place
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
 from .views.picture import place_view
-from .views.standpoints import CHOICES, ROOM_SHARE, standpoints
-from .views.upright import UP_CHOICES, upright
+from .views.standpoints import ROOM_SHARE, standpoints
+from .views.upright import upright
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
@@ -37,9 +41,6 @@ AROUND = 40
 TRAINED = 2
 """Trained views for one virtual one, of a place: each of them shows a small part."""
 
-BACKGROUNDS = ("cut", "keep")
-"""What becomes of a far background: a shell of it around the scene would keep all new light out."""
-
 BACKGROUND_SHARE = 0.15
 """Of the vertices, for a background that is kept: it is far away from everyone who looks."""
 
@@ -48,67 +49,68 @@ LONGEST_HOLE = 0.5
 
 
 def convert(
-    path,
+    path: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
     *,
-    cameras=None,
-    lod="auto",
-    vertices=None,
-    max_chunk_vertices=DEFAULT_MAX_VERTICES,
-    up="auto",
-    detail="normal",
-    surface="field",
-    background="cut",
-    stand="auto",
-    eyes=(),
-    seed=0,
-    stages=None,
-):
-    """Make a scene from a trained splat.
+    stages: Stages | None = None,
+    **changes: Any,
+) -> Scene:
+    """Make a scene from one trained splat.
 
-    path: splat file, folder of tiles, or streamed SOG. cameras: file or folder of the cameras it was trained with, None
-    for those that lie beside it, else virtual views, or "none". lod: level of a streamed SOG, as for `read_splats`.
-    vertices: wanted size of the mesh, or None: DEFAULT_VERTICES for an object, as many as it asks for, at most
-    place.MOST_VERTICES, for a place.
-    max_chunk_vertices: limit of each sub-mesh. up: one of frames.UP_CHOICES. detail: a key of surface.EFFORTS.
-    surface: one of surface.WAYS. background: one of BACKGROUNDS, for the far background of open scenes.
-    stand: one of standpoints.CHOICES, from where the scene was captured. eyes: (3,) places in the splat's frame where
-    the capture stood for certain.
-    seed: of the virtual views. stages: Stages that times the work.
-    Returns a Scene, not yet saved. Raises InputError for input that cannot be used.
+    Parameters
+    ----------
+    path : path
+        Splat file, folder of tiles, or streamed SOG.
+    options : ConvertOptions, optional
+        How; `changes` are fields of it.
+    stages : Stages, optional
+        Times the work.
+
+    Returns
+    -------
+    Scene
+        In the y-up scene frame, not yet saved.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
     """
-    check_settings(vertices, max_chunk_vertices, up, detail, surface, background, stand)
-    check_seed(seed)
-    stages, lod = stages or Stages(), check_lod(lod)
+    asked = ConvertOptions.of(options, **changes)
+    check_proxy(asked.proxy)
+    stages = stages or Stages()
     with stages.stage("read"):
-        loaded = read_splats(path, lod)
+        loaded = read_splats(path, asked.lod)
         splats, counts = clean(loaded)
         check_extent(splats)
         rows = np.flatnonzero(usable(loaded)[0])
-        trained = trained_views(cameras, path, splats)
-        rotation, up_from = upright(up, trained, splats)
+        trained = trained_views(asked.cameras, path, splats)
+        rotation, up_from = upright(asked.up, trained, splats)
     order = splats.spatial_order()
     splats, rows = splats.take(order), rows[order]
     center, radius, far = foreground_ball(splats)
-    foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[detail]
+    foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
     with stages.stage("standpoints"):
-        standing = _standing(foreground, splats, surface, stand, eyes, seed)
+        standing = _standing(foreground, splats, asked)
     statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
     backdrop = None
     if standing.kind == "outside":
         parts = [as_trained(foreground)]
-        views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, seed, stages)]
-        if far.any() and background == "keep":
+        views = [choose_views(parts[0].splats, trained, rotation[1, :3], effort, asked.seed, stages)]
+        if far.any() and asked.background == "keep":
             parts.append(as_trained(splats.take(np.flatnonzero(far))))
             views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
-        most = GROUND_VERTICES if vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
-        mesh = _object(parts, views, surface, effort, vertices or DEFAULT_VERTICES, most, stages, statistics)
+        most = GROUND_VERTICES if asked.vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
+        mesh = _object(
+            parts, views, asked.surface, effort, asked.vertices or DEFAULT_VERTICES, most, stages, statistics
+        )
         seen_from = sum(map(len, views))
     else:
-        views, near = place_views(standing, foreground, trained, rotation[1, :3], effort, seed, stages)
-        mesh, seen_from = reconstruct_place(splats, views, near, vertices, stages, statistics), len(views)
-        if background == "cut":
+        views, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
+        mesh, seen_from = reconstruct_place(splats, views, near, asked.vertices, stages, statistics), len(views)
+        if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)
-    if far.any() and background == "cut":
+    if far.any() and asked.background == "cut":
         count = f"{far.sum()} of {len(splats)} splats"
         message = f"{count} are far background and were cut; `background` keep meshes them too"
         warnings.warn(message, DataWarning, stacklevel=2)
@@ -117,7 +119,7 @@ def convert(
     with stages.stage("picture"):
         shown = dilated(foreground, training_pixel(foreground))
         if standing.kind == "outside":
-            view = picture_view(shown, rotation[1, :3], within=surface != "field")
+            view = picture_view(shown, rotation[1, :3], within=asked.surface != "field")
         else:
             view = place_view(mesh.vertices, mesh.faces, standing.eyes, spread_out(trained, 48), rotation[1, :3])
         camera = preview_camera(view, bounds_of(shown).mean(axis=0), rotation)
@@ -132,43 +134,46 @@ def convert(
         "faces": len(mesh.faces),
     }
     settings = {
-        "detail": detail,
-        "surface": surface,
-        "background": background,
-        "vertices": vertices or ("auto" if standing.eyes else DEFAULT_VERTICES),
-        "max_chunk_vertices": max_chunk_vertices,
-        "up": up,
+        "detail": asked.detail,
+        "surface": asked.surface,
+        "background": asked.background,
+        "vertices": asked.vertices or ("auto" if standing.eyes else DEFAULT_VERTICES),
+        "max_chunk_vertices": asked.max_chunk_vertices,
+        "up": asked.up,
         "up_from": up_from,
-        "lod": lod,
-        "from": stand,
-        "seed": seed,
+        "lod": asked.lod,
+        "from": asked.stand,
+        "seed": asked.seed,
         "cameras": "trained" if trained else "virtual",
     }
     with stages.stage("chunks"):
         scene = Scene.from_mesh(
             _turned(mesh, rotation),
-            max_chunk_vertices,
-            background=split(_turned(backdrop, rotation), max_chunk_vertices) if backdrop else [],
+            asked.max_chunk_vertices,
+            background=split(_turned(backdrop, rotation), asked.max_chunk_vertices) if backdrop else [],
             background_splats=np.sort(rows[far]),
             scene_from_splat=rotation,
             preview_camera=camera,
             picture=picture,
             capture=_capture(standing, rotation),
-            source=describe(path, lod),
+            source=describe(path, asked.lod),
             settings=settings,
             statistics=statistics,
         )
     with stages.stage("measure"):
         stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
         scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood)
+    if asked.proxy:
+        with stages.stage("proxy"):
+            add_proxy(scene, asked.proxy, asked.seed)
     return scene
 
 
-def _standing(foreground, splats, surface, stand, eyes, seed):
+def _standing(foreground, splats, asked):
     """The Standpoints of a capture; the sugar way knows objects only."""
-    if surface != "field":
+    if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
-    return standpoints(splats, bounds_of(foreground), stand, eyes, seed)
+    return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed)
 
 
 def _object(parts, views, surface, effort, vertices, most, stages, statistics):
@@ -248,30 +253,6 @@ def _joined(meshes):
     )
 
 
-def check_settings(vertices, max_chunk_vertices, up, detail, surface, background="cut", stand="auto"):
-    """Raise InputError for a setting that makes no sense."""
-    if vertices is not None and vertices < 4:
-        raise InputError(f"`vertices` {vertices}: a mesh needs at least 4")
-    if max_chunk_vertices < 3:
-        raise InputError(f"`max_chunk_vertices` {max_chunk_vertices}: a chunk needs at least 3")
-    if up not in UP_CHOICES:
-        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
-    if detail not in EFFORTS:
-        raise InputError(f"`detail` {detail}: expected one of {' '.join(EFFORTS)}")
-    if surface not in WAYS:
-        raise InputError(f"`surface` {surface}: expected one of {' '.join(WAYS)}")
-    if background not in BACKGROUNDS:
-        raise InputError(f"`background` {background}: expected one of {' '.join(BACKGROUNDS)}")
-    if stand not in CHOICES:
-        raise InputError(f"`stand` {stand}: expected one of {' '.join(CHOICES)}")
-
-
-def check_seed(seed):
-    """Raise InputError for a seed that the generators do not take."""
-    if seed != int(seed) or not 0 <= seed < 2**64:
-        raise InputError(f"`seed` must be a whole number from 0 to 2^64 - 1, found {seed}")
-
-
 def choose_views(splats, trained, up, effort, seed, stages):
     """The views to look from: trained ones where given, else virtual ones."""
     with stages.stage("views"):
@@ -308,30 +289,20 @@ def preview_camera(view, middle, rotation):
     }
 
 
-def plan(
-    path,
-    *,
-    cameras=None,
-    lod="auto",
-    up="auto",
-    detail="normal",
-    surface="field",
-    background="cut",
-    stand="auto",
-    eyes=(),
-    seed=0,
-):
-    """What `convert` would do, from the file alone: a dict of counts, the foreground's bounds, frame and settings."""
-    check_settings(None, DEFAULT_MAX_VERTICES, up, detail, surface, background, stand)
-    check_seed(seed)
-    splats, counts = clean(read_splats(path, lod))
+def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **changes: Any) -> dict[str, Any]:
+    """Return what `convert` would do, from the file alone: counts, the foreground's bounds, frame and settings.
+
+    Arguments and errors as of `convert`.
+    """
+    asked = ConvertOptions.of(options, **changes)
+    splats, counts = clean(read_splats(path, asked.lod))
     check_extent(splats)
-    trained = trained_views(cameras, path, splats)
-    rotation, up_from = upright(up, trained, splats)
-    effort = EFFORTS[detail]
+    trained = trained_views(asked.cameras, path, splats)
+    rotation, up_from = upright(asked.up, trained, splats)
+    effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))
-    standing = _standing(foreground, splats, surface, stand, eyes, seed)
+    standing = _standing(foreground, splats, asked)
     splats = foreground
     if trained:
         wanted = effort.views * (TRAINED if standing.eyes else 1)
@@ -350,8 +321,8 @@ def plan(
         "scene_from_splat": rotation.tolist(),
         "up_from": up_from,
         "training_pixel": training_pixel(splats),
-        "surface": surface,
-        "background": background,
+        "surface": asked.surface,
+        "background": asked.background,
         "from": standing.kind,
         "views": views,
         "view_pixels": effort.pixels,

@@ -7,9 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from relight.cli import _lights, _name, main
+from relight.cli import main
+from relight.folders import lights_of, output_folders
 from relight.light.environment import Environment
 from relight.live.page import page_of
+from relight.request import RelightRequest
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.tiles import pieces
@@ -58,11 +60,11 @@ def test_lights_of_a_folder_name_folders_beside_each_other(tmp_path):
     names = ["..exr", "...hdr", "a b.hdr", "<i>.hdr", "\x1b[2J.exr", "\udcff.hdr"]
     for name in [*names, "notes.txt"]:
         (tmp_path / name).touch()
-    found = _lights(str(tmp_path))
+    request = RelightRequest("mesh.obj", tmp_path, output=tmp_path / "out")
+    found = lights_of(request)
     assert sorted(os.path.basename(path) for path in found) == sorted(names)
-    for path in found:
-        folder = f"{_name(path)}_0"
-        assert os.path.basename(folder) == folder and folder not in (".", "..")
+    for folder in output_folders(request, found):
+        assert folder.parent == tmp_path / "out" and folder.name not in (".", "..") and folder.name.endswith("_0")
 
 
 def test_results_of_two_lights_never_share_a_folder_and_no_sheet_is_replaced_unasked(tmp_path, capsys):

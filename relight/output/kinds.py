@@ -19,6 +19,9 @@ FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES)
 """Those that need the splats that the scene was made from."""
 
+CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
+"""What a tile of a city can be written as; sog is one streamed SOG of all."""
+
 HARMONICS = ("zero", "keep")
 """What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""
 

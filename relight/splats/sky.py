@@ -15,10 +15,8 @@ from splat2mesh.scene.color import linear_from_srgb, luminance
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.division import weighted_quantile
+from ..light import SKIES
 from ..light.tonemap import tone_map
-
-SKIES = ("new", "keep", "drop")
-"""What becomes of the far background of a relit splat."""
 
 BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
 """Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read

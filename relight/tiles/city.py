@@ -1,29 +1,36 @@
 """A city under a new light, tile by tile: CITY/relit/ENV_ANGLE holds each tile's files, tileset.json, report.json."""
 
 import os
-from typing import Any
+from typing import Any, cast
 
 from splat2mesh.base.errors import InputError, UnfinishedError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
+from splat2mesh.options import TilingOptions, refuse_in_cities
 from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
 from splat2mesh.tiles.plan import FILE, Plan
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Task, costs
+from splat2mesh.tiles.tasks import Task, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
 from ..light.environment import Environment
-from ..options import PLACE_TOLERANCE, LightingOptions
-from ..splats.sky import SKIES
+from ..options import PLACE_TOLERANCE
+from ..output.kinds import CITY_FILES
+from ..request import RelightRequest
 from .parts import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
 from .work import common_light, relit_environment, relit_far, relit_tile
 
-FORMATS = ("glb", "ply", "npy", "splat", "sog")
-"""What a tile can be written as; sog is one streamed SOG of all."""
-
 ALBEDOS = ("estimated", "captured", "white")
+
+DEFAULT_FORMATS = ("glb", "splat")
+
+KNOWN = ("scene", "env", "lighting", "angles_deg", "albedo", "exposure_ev", "formats", "sky", "harmonics", "tiling")
+KNOWN += ("live_mesh", "fps", "texture_size", "clear_cache", "overwrite")
+"""Fields of RelightRequest that a city takes, or that say nothing without another that it does not take."""
+
+KNOWN_LIGHTING = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
 
 
 def is_city(path: str | os.PathLike[str]) -> bool:
@@ -32,35 +39,59 @@ def is_city(path: str | os.PathLike[str]) -> bool:
 
 
 def relight_city(
-    scene: str | os.PathLike[str],
-    env: "Environment | str",
-    engine: Any,
-    options: LightingOptions,
+    request: RelightRequest,
+    engine: Any = None,
     *,
-    angle_deg: float = 0.0,
-    albedo: str = "estimated",
-    exposure_ev: float | None = None,
-    formats: tuple[str, ...] = ("glb", "splat"),
-    sky: str = "new",
-    memory: float | None = None,
     folder: str | None = None,
-    overwrite: bool = False,
-    resume: bool = False,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
     """Light a city; returns the report, JSON-clean.
 
-    scene: what `convert_city` wrote. engine: of `splat2mesh.tiles.tasks.engine`. folder: within the city, by the light
-    and its angle without. formats: of FORMATS. sky: of `splats.SKIES`, of the far background. memory:
-    GiB of a process, which tells in how many parts a tile is lit.
-    Raises InputError for what cannot be used, UnfinishedError where tiles failed and the others are done.
+    Parameters
+    ----------
+    request : RelightRequest
+        Its scene is what `convert_city` wrote. A city knows KNOWN alone, one angle, and of LightingOptions all but
+        what becomes of lamps.
+    engine : Loop or Cluster, optional
+        What runs the tasks, where it is not made of the request's `tiling`.
+    folder : str, optional
+        Within the city; by the light and its angle without.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used.
+    UnfinishedError
+        Where tiles failed and the others are done.
     """
-    stages, store = stages or Stages(), Store(scene)
-    for name, value, choices in (("albedo", albedo, ALBEDOS), ("sky", sky, SKIES)):
-        if value not in choices:
-            raise InputError(f"`{name}` {value}: of a city expected one of {', '.join(choices)}")
-    if set(formats) - set(FORMATS):
-        raise InputError(f"`format` {' '.join(formats)}: of a city expected some of {' '.join(FORMATS)}")
+    check_city(request)
+    stages = stages or Stages()
+    if engine is None:
+        with tiling_engine(request.tiling or TilingOptions(), stages) as running:
+            return _relit(request, running, folder, stages)
+    return _relit(request, engine, folder, stages)
+
+
+def check_city(request: RelightRequest) -> None:
+    """Raise InputError for a field that cities do not know."""
+    refuse_in_cities(request, KNOWN)
+    refuse_in_cities(request.lighting, KNOWN_LIGHTING)
+    if len(request.angles_deg) > 1:
+        raise InputError("`angles_deg`: a city in tiles takes one angle at a time")
+    if request.albedo is not None and request.albedo not in ALBEDOS:
+        raise InputError(f"`albedo` {request.albedo}: of a city expected one of {', '.join(ALBEDOS)}")
+    if set(request.formats or ()) - set(CITY_FILES):
+        found = " ".join(request.formats or ())
+        raise InputError(f"`formats` {found}: of a city expected some of {' '.join(CITY_FILES)}")
+
+
+def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> dict[str, Any]:
+    tiling, env = request.tiling or TilingOptions(), request.env
+    memory, resume, overwrite = tiling.memory, tiling.resume, request.overwrite
+    store = Store(cast("str | os.PathLike[str]", request.scene))
+    albedo, exposure_ev, sky = request.albedo or "estimated", request.exposure_ev, request.sky
+    angle_deg = request.angles_deg[0]
+    formats = DEFAULT_FORMATS if request.formats is None else tuple(request.formats)
     light = (env if isinstance(env, Environment) else Environment.load(env)).rotated(angle_deg)
     if not store.exists(CITY):
         raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
@@ -69,7 +100,7 @@ def relight_city(
         raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
     plan = Plan(**store.read_json(FILE)["plan"])
     folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
-    options = options.planned(PLACE_TOLERANCE)
+    options = request.lighting.planned(PLACE_TOLERANCE)
     asked = {
         "environment": light.name,
         "angle_deg": angle_deg,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles import survey
 from splat2mesh.tiles.city import convert_city
 from splat2mesh.tiles.tasks import engine
@@ -23,19 +24,26 @@ def main(source, output, workers, settings):
     deaths = settings.pop("deaths", None)
     with engine(None, workers, None) as running:
         if deaths is None:
-            print(json.dumps(convert_city(source, output, running, detail="draft", **settings)))
+            print(json.dumps(convert_city(source, output, *_asked(settings), engine=running)))
             return
         usual, died, number = 0.0, 0, 0
         while died < deaths or number < 1:
             place, start = Path(f"{output}_{number}"), time.perf_counter()
             after = random.Random(number).uniform(0.05, 0.95) * usual if number > 1 else None
             killer = _Killer(running.client, place, after)
-            convert_city(source, place, running, detail="draft", **settings)
+            convert_city(source, place, *_asked(settings), engine=running)
             usual = min(usual or np.inf, time.perf_counter() - start)
             found = killer.found()
             died += found["killed_after"] is not None
             number += 1
             print(json.dumps({"output": str(place), "number": died, **found}), flush=True)
+
+
+def _asked(settings):
+    """ConvertOptions and TilingOptions of loose settings."""
+    tiling = {name: settings[name] for name in ("memory", "tile_splats", "resume") if name in settings}
+    wanted = {name: value for name, value in settings.items() if name not in tiling}
+    return ConvertOptions(detail="draft", **wanted), TilingOptions(**tiling)
 
 
 class _Killer:

@@ -19,8 +19,9 @@ import numpy as np
 from benchmarks.harness import ROOT, timed
 from scenes.score import SAMPLES, score
 from splat2mesh import convert
+from splat2mesh.base.choices import SURFACE_CHOICES
 from splat2mesh.scene.meshfile import read_mesh
-from splat2mesh.surface.extract import EFFORTS, WAYS
+from splat2mesh.surface.extract import EFFORTS
 from splat2mesh.views.cameras import read_colmap
 
 QUICK = ["--ways", "field", "--details", "draft", "--kinds", "object", "--splats", "5000", "--samples", "2000"]
@@ -31,7 +32,14 @@ MADE = {"object": 100_000, "tabletop": 200_000, "room": 400_000}
 
 def arguments(parser):
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
-    parser.add_argument("--ways", nargs="+", default=list(WAYS), choices=WAYS, metavar="WAY", help="all by default")
+    parser.add_argument(
+        "--ways",
+        nargs="+",
+        default=list(SURFACE_CHOICES),
+        choices=SURFACE_CHOICES,
+        metavar="WAY",
+        help="all by default",
+    )
     parser.add_argument("--details", nargs="+", default=list(EFFORTS), choices=EFFORTS, metavar="LEVEL", help="same")
     parser.add_argument("--samples", type=int, default=SAMPLES, metavar="N", help="points on each mesh")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds of the virtual views, means shown")

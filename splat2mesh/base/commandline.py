@@ -2,6 +2,7 @@
 
 import argparse
 import difflib
+import math
 import re
 import sys
 from collections.abc import Iterable, Sequence
@@ -75,6 +76,15 @@ def share(option: str, text: str | None) -> float | None:
         meant = "" if percent else f"; did you mean {value:g}%?"
         raise InputError(f"{option} {text}: expected a share below 1, such as 0.02 or 2%{meant}")
     return value
+
+
+def count(option: str, text: str) -> int:
+    """A whole number, also as 20k or 1.5M. Raises InputError for anything else."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kKmM]?)", text.strip())
+    number = float(match[1]) * {"": 1, "k": 1e3, "m": 1e6}[match[2].lower()] if match else math.nan
+    if not number.is_integer():
+        raise InputError(f"{option} {text}: expected a whole number, such as 20000, 20k or 1.5M")
+    return int(number)
 
 
 def _guess(text: str, choices: Iterable[str]) -> str:

@@ -5,9 +5,9 @@ import sys
 import traceback
 import unicodedata
 import warnings
-from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from .compiling import allow_read_only_install
@@ -28,21 +28,37 @@ _JOINERS = "\u200c\u200d"
 _owns_process = False  # whether a command runs in this process, rather than somebody who uses the library
 
 
-def run(
-    command: Callable[[Namespace], tuple[list[str], Any]],
-    options: Namespace,
-    renamed: Mapping[str, str] | None = None,
-) -> int:
-    """Run `command(options)` and return the process's exit code.
+@dataclass(frozen=True)
+class Display:
+    """What a command shows.
 
-    command: takes the parsed options and returns (summary lines, result that can be JSON). options: needs `.json`,
-    `.quiet`, `.verbose`. The result goes to stdout, everything else to stderr. Settings that messages name are shown
-    as options: `up` as --up; renamed: setting -> option, where that is not its name.
+    json : one JSON object on stdout. quiet : neither progress nor summary. verbose : times of stages, tracebacks.
+    """
+
+    json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+
+    @property
+    def progress(self) -> bool:
+        """Whether progress bars belong on stderr: only on a terminal, and only when not told to be quiet."""
+        return sys.stderr.isatty() and not self.quiet
+
+
+def run(
+    command: Callable[[], tuple[list[str], Any]],
+    display: Display | None = None,
+    names: Mapping[str, str] | None = None,
+) -> int:
+    """Run a command and return the process's exit code.
+
+    command: returns (summary lines, result that can be JSON). The result goes to stdout, everything else to stderr.
+    names: setting -> option, as messages show them: `up` as --up.
     """
     global _owns_process
     _owns_process = True
+    display, names = display or Display(), names or {}
     os.environ.update(ONE_BLAS_THREAD)
-    names = {name: "--" + name.replace("_", "-") for name in vars(options)} | dict(renamed or {})
     with warnings.catch_warnings():
         told: set[str] = set()
 
@@ -58,26 +74,26 @@ def run(
         try:
             with stopping_in_order():
                 allow_read_only_install()
-                lines, result = command(options)
+                lines, result = command()
         except InputError as error:
-            return _fail(with_options(str(error), names), EXIT_BAD_INPUT, options)
+            return _fail(with_options(str(error), names), EXIT_BAD_INPUT, display)
         except UnfinishedError as error:
-            return _fail(with_options(str(error), names), EXIT_FAILED, options)
+            return _fail(with_options(str(error), names), EXIT_FAILED, display)
         except KeyboardInterrupt as error:
-            return _fail(str(error) or "interrupted", EXIT_INTERRUPTED, options)
+            return _fail(str(error) or "interrupted", EXIT_INTERRUPTED, display)
         except Exception as error:
-            return _fail(_failed(error), EXIT_FAILED, options)
+            return _fail(_failed(error), EXIT_FAILED, display)
     try:
-        if options.json:
+        if display.json:
             print(text_of(result))
-        elif not options.quiet:
+        elif not display.quiet:
             print("\n".join(map(printable, lines)))
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read along has seen enough
         _drop_stdout()
     except OSError as error:  # the results are there, but nobody was told
         _drop_stdout()
-        return _fail(f"cannot write to the standard output: {error.strerror}", EXIT_FAILED, options)
+        return _fail(f"cannot write to the standard output: {error.strerror}", EXIT_FAILED, display)
     return EXIT_DONE
 
 
@@ -160,11 +176,6 @@ def _failed(error: Exception) -> str:
     return f"{type(error).__name__}: {error} {more}" if str(error) else f"{type(error).__name__} {more}"
 
 
-def wants_progress(options: Namespace) -> bool:
-    """Whether progress bars belong on this run's stderr: only a terminal, and only when not told to be quiet."""
-    return sys.stderr.isatty() and not options.quiet
-
-
 def peak_mb() -> float:
     """Largest resident size of this process so far, in MiB."""
     import resource
@@ -173,8 +184,8 @@ def peak_mb() -> float:
     return round(peak / 2**20 if sys.platform == "darwin" else peak / 2**10, 1)
 
 
-def _fail(message: str, code: int, options: Namespace) -> int:
-    if options.verbose:
+def _fail(message: str, code: int, display: Display) -> int:
+    if display.verbose:
         traceback.print_exc()
     print("error: " + printable(" ".join(message.split())), file=sys.stderr)
     return code

@@ -2,12 +2,10 @@
 
 import numpy as np
 
+from ..base.choices import DEFAULT_MAX_VERTICES
 from ..base.distinct import distinct
 from ..base.errors import InputError
 from .mesh import Mesh
-
-DEFAULT_MAX_VERTICES = 40_000
-"""Vertices per chunk: the limit of the Neural-GASh paper."""
 
 SEAM_ALLOWANCE = 1.03
 """Vertices after a cut over vertices before it: what copying the seams adds, so that equal parts still fit."""

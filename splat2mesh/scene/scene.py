@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.choices import DEFAULT_MAX_VERTICES
 from ..base.errors import InputError
 from ..base.inputs import reading
-from .chunks import DEFAULT_MAX_VERTICES, split
+from .chunks import split
 from .color import linear_from_srgb
 from .folder import bounds_of, read_folder, write_folder
 from .measured import Measured

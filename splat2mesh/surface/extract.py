@@ -14,8 +14,6 @@ from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import Picture
 
-WAYS = ("field", "sugar")
-
 TRAINING_DILATION = 0.3
 """Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
 

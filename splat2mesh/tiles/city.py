@@ -19,14 +19,14 @@ from ..base.errors import InputError, UnfinishedError
 from ..base.outputs import check_output
 from ..base.progress import Stages
 from ..base.version import VERSION
-from ..views.upright import UP_CHOICES
+from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from .look import DILATION, FOGS, LEVELS, look, probe
 from .pieces import is_url, pieces_of, size_of
 from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
-from .survey import LEAST_SAMPLE, SAMPLE, check_detail, deal, plan_of, say_dropped, survey
-from .tasks import Done, Task, costs
+from .survey import LEAST_SAMPLE, SAMPLE, deal, plan_of, say_dropped, survey
+from .tasks import Done, Task, costs, tiling_engine
 from .tileset import tileset
 
 CITY, SCHEMA_VERSION = "city.json", 1
@@ -34,43 +34,63 @@ CITY, SCHEMA_VERSION = "city.json", 1
 PROBED = 4
 """Tiles whose surfaces tell how thick the city's are."""
 
+KNOWN = ("lod", "vertices", "up", "detail")
+"""Fields of ConvertOptions that a city takes."""
+
 __all__ = ["CITY", "DILATION", "convert_city"]
 
 
 def convert_city(
     source: str | os.PathLike[str],
     output: str | os.PathLike[str],
-    engine: Any,
+    options: ConvertOptions | None = None,
+    tiling: TilingOptions | None = None,
     *,
-    lod: Any = "auto",
-    vertices: int | None = None,
-    up: str = "auto",
-    detail: str = "normal",
-    memory: float | None = None,
-    tile_splats: int | None = None,
+    engine: Any = None,
     overwrite: bool = False,
-    resume: bool = False,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
     """Mesh a city tile by tile; returns the report, JSON-clean.
 
-    source: as `pieces_of`. output: folder, or URL of fsspec. engine: of `tasks.engine`. vertices: of the whole city, as
-    its surface asks for without. memory: GiB of a process. tile_splats: of a tile with its halo, by memory without.
-    resume: go on where an earlier run with the same settings stopped.
-    Raises InputError for what cannot be used, UnfinishedError where tiles failed and the others are done.
+    Parameters
+    ----------
+    source : path or URL
+        As `pieces_of` takes it.
+    output : path or URL
+        Folder, or URL of fsspec.
+    options : ConvertOptions, optional
+        A city knows KNOWN alone; `vertices` are those of the whole city.
+    tiling : TilingOptions, optional
+        Memory, workers, and whether an earlier run with the same settings goes on.
+    engine : Loop or Cluster, optional
+        What runs the tasks, where it is not made of `tiling`.
+
+    Raises
+    ------
+    InputError
+        For what cannot be used.
+    UnfinishedError
+        Where tiles failed and the others are done.
     """
-    check_detail(detail)
-    if up not in UP_CHOICES:
-        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
-    stages, store = stages or Stages(), Store(output)
+    options, tiling = options or ConvertOptions(), tiling or TilingOptions()
+    refuse_in_cities(options, KNOWN)
+    stages = stages or Stages()
+    if engine is None:
+        with tiling_engine(tiling, stages) as running:
+            return _convert(source, output, options, tiling, running, overwrite, stages)
+    return _convert(source, output, options, tiling, engine, overwrite, stages)
+
+
+def _convert(source, output, options, tiling, engine, overwrite, stages) -> dict[str, Any]:
+    store, resume = Store(output), tiling.resume
     asked: dict[str, Any] = {
-        "up": up,
-        "detail": detail,
-        "memory": memory,
-        "tile_splats": tile_splats,
-        "vertices": vertices,
+        "up": options.up,
+        "detail": options.detail,
+        "memory": tiling.memory,
+        "tile_splats": tiling.tile_splats,
+        "vertices": options.vertices,
     }
-    pieces = pieces_of(os.fspath(source), lod)
+    pieces = pieces_of(os.fspath(source), options.lod)
     asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
     steps = _Steps(store, engine, stages)
     if not _goes_on(store, asked, overwrite, resume):

@@ -8,11 +8,12 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.progress import Stages
-from ..views.upright import UP_CHOICES
+from ..options import ConvertOptions, TilingOptions, refuse_in_cities
+from .city import KNOWN
 from .pieces import pieces_of
 from .plan import BASE_GB, GB_PER_SPLAT, Plan, splats_for
 from .store import Store
-from .survey import LEAST_SAMPLE, SAMPLE, check_detail, plan_of, say_dropped, survey
+from .survey import LEAST_SAMPLE, SAMPLE, plan_of, say_dropped, survey
 from .tasks import Loop, Task
 
 SECONDS_PER_SPLAT = {"draft": 2.5e-4, "normal": 6.6e-4, "fine": 8.2e-4}
@@ -25,24 +26,21 @@ SCENE_BYTES, WORK_BYTES = 175.0, 400.0
 
 def outlook(
     source: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
+    tiling: TilingOptions | None = None,
     *,
-    lod: Any = "auto",
-    up: str = "auto",
-    detail: str = "normal",
-    memory: float | None = None,
-    tile_splats: int | None = None,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
-    """The plan of a city and what it would take, JSON-clean; the source is read once, and nothing is left behind.
+    """Return the plan of a city and what it would take, JSON-clean; the source is read once, nothing is left behind.
 
     Arguments and errors as of `convert_city`.
     """
-    check_detail(detail)
-    if up not in UP_CHOICES:
-        raise InputError(f"`up` {up}: expected one of {' '.join(UP_CHOICES)}")
-    pieces = pieces_of(os.fspath(source), lod)
+    options, tiling = options or ConvertOptions(), tiling or TilingOptions()
+    refuse_in_cities(options, KNOWN)
+    pieces = pieces_of(os.fspath(source), options.lod)
     most, stages = max(LEAST_SAMPLE, SAMPLE // len(pieces)), stages or Stages()
-    settings = {"up": up, "detail": detail, "memory": memory, "tile_splats": tile_splats, "vertices": None}
+    settings = {"up": options.up, "detail": options.detail, "vertices": None}
+    settings |= {"memory": tiling.memory, "tile_splats": tiling.tile_splats}
     with tempfile.TemporaryDirectory() as folder:
         store, counts = Store(folder), []
         with stages.stage("survey", total=len(pieces)) as advance:
@@ -60,8 +58,8 @@ def outlook(
         "tile_size": [np.ptp(plan.core(tile), axis=0).round(3).tolist() for tile in range(len(plan.tiles))],
         "up_from": plan.up_from,
         "pixel": plan.pixel,
-        "memory_gb": _memory(plan, splats_for(memory, tile_splats)),
-        "processor_seconds": round(plan.splats * SECONDS_PER_SPLAT[detail]),
+        "memory_gb": _memory(plan, splats_for(tiling.memory, tiling.tile_splats)),
+        "processor_seconds": round(plan.splats * SECONDS_PER_SPLAT[options.detail]),
         "scene_mb": round(plan.splats * SCENE_BYTES / 2**20),
         "work_mb": round(plan.splats * WORK_BYTES / 2**20),
     }

@@ -10,7 +10,7 @@ from ..splats.extent import check_extent
 from ..splats.joining import joined
 from ..splats.placing import placed
 from ..splats.splats import MIN_SPLATS, NUMBERS, Splats, usable
-from ..surface.extract import EFFORTS, training_pixel
+from ..surface.extract import training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import Piece, read_piece
@@ -148,9 +148,3 @@ def say_dropped(counts: list[dict[str, Any]]) -> None:
     ]
     if parts:
         warnings.warn(f"dropped splats: {', '.join(parts)} (of {total})", DataWarning, stacklevel=2)
-
-
-def check_detail(detail: str) -> None:
-    """Raise InputError for a detail that is none."""
-    if detail not in EFFORTS:
-        raise InputError(f"`detail` {detail}: expected one of {' '.join(EFFORTS)}")

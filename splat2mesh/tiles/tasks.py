@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 from ..base.console import ONE_BLAS_THREAD
 from ..base.errors import InputError
 from ..base.extras import needed
+from ..base.progress import Stages
 from ..base.version import VERSION
+from ..options import TilingOptions
 
 DEATHS = 25
 """Workers that may die over one task, before the task is to blame."""
@@ -150,17 +152,20 @@ def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...],
 
 
 @contextmanager
+def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
+    """What runs the tasks of a city, made of its TilingOptions; tells the address of its dashboard, if it has one."""
+    with engine(tiling.scheduler, tiling.workers, tiling.memory) as running:
+        if running.dashboard:
+            stages.tell(f"dashboard: {running.dashboard}")
+        yield running
+
+
+@contextmanager
 def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) -> Iterator[Any]:
     """What runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
 
     Raises InputError for a scheduler that does not answer and for workers of another version of this package.
     """
-    if scheduler is not None and workers is not None:
-        raise InputError("`workers` and `scheduler`: give one of them; workers belong to their scheduler")
-    if workers is not None and workers < 1:
-        raise InputError(f"`workers` {workers}: expected at least 1")
-    if memory_gb is not None and not memory_gb > 0:
-        raise InputError(f"`memory` {memory_gb:g}: expected GiB above 0")
     if scheduler is None and workers is None:
         yield Loop()
         return

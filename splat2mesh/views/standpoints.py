@@ -15,8 +15,6 @@ from ..base.errors import InputError
 from ..render.opacitygrid import OpacityGrid
 from .viewpoints import fibonacci_sphere
 
-CHOICES = ("auto", "inside", "outside")
-
 PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
 """Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
 inside."""

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from ..base.choices import UP_CHOICES
 from ..base.errors import InputError
 from .daylight import hint
 from .ground import ground_of
-
-UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
 
 _QUARTER_TURNS = {
     "+y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],

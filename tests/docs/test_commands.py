@@ -9,10 +9,12 @@ import pytest
 
 import relight.arguments
 import relight.cli
-import relight.tiles.command
 import scenes.__main__
 import splat2mesh.cli
+from relight.tiles.city import check_city
 from splat2mesh.base.errors import InputError
+from splat2mesh.options import refuse_in_cities
+from splat2mesh.tiles.city import KNOWN
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
@@ -71,18 +73,21 @@ def understood(parser, understand, arguments):
     return options
 
 
-def check_relight(options):
-    angles = relight.cli.angles_from(options.rotate)
-    if options.scene == "CITY" or relight.cli.wants_tiles(options):
-        relight.tiles.command.understood(options, relight.arguments.parser().parse_args([options.scene]), angles)
-        return
-    relight.cli._understand(options, ROOT)
-    relight.cli._check(options, angles, [options.env])
+def check_relight(words):
+    request = relight.cli.request_of(words)
+    if words.scene == "CITY" or request.tiling is not None:
+        check_city(request)
+
+
+def check_splat2mesh(words):
+    options, tiling = splat2mesh.cli.convert_options(words), splat2mesh.cli.tiling_options(words)
+    if tiling is not None:
+        refuse_in_cities(options, KNOWN)
 
 
 PARSERS = {
     "relight": (relight.arguments.parser, check_relight),
-    "splat2mesh": (splat2mesh.cli.parser, splat2mesh.cli._understand),
+    "splat2mesh": (splat2mesh.cli.parser, check_splat2mesh),
     "scenes": (scenes.__main__._parser, None),
 }
 

@@ -77,17 +77,17 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        def __init__(self, scene, env, options, **more):
-            seen.append((options, more["angles_deg"], more["caching"]))
+        def __init__(self, request, stages):
+            seen.append((request.lighting, request.angles_deg, request.caching))
 
         def planned(self):
             return type("Plan", (), {"table": lambda self: [], "as_dict": lambda self: {}})(), ""
 
-    monkeypatch.setattr("relight.job.Job", Job)
+    monkeypatch.setattr("relight.api.Job", Job)
     given = "--method raytraced --bands 4 --rays 32 --effects shadows,sun --budget 2 --seed 7 --rotate 0:20:10 --plan"
     assert main([str(folder), "-q", *given.split()]) == 0
     wanted = LightingOptions(method="raytraced", bands=4, rays=32, effects="shadows,sun", budget_s=2.0, seed=7)
-    assert seen == [(wanted, [0.0, 10.0, 20.0], "read")]
+    assert seen == [(wanted, (0.0, 10.0, 20.0), "read")]
 
 
 IMPORTS = """

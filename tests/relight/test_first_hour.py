@@ -16,6 +16,7 @@ from relight.cli import main
 from relight.job import Job
 from relight.light import skies
 from relight.options import LightingOptions
+from relight.request import RelightRequest
 from relight.texture.baking import Baked
 from relight.transfer import store
 from relight.transfer.store import Cache
@@ -71,7 +72,7 @@ def run(capsys, *arguments):
 def test_one_command_meshes_keeps_the_scene_and_shows_the_relit_splat(here, capsys, monkeypatch):
     shutil.rmtree(here / "ball")
     asked = []
-    monkeypatch.setattr("splat2mesh.pipeline.convert", lambda path, **settings: asked.append(path) or meshed(path))
+    monkeypatch.setattr("relight.meshing.convert", lambda path, *_, **__: asked.append(path) or meshed(path))
     code, out, err = run(capsys, "ball.ply", "--env", "SUNSET", "--sheet", *FAST)
     assert code == 0 and "error" not in err
     assert (here / "ball" / "scene.json").is_file() and (here / "ball" / "preview.png").is_file()
@@ -141,13 +142,13 @@ def test_format_splat_alone_shows_a_picture_too(here, capsys):
 
 def test_without_its_splat_a_scene_shows_its_mesh_and_says_so(here):
     (here / "ball.ply").unlink()
-    job = Job("ball", "noon", LightingOptions("analytic", bands=3), albedo="captured", caching="none")
+    job = Job(RelightRequest("ball", "noon", LightingOptions("analytic", bands=3), albedo="captured", caching="none"))
     with pytest.warns(DataWarning, match="does not exist.*the picture shows the mesh"):
         assert job.formats == ("glb", "png")
     (shaded,) = job.shaded()
     assert Writer(job).write(shaded, here / "out")["preview"]["shows"] == "mesh"
     with pytest.raises(InputError, match="does not exist"):
-        Job("ball", "noon", formats=("splat",)).splats  # noqa: B018
+        Job(RelightRequest("ball", "noon", formats=("splat",))).splats  # noqa: B018
 
 
 def test_a_plan_estimates_no_albedo_and_says_so(here, capsys):

@@ -8,6 +8,7 @@ from viewer_scenes import ball_on_plate
 
 from relight import Environment, LightingOptions, Scene
 from relight.job import Job
+from relight.request import RelightRequest
 from relight.writing import Writer, report_of
 from splat2mesh.base.errors import InputError
 
@@ -22,16 +23,20 @@ def folder(tmp_path_factory):
 
 
 def test_the_constructor_does_no_work():
-    job = Job("nowhere", "no light.exr", albedo="nothing.npy", splat="no splat", capture_env="no sky", animated=True)
+    job = Job(
+        RelightRequest(
+            "nowhere", "no light.exr", albedo="nothing.npy", splat="no splat", capture_env="no sky", animated=True
+        )
+    )
     assert not job.stages.seconds
     with pytest.raises(InputError, match=r"no light\.exr"):
         job.scene  # noqa: B018
     with pytest.raises(InputError, match="nowhere"):
-        Job("nowhere", "noon").scene  # noqa: B018
+        Job(RelightRequest("nowhere", "noon")).scene  # noqa: B018
 
 
 def test_stages_are_done_once_and_only_as_far_as_they_are_asked_for(folder):
-    job = Job(folder, "noon", FAST, caching="none")
+    job = Job(RelightRequest(folder, "noon", FAST, caching="none"))
     assert job.scene is job.scene and set(job.stages.seconds) == {"environment", "load"}
     assert job.plan is not None and "shade" not in job.stages.seconds
     assert job.plan is job.plan and job.appearance is job.appearance
@@ -44,8 +49,12 @@ def test_stages_are_done_once_and_only_as_far_as_they_are_asked_for(folder):
 def test_a_scene_in_memory_gives_what_its_folder_gives(folder, tmp_path):
     light = Environment.load("noon")
     jobs = (
-        Job(folder, "noon", FAST, angles_deg=(0.0, 30.0), albedo="captured", formats=("npy",), caching="none"),
-        Job(ball_on_plate(), light, FAST, angles_deg=(0.0, 30.0), formats=("npy",)),
+        Job(
+            RelightRequest(
+                folder, "noon", FAST, angles_deg=(0.0, 30.0), albedo="captured", formats=("npy",), caching="none"
+            )
+        ),
+        Job(RelightRequest(ball_on_plate(), light, FAST, angles_deg=(0.0, 30.0), formats=("npy",))),
     )
     for job, name in zip(jobs, "ab", strict=True):
         for number, shaded in enumerate(job.shaded()):
@@ -62,13 +71,13 @@ def test_a_scene_in_memory_gives_what_its_folder_gives(folder, tmp_path):
 def test_the_albedo_may_be_an_array(folder):
     scene = Scene.load(folder)
     grey = np.full((scene.vertex_count, 3), 0.5, np.float32)
-    (shaded,) = Job(scene, "noon", FAST, albedo=grey).shaded()
-    (white,) = Job(scene, "noon", FAST, albedo="white").shaded()
+    (shaded,) = Job(RelightRequest(scene, "noon", FAST, albedo=grey)).shaded()
+    (white,) = Job(RelightRequest(scene, "noon", FAST, albedo="white")).shaded()
     np.testing.assert_array_equal(shaded.shading.radiance, 0.5 * white.shading.radiance)
     with pytest.raises(InputError, match="`albedo` an array: expected numbers of shape"):
-        Job(scene, "noon", FAST, albedo=grey[1:]).appearance  # noqa: B018
+        Job(RelightRequest(scene, "noon", FAST, albedo=grey[1:])).appearance  # noqa: B018
 
 
 def test_a_scene_without_a_splat_is_lit_by_its_own_colours(folder):
-    assert Job(ball_on_plate(), "noon", FAST).appearance.capture is None
-    assert Job(folder, "noon", FAST, caching="none").appearance.capture is not None
+    assert Job(RelightRequest(ball_on_plate(), "noon", FAST)).appearance.capture is None
+    assert Job(RelightRequest(folder, "noon", FAST, caching="none")).appearance.capture is not None

@@ -9,7 +9,7 @@ import pytest
 from ball_splats import solid_ball
 from scipy.spatial.transform import Rotation
 
-import splat2mesh.pipeline
+import splat2mesh.layout
 from splat2mesh import convert
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.layout import convert_layout, is_layout, plan_layout, read_layout
@@ -162,12 +162,12 @@ def test_one_object_hides_the_sky_from_another(folder, alone):
 
 def test_the_same_splat_is_converted_once_and_its_places_are_told_apart(folder, monkeypatch):
     calls = []
-    original = splat2mesh.pipeline.convert
-    monkeypatch.setattr(splat2mesh.pipeline, "convert", lambda *a, **k: calls.append(k) or original(*a, **k))
+    original = splat2mesh.layout.convert
+    monkeypatch.setattr(splat2mesh.layout, "convert", lambda *a, **k: calls.append(a[1]) or original(*a, **k))
     twins = [{"splat": "object.ply", "position": [x, 0, 0]} for x in (0, 5, 10)]
     path = layout(folder, *twins, {"splat": "object.ply", "vertices": 800, "name": "small"}, name="twins.json")
     found = convert_layout(path, **SETTINGS)
-    assert [call["vertices"] for call in calls] == [1500, 800]
+    assert [call.vertices for call in calls] == [1500, 800]
     entries = found.source["objects"]
     assert [entry["name"] for entry in entries] == ["object", "object-2", "object-3", "small"]
     first, second = (found.chunks[entry["chunks"][0]] for entry in entries[:2])

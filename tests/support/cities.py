@@ -4,7 +4,10 @@ from argparse import Namespace
 from hashlib import sha256
 from pathlib import Path
 
+from relight.request import RelightRequest
+from relight.tiles.city import relight_city
 from scenes.city import write_city
+from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles import survey
 from splat2mesh.tiles.city import convert_city
 from splat2mesh.tiles.tasks import Loop
@@ -26,7 +29,16 @@ def generated(folder):
 def meshed(source, output, engine=None, **settings):
     """The report of `convert_city`, at the cheapest."""
     wanted = {"detail": "draft", "tile_splats": TILE_SPLATS, "up": "-y", **settings}
-    return convert_city(source, output, engine or Loop(), **wanted)
+    tiling = TilingOptions(**{name: wanted.pop(name) for name in ("memory", "tile_splats", "resume") if name in wanted})
+    how = {name: wanted.pop(name) for name in ("overwrite", "stages") if name in wanted}
+    return convert_city(source, output, ConvertOptions(**wanted), tiling, engine=engine or Loop(), **how)
+
+
+def relit_city(city, env, options, engine=None, stages=None, folder=None, memory=None, resume=False, **fields):
+    """The report of `relight_city` in this process."""
+    tiling = TilingOptions(memory=memory, resume=resume)
+    request = RelightRequest(city, env, options, tiling=tiling, **fields)
+    return relight_city(request, engine or Loop(), folder=folder, stages=stages)
 
 
 def sums(folder):

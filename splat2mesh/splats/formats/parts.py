@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...base.choices import check_lod
 from ...base.errors import InputError
 from . import sog, streamed
 
@@ -58,15 +59,6 @@ def parts_of(path, lod="auto"):
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which only a streamed SOG has")
     tiles = (path,) if not path.is_dir() or (path / sog.META).is_file() else _tiles_in(path)
     return Parts(tiles, (None,) * len(tiles))
-
-
-def check_lod(lod):
-    """A `lod` as "auto" or a number; InputError for anything else."""
-    if lod == "auto" or (type(lod) is int and lod >= 0):
-        return lod
-    if isinstance(lod, str) and lod.isdecimal():
-        return int(lod)
-    raise InputError(f"`lod` {lod}: expected auto or the number of a level, 0 being the finest")
 
 
 def _tiles_in(folder):

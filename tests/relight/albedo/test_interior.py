@@ -8,6 +8,7 @@ from relight.albedo.interior import MOST_CLOSED, closed_part, within
 from relight.engine.appearance import appearance_of
 from relight.job import Job
 from relight.output.results import Results
+from relight.request import RelightRequest
 from relight.transfer.bounces import visible_fraction
 from relight.writing import report_of
 from splat2mesh.base.errors import DataWarning
@@ -105,7 +106,7 @@ def test_a_room_is_lit_where_that_is_asked_for():
 
 
 def test_a_job_reports_it():
-    job = Job(box(), "noon", albedo="estimated", formats=("npy",), caching="none")
+    job = Job(RelightRequest(box(), "noon", albedo="estimated", formats=("npy",), caching="none"))
     with pytest.warns(DataWarning, match="closed room"):
         report = report_of(job, next(iter(job.shaded())))
     assert report["capture"]["left_as_captured"]

@@ -12,6 +12,7 @@ from relight.job import Job
 from relight.live.harmonics import about_y
 from relight.live.lights import capture_light
 from relight.live.response import LAMPS, SPREAD_BANDS, light_vector, response_of
+from relight.request import RelightRequest
 from relight.splats.light_ratio import linear_parts
 from relight.transfer.settings import Settings
 from splat2mesh.base.errors import DataWarning
@@ -21,7 +22,9 @@ SETTINGS = Settings("raytraced", 10, 64, bounce_rays=32, bounce_tolerance=1e-3)
 
 @cache
 def appearance():
-    job = Job(room()[0], "overcast", LightingOptions(tolerance=0.05), albedo="estimated", caching="none")
+    job = Job(
+        RelightRequest(room()[0], "overcast", LightingOptions(tolerance=0.05), albedo="estimated", caching="none")
+    )
     with pytest.warns(DataWarning, match="closed room"):
         return job.appearance._replace(kept=False)
 

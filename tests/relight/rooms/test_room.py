@@ -12,6 +12,7 @@ from relight.albedo.check import DOUBT, trust_in
 from relight.albedo.interior import within
 from relight.engine.relit_room import RelitRoom
 from relight.job import Job
+from relight.request import RelightRequest
 from relight.rooms import lamps
 from relight.rooms.seen import seen_from
 from relight.transfer.occluder import Frame, Occluder
@@ -24,11 +25,13 @@ from splat2mesh.scene.scene import Scene
 
 def relit(scene, **wishes):
     job = Job(
-        scene,
-        wishes.pop("env", "overcast"),
-        LightingOptions(tolerance=0.05, **wishes),
-        albedo="estimated",
-        caching="none",
+        RelightRequest(
+            scene,
+            wishes.pop("env", "overcast"),
+            LightingOptions(tolerance=0.05, **wishes),
+            albedo="estimated",
+            caching="none",
+        )
     )
     with pytest.warns(DataWarning, match="closed room"):
         shaded = next(iter(job.shaded()))
@@ -93,7 +96,7 @@ def test_a_box_without_its_ceiling_is_lit_from_above():
 def test_a_ceiling_is_only_taken_off_a_closed_room():
     scene = Scene(room()[0].chunks)
     with pytest.raises(InputError, match="expected a closed room"):
-        next(iter(Job(scene, "noon", LightingOptions(opened="ceiling"), caching="none").shaded()))
+        next(iter(Job(RelightRequest(scene, "noon", LightingOptions(opened="ceiling"), caching="none")).shaded()))
 
 
 def test_what_a_window_lets_in_is_new():

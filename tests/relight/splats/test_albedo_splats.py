@@ -11,6 +11,7 @@ from lit_ball import TILT, albedo_at, ball_scene, received_at, splats_of_ball
 from relight import LightingOptions
 from relight.engine.appearance import Appearance
 from relight.job import Job
+from relight.request import RelightRequest
 from relight.splats import Binding, albedo_splats, normals_of
 from relight.splats.write import HIDDEN
 from relight.writing import Writer
@@ -86,9 +87,9 @@ def test_one_pass_writes_splat_proxy_and_collision_mesh(tmp_path, monkeypatch):
     scene.source = {"file": file.name, "sha256": hashlib.sha256(file.read_bytes()).hexdigest(), "path": str(file)}
     options = LightingOptions("analytic", bands=3)
     formats = ("albedo-splat", "splat-glb", "glb")
-    job = Job(scene, "noon", options, albedo=albedo, formats=formats)
+    job = Job(RelightRequest(scene, "noon", options, albedo=albedo, formats=formats, live_mesh=True, sky="drop"))
     (shaded,) = job.shaded()
-    report = Writer(job, live_mesh=True, sky="drop").write(shaded, tmp_path / "out")
+    report = Writer(job).write(shaded, tmp_path / "out")
     names = {"relit.glb", "live.glb", "albedo_splat.ply", "proxy.glb", "albedo_splat.collision.glb", "relit_splat.glb"}
     assert set(report["files"]) == names and {p.name for p in (tmp_path / "out").iterdir()} == {*names, "report.json"}
     bare = read_splats(tmp_path / "out" / "albedo_splat.ply")
@@ -119,7 +120,7 @@ def test_usd_without_its_library_is_told_before_any_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "pxr", None)
     scene, albedo = ball_scene(8)
     splat = splats_of_ball(50)[0]
-    job = Job(scene, "noon", LightingOptions("analytic", bands=3), albedo=albedo, formats=("usd",))
+    job = Job(RelightRequest(scene, "noon", LightingOptions("analytic", bands=3), albedo=albedo, formats=("usd",)))
     job.__dict__["splats"] = (splat, [])
     with pytest.raises(InputError, match=r"USD needs usd-core: pip install"):
         job.relighter  # noqa: B018

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from relight import Environment, LightingOptions
 from relight.job import Job
+from relight.request import RelightRequest
 from relight.splats import Binding
 from scenes import capture_views
 from scenes.cameras import SCENE_FROM_SPLAT
@@ -50,7 +51,7 @@ def relit(kind, env="sunset", **known):
     """Display colours (N, 3), clipped, of the splats as captured, as relit and as they truly are in a new light."""
     place, made, scene = captured(kind)
     sky = Environment.load(env)
-    job = Job(scene, sky, LightingOptions(tolerance=0.2), albedo="estimated", caching="none", **known)
+    job = Job(RelightRequest(scene, sky, LightingOptions(tolerance=0.2), albedo="estimated", caching="none", **known))
     shaded, look = next(iter(job.shaded())), job.appearance
     after = look.received(shaded.shading.radiance * np.float32(made.exposure))
     found = Binding(made.splats, scene, views=()).relit(look.irradiance, after)

@@ -5,13 +5,12 @@ import json
 import numpy as np
 import pytest
 from buckets import bucket_server, copied, made_bucket, sent
-from cities import sums
+from cities import relit_city, sums
 from scipy.spatial import cKDTree
 from splat_samples import make_splats
 
 from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
-from relight.tiles.city import relight_city
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
 from relight.tiles.streamed import LEVELS, META, environment_files, lod_meta, tile_levels
@@ -22,14 +21,13 @@ from splat2mesh.splats.formats import read_splats
 from splat2mesh.splats.formats.streamed import open_streamed
 from splat2mesh.splats.joining import joined
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Loop
 
 OPTIONS = LightingOptions(bands=3, rays=16, effects="shadows")
 
 
 @pytest.fixture(scope="module")
 def relit(city):
-    report = relight_city(city, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
+    report = relit_city(city, "noon", OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
     return city / "relit" / "a", report
 
 
@@ -39,7 +37,7 @@ def test_each_tile_is_lit_as_in_the_whole_city(city, relit):
     whole = Scene([tile_mesh(store, entry["tile"]) for entry in entries])
     options = LightingOptions(bands=3, rays=256, effects="shadows")
     expected = Relighter(whole, options).shade(Environment.load("noon"))
-    white = relight_city(city, "noon", Loop(), options, formats=("npy",), albedo="white", folder="relit/white")
+    white = relit_city(city, "noon", options, formats=("npy",), albedo="white", folder="relit/white")
     found = np.concatenate([np.load(city / "relit/white" / entry["name"] / "radiance.npy") for entry in entries])
     assert white["vertices"] == len(found) == len(expected)
     assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected)  # far tiles are coarse, rays are 256
@@ -85,7 +83,7 @@ def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
 
 def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit):
     formats = ("splat", "sog")
-    relight_city(city, "noon", Loop(), OPTIONS, formats=formats, folder="relit/sog")
+    relit_city(city, "noon", OPTIONS, formats=formats, folder="relit/sog")
     folder = city / "relit/sog"
     capture = open_streamed(folder / "sog/lod-meta.json")
     expected = [read_splats(path) for path in sorted((folder / "tiles").glob("*/splats.ply"))]
@@ -104,7 +102,7 @@ def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit
     assert (coarse.means >= box[0]).all() and (coarse.means <= box[1]).all()
     before = sums(folder)
     (folder / "sog/1_00001/meta.json").unlink()
-    relight_city(city, "noon", Loop(), OPTIONS, formats=formats, folder="relit/sog", resume=True)
+    relit_city(city, "noon", OPTIONS, formats=formats, folder="relit/sog", resume=True)
     assert sums(folder) == before
 
 
@@ -139,7 +137,7 @@ def test_a_run_that_goes_on_ends_in_the_same_bytes(city, relit):
     before = sums(folder)
     for name in ("tiles/00001/relit.json", "report.json"):
         (folder / name).unlink()
-    relight_city(city, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a", resume=True)
+    relit_city(city, "noon", OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a", resume=True)
     assert sums(folder) == before
 
 
@@ -148,7 +146,7 @@ def test_a_city_in_a_bucket_has_the_same_bytes(city, relit, tmp_path):
         url = f"{made_bucket('cities')}/small"
         for name in ("plan.json", "city.json", "tiles", "splats"):
             sent(city / name, f"{url}/{name}")
-        relight_city(url, "noon", Loop(), OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
+        relit_city(url, "noon", OPTIONS, formats=("glb", "npy", "splat"), folder="relit/a")
         assert sums(copied(f"{url}/relit/a", tmp_path / "copy")) == sums(relit[0])
 
 
@@ -191,11 +189,11 @@ def test_what_lies_below_the_horizon_is_left_out(city):
 
 def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):
     with pytest.raises(InputError, match="exists already"):
-        relight_city(city, "noon", Loop(), OPTIONS, folder="relit/a")
+        relit_city(city, "noon", OPTIONS, folder="relit/a")
     with pytest.raises(InputError, match="other settings"):
-        relight_city(city, "sunset", Loop(), OPTIONS, folder="relit/a", resume=True)
+        relit_city(city, "sunset", OPTIONS, folder="relit/a", resume=True)
     with pytest.raises(InputError, match=r"no city\.json"):
-        relight_city(tmp_path, "noon", Loop(), OPTIONS)
+        relit_city(tmp_path, "noon", OPTIONS)
     for arguments, said in (
         (["--albedo", "nothing"], "--albedo nothing"),
         (["--rotate", "0:90:45"], "one angle at a time"),

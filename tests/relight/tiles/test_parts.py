@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cities import sums
+from cities import relit_city, sums
 
 from relight import Environment, LightingOptions
 from relight.tiles import parts, work
-from relight.tiles.city import relight_city
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
 from relight.tiles.shared import city_of, coarse_city
@@ -21,7 +20,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import read_splats
 from splat2mesh.tiles.plan import FILE, Plan
 from splat2mesh.tiles.store import Store
-from splat2mesh.tiles.tasks import Loop, engine
+from splat2mesh.tiles.tasks import engine
 
 OPTIONS = LightingOptions(bands=3, rays=64, effects="shadows bounces")
 CORE = np.array([[0.0, 0.0], [40.0, 20.0]])
@@ -34,7 +33,7 @@ def scattered(count, low, high, seed=0):
 def relit(city, memory, name, running=None):
     formats = ("npy", "splat", "glb")
     folder = f"relit/parts_{name}"
-    relight_city(city, "noon", running or Loop(), OPTIONS, formats=formats, memory=memory, folder=folder)
+    relit_city(city, "noon", OPTIONS, engine=running, formats=formats, memory=memory, folder=folder)
     return city / folder
 
 
@@ -91,7 +90,7 @@ def test_little_memory_is_told(city):
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs 0\.\d GiB at least"):
         room_for(0.3, 0, 0)
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs"):
-        relight_city(city, "noon", Loop(), OPTIONS, memory=0.3, folder="relit/none")
+        relit_city(city, "noon", OPTIONS, memory=0.3, folder="relit/none")
     assert not (city / "relit/none").exists()
 
 

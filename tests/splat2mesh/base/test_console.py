@@ -2,7 +2,6 @@
 
 import errno
 import sys
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -14,7 +13,7 @@ from splat2mesh.base.console import printable
 from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main as splat2mesh
 
-OPTIONS = SimpleNamespace(json=False, quiet=False, verbose=False)
+OPTIONS = console.Display()
 HOSTILE = ["\x1b]0;owned\x07", "\x9b31m", "a\rb", "\u202eylp", "\x08\x08", "\udcff", "\u2028"]
 
 
@@ -48,16 +47,16 @@ def test_so_is_what_files_hold(tmp_path, capsys):
 
 
 def test_results_and_errors_of_work_are_spelled_out_too(capsys):
-    assert console.run(lambda _: (["a\x1b[2Jb", "c"], None), OPTIONS) == 0
+    assert console.run(lambda: (["a\x1b[2Jb", "c"], None), OPTIONS) == 0
     assert capsys.readouterr().out == "a\\x1b[2Jb\nc\n"
 
     def fail(error):
         raise error
 
     full = OSError(errno.ENOSPC, "No space left on device", "out/\x1b.png")
-    assert console.run(lambda _: fail(full), OPTIONS) == 1
+    assert console.run(lambda: fail(full), OPTIONS) == 1
     assert capsys.readouterr().err.startswith("error: out/\\x1b.png: No space left on device (")
-    assert console.run(lambda _: fail(InputError("a\u202eb")), OPTIONS) == 2
+    assert console.run(lambda: fail(InputError("a\u202eb")), OPTIONS) == 2
     assert capsys.readouterr().err == "error: a\\u202eb\n"
 
 
@@ -73,5 +72,5 @@ def test_a_full_disk_behind_stdout_is_one_line(monkeypatch, capsys):
 
     monkeypatch.setattr(console, "_drop_stdout", lambda: None)
     monkeypatch.setattr(sys, "stdout", Full())
-    assert console.run(lambda _: (["größe"], None), OPTIONS) == 1
+    assert console.run(lambda: (["größe"], None), OPTIONS) == 1
     assert capsys.readouterr().err == "error: cannot write to the standard output: No space left on device\n"

@@ -23,9 +23,8 @@ WRITER = """
     import os, sys, time
     from splat2mesh.base import console
     from splat2mesh.base.outputs import check_output, staged_folder
-    from types import SimpleNamespace
 
-    def work(options):
+    def work():
         check_output("out", {overwrite}, "mark")
         with staged_folder("out", {overwrite}, "mark") as folder:
             (folder / "mark").write_text("new")
@@ -33,8 +32,7 @@ WRITER = """
             {meanwhile}
         return [], None
 
-    options = SimpleNamespace(json=False, quiet=True, verbose=False)
-    sys.exit(console.run(work, options))
+    sys.exit(console.run(work, console.Display(quiet=True)))
 """
 
 

@@ -22,7 +22,7 @@ def tree(folder):
 
 
 def options(**changes):
-    return SimpleNamespace(**{"json": False, "quiet": False, "verbose": False, **changes})
+    return console.Display(**changes)
 
 
 def test_a_new_output_is_accepted_wherever_it_can_be_made(tmp_path):
@@ -163,7 +163,7 @@ def test_progress_never_touches_stdout_and_is_silent_unless_shown(capfd, monkeyp
 
 
 def test_a_result_is_text_or_one_json_object_or_nothing(capsys):
-    def command(_):
+    def command():
         return ["first", "second"], {"vertices": 3}
 
     assert console.run(command, options()) == 0
@@ -186,7 +186,7 @@ def test_a_result_is_text_or_one_json_object_or_nothing(capsys):
     ],
 )
 def test_errors_are_one_line_on_stderr_with_their_code(capsys, error, code, line):
-    def command(_):
+    def command():
         raise error
 
     assert console.run(command, options()) == code
@@ -197,7 +197,7 @@ def test_errors_are_one_line_on_stderr_with_their_code(capsys, error, code, line
 
 
 def test_data_warnings_are_one_line_told_once_and_other_warnings_are_hidden(capsys):
-    def command(_):
+    def command():
         for _ in range(2):
             warnings.warn("dropped 3 splats", DataWarning, stacklevel=1)
         warnings.warn("of no interest to the user", DeprecationWarning, stacklevel=1)
@@ -212,4 +212,4 @@ def test_data_warnings_are_one_line_told_once_and_other_warnings_are_hidden(caps
 )
 def test_progress_is_for_terminals_that_did_not_ask_for_quiet(monkeypatch, terminal, quiet, wanted):
     monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: terminal))
-    assert console.wants_progress(options(quiet=quiet)) is wanted
+    assert options(quiet=quiet).progress is wanted

@@ -8,6 +8,7 @@ from generated import UP, caster, dilated_splats, scene, seen_points
 
 from scenes import capture_views
 from scenes.cameras import FLIP
+from splat2mesh.base.choices import SURFACE_CHOICES
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.render.view import View
@@ -15,7 +16,6 @@ from splat2mesh.surface.extract import (
     EFFORTS,
     SCALES_PER_PIXEL,
     TRAINING_DILATION,
-    WAYS,
     Effort,
     as_trained,
     dilated,
@@ -45,7 +45,7 @@ def caster_of(vertices, faces):
     return tracer
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", SURFACE_CHOICES)
 def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
     truth, seen, _ = scene("object")
     vertices, faces, pictures, pixel = raw_surface(way, "object", 20_000)
@@ -68,7 +68,7 @@ def test_an_object_comes_back_to_a_fraction_of_a_training_pixel(way):
     assert 0.5 * pixel < np.median(thickness) < 2 * pixel if way == "field" else (thickness == np.float32(pixel)).all()
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", SURFACE_CHOICES)
 def test_a_tabletop_comes_back_where_it_was_seen(way):
     truth, seen, _ = scene("tabletop", 30_000)
     vertices, faces, _, pixel = raw_surface(way, "tabletop", 30_000)
@@ -127,7 +127,7 @@ def test_thickness_is_that_of_the_surface_whichever_way_it_is_looked_at(thicknes
     assert 0.3 * thickness < found[0] < 2 * thickness
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", SURFACE_CHOICES)
 def test_nothing_solid_is_refused(way):
     fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
     ball = discs(fibonacci_sphere(2000), fibonacci_sphere(2000), 0.06, 1e-3)

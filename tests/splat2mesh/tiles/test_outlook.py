@@ -8,6 +8,7 @@ from cities import TILE_SPLATS, few_pixels, generated
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.cli import main
+from splat2mesh.options import ConvertOptions, TilingOptions
 from splat2mesh.tiles.outlook import lines_of, outlook
 from splat2mesh.tiles.plan import BASE_GB
 
@@ -19,12 +20,12 @@ def source(tmp_path_factory):
 
 def test_the_tiles_are_those_that_would_be_made(source, monkeypatch):
     few_pixels(monkeypatch)
-    expected = outlook(source, detail="draft", up="-y", tile_splats=TILE_SPLATS)
+    expected = outlook(source, ConvertOptions(detail="draft", up="-y"), TilingOptions(tile_splats=TILE_SPLATS))
     assert expected["tiles"] == len(expected["tile_splats"]) == len(expected["tile_size"]) == 4
     assert sum(expected["tile_splats"]) == pytest.approx(24_000, rel=0.05)
     assert (np.array(expected["tile_size"]) > 0).all()
     assert expected["memory_gb"] > BASE_GB and expected["processor_seconds"] > 0
-    finer = outlook(source, detail="fine", up="-y", tile_splats=TILE_SPLATS)
+    finer = outlook(source, ConvertOptions(detail="fine", up="-y"), TilingOptions(tile_splats=TILE_SPLATS))
     assert finer["processor_seconds"] > expected["processor_seconds"]
     assert any("4 of 5," in line for line in lines_of(expected))
 
@@ -42,5 +43,5 @@ def test_what_cannot_be_planned_is_told(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\n")
     with pytest.raises(InputError, match=r"a\.ply"):
         outlook(tmp_path)
-    with pytest.raises(InputError, match="`detail` best"):
-        outlook(tmp_path, detail="best")
+    with pytest.raises(InputError, match="`eyes`: has no meaning for a city"):
+        outlook(tmp_path, ConvertOptions(eyes=[(0, 0, 0)]))

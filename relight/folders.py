@@ -1,0 +1,178 @@
+"""Results of a request in folders: every light at every angle, a sheet of all, a film; a splat is meshed first.
+
+What the relight command can do, one call of `relight_files` can do.
+"""
+
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from splat2mesh.base.console import recorded_warnings
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import check_output
+from splat2mesh.base.progress import Stages
+
+from .job import Job
+from .light.environment import Environment
+from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
+from .output.kinds import SHEET
+from .request import AnyLight, RelightRequest
+from .writing import REPORT, Writer
+
+CITY = "city.json"
+"""In the folder of a city that splat2mesh made in tiles."""
+
+LIGHTS = (".exr", ".hdr")
+"""Endings of the lights that a folder of them holds."""
+
+
+@dataclass(frozen=True, eq=False)
+class RelitFiles:
+    """What `relight_files` wrote.
+
+    folders : one for each light and angle. reports : of each, JSON-clean. sheet : path of the sheet of several lights.
+    notes : lines on what happened before or is missing. job : the last Job; None for a city.
+    """
+
+    folders: list[Path]
+    reports: list[dict[str, Any]]
+    sheet: Path | None = None
+    notes: list[str] = field(default_factory=list)
+    job: Job | None = None
+
+    @property
+    def files(self) -> list[Path]:
+        """Paths of all files, those of the first light first."""
+        pairs = zip(self.folders, self.reports, strict=True)
+        found = [folder / name for folder, report in pairs for name in report.get("files", ())]
+        return found + [self.sheet] * (self.sheet is not None)
+
+
+def relight_files(request: RelightRequest, stages: Stages | None = None) -> RelitFiles:
+    """Do all that a RelightRequest asks for and write it.
+
+    Raises InputError for what cannot be read, used or written, before any work where it can be told; UnfinishedError
+    where tiles of a city failed and the others are done.
+    """
+    stages = stages or Stages()
+    if is_city(request):
+        return _relit_city(request, stages)
+    with recorded_warnings() as messages:
+        request, notes = meshed_request(request, stages)
+        return _relit(request, stages, messages, notes)
+
+
+def is_city(request: RelightRequest) -> bool:
+    """Whether the scene of a request is a city in tiles."""
+    scene = request.scene
+    if not isinstance(scene, (str, os.PathLike)):
+        return False
+    return request.tiling is not None or "://" in os.fspath(scene) or (Path(scene) / CITY).is_file()
+
+
+def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequest, list[str]]:
+    """Return a request of a splat as one of its scene folder, made where it is missing, and lines of a summary."""
+    scene = request.scene
+    if isinstance(scene, (str, os.PathLike)):
+        _check_there(scene)
+        if is_splat(scene):
+            folder, notes = scene_folder(scene, request.meshing, stages)
+            return replace(request, scene=folder), notes
+    refuse_meshing(scene, request.meshing)
+    return request, []
+
+
+def planned_request(request: RelightRequest) -> RelightRequest | None:
+    """Return a request to plan, which leaves everything as it is; None for a splat that is not meshed yet."""
+    scene = request.scene
+    request = replace(request, caching="read")
+    if isinstance(scene, (str, os.PathLike)):
+        _check_there(scene)
+        if is_splat(scene):
+            folder = existing_folder(scene, request.meshing)
+            return None if folder is None else replace(request, scene=folder)
+    refuse_meshing(scene, request.meshing)
+    return request
+
+
+def lights_of(request: RelightRequest) -> list[AnyLight]:
+    """Return the lights of a request: itself, or all that its folder holds, by name."""
+    env = request.env
+    if isinstance(env, Environment) or not Path(env).is_dir():
+        return [env]
+    found: list[AnyLight] = sorted(str(path) for path in Path(env).iterdir() if path.suffix.lower() in LIGHTS)
+    if not found:
+        raise InputError(f"`env` {env}: the folder holds no .exr and no .hdr file")
+    if request.animated and len(found) > 1:
+        raise InputError(f"`env` {env}: an animation has one light")
+    return found
+
+
+def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path]:
+    """Return the folder of every light and angle. Raises InputError for one that may not be written."""
+    angles, output = request.angles_deg, request.output
+    if output is not None and len(angles) == len(lights) == 1:
+        folders = [Path(output)]
+    else:
+        parent = Path(output) if output is not None else _default_parent(request.scene)
+        folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
+    for folder in folders:
+        if folders.count(folder) > 1:
+            message = f"two of its lights would go into {folder}; rename one of their files"
+            raise InputError(f"`env` {request.env}: {message}")
+        check_output(folder, request.overwrite, marker=REPORT)
+    if request.sheet and len(folders) > 1:
+        check_output(folders[0].parent / SHEET, request.overwrite)
+    return folders
+
+
+def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: list[str]) -> RelitFiles:
+    lights = lights_of(request)
+    folders = output_folders(request, lights)
+    job = Job(request.under(lights[0]), stages)
+    if request.clear_cache:
+        job.relighter.cache.clear()
+    writer = Writer(job, messages)
+    if request.animated:
+        note, report = writer.film(folders[0], request.fps, request.overwrite)
+        return RelitFiles(folders, [report], notes=notes + [note] * bool(note), job=job)
+    reports, left = [], iter(folders)
+    for light in lights:
+        writer = writer if light is lights[0] else writer.under(light)
+        reports += [writer.write(shaded, next(left), request.overwrite) for shaded in writer.job.shaded()]
+    sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
+    return RelitFiles(folders, reports, sheet, notes, writer.job)
+
+
+def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:
+    from .tiles.city import relight_city
+
+    report = relight_city(request, stages=stages)
+    lines = [f"{report['output']}: {report['vertices']:,} vertices in {report['tiles']} tiles"]
+    return RelitFiles([Path(report["output"])], [report], notes=lines)
+
+
+def _check_there(path: str | os.PathLike[str]) -> None:
+    if not os.path.exists(path):
+        raise InputError(f"{path}: no such scene folder, splat or mesh file")
+
+
+def _default_parent(scene: object) -> Path:
+    """The folder for the folders of lights: in a scene folder, or beside a mesh in the current folder."""
+    if not isinstance(scene, (str, os.PathLike)):
+        raise InputError("`output`: a scene in memory has no folder of its own; name one")
+    source = Path(scene)
+    return source / "relit" if source.is_dir() else Path(f"{source.stem}_relit")
+
+
+def _name(light: AnyLight) -> str:
+    """What a light is called in the name of a folder: that of its file, or of the sky that it is, whatever its case."""
+    if isinstance(light, Environment):
+        return light.name
+    return Path(light).stem if Path(light).exists() else Path(light).stem.lower()
+
+
+def _plain(number: float) -> str:
+    """A number without trailing zeros: 45.0 -> "45"."""
+    return f"{number:.6f}".rstrip("0").rstrip(".")

@@ -1,0 +1,178 @@
+"""All that can be asked of a relight, as one frozen value: what the command can do, and each of its options a field.
+
+The library fills in no default elsewhere, and checks every field here, before any work. Imports nothing heavy.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from splat2mesh.base.choices import check_choice
+from splat2mesh.base.errors import InputError
+from splat2mesh.options import ConvertOptions, TilingOptions
+
+from .light import SKIES
+from .options import LightingOptions
+from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from splat2mesh.scene.foreign import AnyScene
+
+    from .light.environment import Environment
+
+AnyLight: TypeAlias = "Environment | str | os.PathLike[str]"
+"""An Environment, a file, or the name of a built-in one."""
+
+AnyAlbedo: TypeAlias = "str | os.PathLike[str] | NDArray[np.floating]"
+"""One of "estimated", "captured" and "white"; a .npy file; or (V, 3) linear."""
+
+MOST_EXPOSURE_EV = 64.0
+"""Far beyond any light, and 2^64 still fits in the float32 of the files."""
+
+MOST_ANGLES = 3600
+"""A full turn in steps of a tenth of a degree."""
+
+CACHING = ("keep", "read", "none")
+"""Keep what is computed in the scene's folder, read what was kept there, or neither."""
+
+
+@dataclass(frozen=True, eq=False)
+class RelightRequest:
+    """A scene, the light to put it under, and what to make of it.
+
+    Parameters
+    ----------
+    scene : scene, mesh or path
+        A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
+    env : Environment, path or name
+        The light: an `.exr` or `.hdr` file, a folder of them, or one of studio, overcast, sunset, noon.
+    lighting : LightingOptions
+        How exactly the light is computed, and what becomes of captured lamps.
+    angles_deg : sequence of float
+        Turns of the light about +y, counter-clockwise from above; each fills a folder.
+    albedo : optional
+        What light falls on: "estimated" (for what was made of a splat the default), "captured" (of other meshes),
+        "white", a .npy file, or (V, 3) linear float.
+    capture_env : optional
+        The light of the capture, where it is known.
+    exposure_ev : float, optional
+        Show radiance times 2^EV; without, as the capture was exposed.
+    formats : sequence of str, optional
+        Words of `output.kinds.FILES`; of a city of `CITY_FILES`. Without, glb, png and, where the scene was made of
+        a splat, splat; of a city glb and splat.
+    baked : sequence of {"texture", "transfer"}
+        Textures for low-poly meshes.
+    texture_size : int, optional
+        Side of the textures in texels; as fine as the splat without.
+    sheet : bool
+        Write `sheet.png`, which shows the capture, the albedo and all lights.
+    sky : {"new", "keep", "drop"}
+        Far background of a relit splat.
+    lights : sequence
+        Other lights that the page and the bundle hold.
+    live_mesh : bool
+        Write `live.glb` too, a mesh whose light shaders turn.
+    harmonics : {"zero", "keep"}
+        Colour of an albedo splat that depends on the view.
+    splat : path, optional
+        The splat that the scene was made from, where it is not where the scene says.
+    animated : bool
+        Light every frame of an animated .glb. fps : frames per second.
+    caching : {"keep", "read", "none"}
+        What becomes of transfers, albedo and texels in the scene's folder. clear_cache : empty it first.
+    meshing : ConvertOptions
+        How a splat is meshed that has no scene folder yet.
+    tiling : TilingOptions, optional
+        How a city in tiles is worked on.
+    output : path, optional
+        Folder to write; of several lights the one for their folders.
+    overwrite : bool
+        Replace results of other settings.
+
+    Raises
+    ------
+    InputError
+        For anything else, and for fields that do not go together; the message names the field.
+    """
+
+    scene: "AnyScene"
+    env: AnyLight = "studio"
+    lighting: LightingOptions = field(default_factory=LightingOptions)
+    angles_deg: Sequence[float] = (0.0,)
+    albedo: "AnyAlbedo | None" = None
+    capture_env: "AnyLight | None" = None
+    exposure_ev: float | None = None
+    formats: Sequence[str] | None = None
+    baked: Sequence[str] = ()
+    texture_size: int | None = None
+    sheet: bool = False
+    sky: str = "new"
+    lights: Sequence[AnyLight] = ()
+    live_mesh: bool = False
+    harmonics: str = "zero"
+    splat: str | os.PathLike[str] | None = None
+    animated: bool = False
+    fps: float = 24.0
+    caching: str = "keep"
+    clear_cache: bool = False
+    meshing: ConvertOptions = field(default_factory=ConvertOptions)
+    tiling: TilingOptions | None = None
+    output: str | os.PathLike[str] | None = None
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("angles_deg", "baked", "lights"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        if self.formats is not None:
+            object.__setattr__(self, "formats", tuple(self.formats))
+        self._check_words()
+        if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
+            raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
+        if self.exposure_ev is not None and not abs(self.exposure_ev) <= MOST_EXPOSURE_EV:
+            limit = f"{MOST_EXPOSURE_EV:g}"
+            raise InputError(f"`exposure_ev` {self.exposure_ev}: expected stops from -{limit} to {limit}")
+        if self.live_mesh and self.formats is not None and "glb" not in self.formats:
+            raise InputError("`live_mesh`: it belongs to the format glb; give that too")
+        if self.lights and not {"live", "web"} & set(self.formats or ()):
+            raise InputError(f"`lights` {self.lights[0]}: only the formats live and web hold several lights")
+        if self.clear_cache and self.caching != "keep":
+            raise InputError("`clear_cache`: nothing is written and nothing removed where no cache is kept")
+        if self.animated and len(self.angles_deg) > 1:
+            raise InputError("`angles_deg`: an animation has one angle")
+
+    def _check_words(self) -> None:
+        check_choice("sky", self.sky, SKIES)
+        check_choice("harmonics", self.harmonics, HARMONICS)
+        check_choice("caching", self.caching, CACHING)
+        for word in self.formats or ():
+            check_choice("formats", word, tuple(dict.fromkeys([*FILES, *CITY_FILES])))
+        for word in self.baked:
+            check_choice("baked", word, BAKED)
+
+    @classmethod
+    def of(
+        cls,
+        scene: "AnyScene | RelightRequest",
+        env: AnyLight = "studio",
+        lighting: LightingOptions | str | None = None,
+        **changes: Any,
+    ) -> "RelightRequest":
+        """Return a request of loose arguments.
+
+        lighting: LightingOptions or the name of a method. changes: fields of the request and of its LightingOptions,
+        such as tolerance=0.02, side by side. A request is returned with its fields changed.
+        """
+        own = {each.name for each in fields(cls)}
+        finer = {name: changes.pop(name) for name in list(changes) if name not in own}
+        if isinstance(scene, RelightRequest):
+            lighting = scene.lighting if lighting is None else lighting
+            return replace(scene, lighting=LightingOptions.of(lighting, **finer), **changes)
+        return cls(scene, env, LightingOptions.of(lighting, **finer), **changes)
+
+    def under(self, env: AnyLight) -> "RelightRequest":
+        """Return the same request under another light."""
+        return replace(self, env=env)

@@ -1,0 +1,14 @@
+from .api import MeshedFiles as MeshedFiles
+from .api import convert as convert
+from .api import mesh_files as mesh_files
+from .api import plan_mesh as plan_mesh
+from .base.errors import DataWarning as DataWarning
+from .base.errors import InputError as InputError
+from .base.errors import UnfinishedError as UnfinishedError
+from .base.progress import Stages as Stages
+from .base.version import __version__ as __version__
+from .options import ConvertOptions as ConvertOptions
+from .options import TilingOptions as TilingOptions
+from .proxy import add_proxy as add_proxy
+from .scene.scene import Scene as Scene
+from .splats.splats import Splats as Splats

@@ -1,0 +1,155 @@
+"""The library in a line: a splat, a layout or a city in, a scene out. What the command can do, one call here can do."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .base.errors import InputError
+from .base.outputs import check_output
+from .base.progress import Stages
+from .layout import convert_layout, is_layout, plan_layout
+from .options import ConvertOptions, TilingOptions
+from .pipeline import convert as convert_splat
+from .pipeline import plan as plan_splat
+from .scene.folder import META
+from .scene.scene import Scene
+
+_SOG_METAS = ("meta.json", "lod-meta.json")
+
+
+@dataclass(frozen=True, eq=False)
+class MeshedFiles:
+    """What `mesh_files` wrote.
+
+    output : folder or URL. scene : Scene, None for a city in tiles. report : JSON-clean dict of counts, seconds and
+    memory.
+    """
+
+    output: str
+    scene: Scene | None
+    report: dict[str, Any]
+
+
+def convert(
+    path: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
+    *,
+    stages: Stages | None = None,
+    **changes: Any,
+) -> Scene:
+    """Make a scene from a trained splat, or from several that a layout places.
+
+    Parameters
+    ----------
+    path : path
+        Splat file of any kind that can be read, folder of tiles, streamed SOG, or a layout `.json`.
+    options : ConvertOptions, optional
+        How; `changes` are fields of it.
+    stages : Stages, optional
+        Times the work.
+
+    Returns
+    -------
+    Scene
+        In the right-handed, y-up scene frame, not yet saved.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
+
+    Examples
+    --------
+    >>> scene = convert("garden.ply", detail="draft", up="+y")  # doctest: +SKIP
+    >>> scene.save("garden")  # doctest: +SKIP
+    """
+    asked = ConvertOptions.of(options, **changes)
+    return (convert_layout if is_layout(path) else convert_splat)(path, asked, stages=stages)
+
+
+def plan_mesh(
+    path: str | os.PathLike[str],
+    options: ConvertOptions | None = None,
+    *,
+    tiling: TilingOptions | None = None,
+    stages: Stages | None = None,
+    **changes: Any,
+) -> dict[str, Any]:
+    """Return what `mesh_files` would do, as a JSON-clean dict; nothing is written. Arguments and errors as there."""
+    asked = ConvertOptions.of(options, **changes)
+    if tiling is not None or is_url(path):
+        from .tiles.outlook import outlook
+
+        return outlook(path, asked, tiling, stages=stages)
+    return (plan_layout if is_layout(path) else plan_splat)(path, asked)
+
+
+def mesh_files(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str] | None = None,
+    options: ConvertOptions | None = None,
+    *,
+    tiling: TilingOptions | None = None,
+    overwrite: bool = False,
+    stages: Stages | None = None,
+    **changes: Any,
+) -> MeshedFiles:
+    """Make a scene and write its folder, whole or not at all.
+
+    Parameters
+    ----------
+    path : path or URL
+        As for `convert`; of a city also a URL.
+    output : path or URL, optional
+        Scene folder; without, `default_folder(path)`.
+    options : ConvertOptions, optional
+        How; `changes` are fields of it.
+    tiling : TilingOptions, optional
+        Work tile by tile, in bounded memory. A city knows `lod`, `vertices`, `up` and `detail` alone.
+    overwrite : bool
+        Replace a scene folder that exists.
+    stages : Stages, optional
+        Times the work.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used, before anything is written.
+    UnfinishedError
+        Where tiles of a city failed and the others are done.
+    """
+    asked = ConvertOptions.of(options, **changes)
+    target = str(output or default_folder(path))
+    stages = stages or Stages()
+    if tiling is not None or is_url(path):
+        from .tiles.city import convert_city
+
+        report = convert_city(path, target, asked, tiling, overwrite=overwrite, stages=stages)
+        return MeshedFiles(target, None, report)
+    check_output(target, overwrite, META)
+    scene = convert(path, asked, stages=stages)
+    with stages.stage("write"):
+        scene.save(target, overwrite=overwrite)
+    report = {"scene": target, "chunks": len(scene.chunks), **scene.statistics, "seconds": stages.seconds}
+    return MeshedFiles(target, scene, report)
+
+
+def default_folder(path: str | os.PathLike[str]) -> str:
+    """Return the scene folder of a splat without a name of its own: the input's name, in the current folder.
+
+    It is never the folder that is the input. Raises InputError for a file that does not exist.
+    """
+    source = Path(path)
+    if not is_url(path) and not source.exists():
+        raise InputError(f"{source}: no such file")
+    source = source.resolve()
+    if source.name in _SOG_METAS:
+        source = source.parent
+    name = source.name.split(".")[0] or "scene"
+    return f"{name}_scene" if Path(name).resolve() == source else name
+
+
+def is_url(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a URL, which fsspec reads."""
+    return "://" in os.fspath(path)

@@ -1,0 +1,50 @@
+"""What settings accept, defined once for the library, its requests and both command lines. Imports nothing heavy."""
+
+from typing import Any
+
+from .errors import InputError
+
+UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
+"""Which axis of the splat points up."""
+
+DETAIL_CHOICES = ("draft", "normal", "fine")
+"""How many views a surface is extracted from, and how fine its voxels are."""
+
+SURFACE_CHOICES = ("field", "sugar")
+"""A level of the opacity field, or the density level set and Poisson surface of the SuGaR paper."""
+
+BACKGROUND_CHOICES = ("cut", "keep")
+"""What becomes of a far background: a shell of it around the scene would keep all new light out."""
+
+STAND_CHOICES = ("auto", "inside", "outside")
+"""From where the scene was captured."""
+
+PROXY_CHOICES = ("closed", "convex")
+"""What bodies collide with: one closed surface, or convex parts."""
+
+DEFAULT_MAX_VERTICES = 40_000
+"""Vertices per chunk: the limit of the Neural-GASh paper."""
+
+MOST_SEED = 2**64
+
+
+def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
+    """Raise InputError, which names the setting, unless the value is one of the choices."""
+    if value not in choices:
+        raise InputError(f"`{name}` {value}: expected one of {' '.join(choices)}")
+
+
+def check_lod(lod: Any) -> int | str:
+    """Return a level of detail as "auto" or a number. Raises InputError for anything else."""
+    if lod == "auto" or (type(lod) is int and lod >= 0):
+        return lod
+    if isinstance(lod, str) and lod.isdecimal():
+        return int(lod)
+    raise InputError(f"`lod` {lod}: expected auto or the number of a level, 0 being the finest")
+
+
+def check_seed(seed: Any) -> int:
+    """Return a seed as an int. Raises InputError for one that the random generators do not take."""
+    if seed != int(seed) or not 0 <= seed < MOST_SEED:
+        raise InputError(f"`seed` must be a whole number from 0 to 2^64 - 1, found {seed}")
+    return int(seed)

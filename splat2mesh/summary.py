@@ -1,0 +1,36 @@
+"""What a summary says of a scene that was written."""
+
+from pathlib import Path
+
+from .scene.folder import PICTURE, PROXY
+from .scene.scene import Scene
+
+PROXY_ERROR = 2.5
+"""Distance between a closed proxy and the mesh, in voxels of the proxy, at most."""
+
+
+def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list[str]:
+    """Return its size, and what decided which way is up."""
+    counts, took = scene.statistics, "" if seconds is None else f", {seconds:.1f} s"
+    level = f" of level {scene.source['lod']}" if "lod" in scene.source else ""
+    lines = [
+        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
+        f"from {counts['splats']:,} splats{level}{took}"
+    ]
+    objects = scene.settings.get("objects") or {"": scene.settings}
+    for name, settings in objects.items():
+        if settings.get("up_from", "asked for") != "asked for":
+            lines.append(f"  up{f' of {name}' if name else ''}: {settings['up_from']} (--up overrules)")
+    return lines
+
+
+def extras_of(scene: Scene, output: Path) -> list[str]:
+    """Return what else lies in the folder: its picture and its proxy."""
+    lines = [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    kind = scene.settings.get("proxy")
+    if kind:
+        counts = scene.statistics
+        named = "one closed surface" if kind == "closed" else f"{counts['proxy_bodies']} convex parts"
+        within = PROXY_ERROR * counts["proxy_voxel"]
+        lines += [f"  {output / PROXY}: {named} of {counts['proxy_faces']:,} faces, within {within:.2g} of the mesh"]
+    return lines
