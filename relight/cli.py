@@ -96,8 +96,9 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
     from .folders import is_city, relight_files
 
     if is_city(request):
-        if hasattr(words, "plan") or hasattr(words, "view") or hasattr(words, "screenshot") or port is not None:
-            raise InputError("--plan, --view, --screenshot and --serve: have no meaning for a city in tiles")
+        for name in ("plan", "view", "screenshot", "serve"):
+            if hasattr(words, name):
+                raise InputError(f"--{name}: has no meaning for a city in tiles; leave it out")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
     stages = Stages(show=display.progress)

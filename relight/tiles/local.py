@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.scene.scene import Scene
@@ -111,22 +112,22 @@ def far_scene(shared: Shared) -> Scene:
     return scene_of(joined_meshes([mesh for mesh in shared.coarse if mesh is not None]), shared)
 
 
-def _between(places, box):
+def _between(places: Floats, box: Floats) -> Mask:
     return ((places >= box[0]) & (places < box[1])).all(axis=1)
 
 
-def _within(mesh, box):
+def _within(mesh: Mesh, box: Floats) -> Mask:
     """(F,) bool: the faces of a Mesh whose middles lie in a box of x and z."""
     return _between(mesh.vertices[mesh.faces].mean(axis=1)[:, [0, 2]], box)
 
 
-def _part(mesh, box, inside):
+def _part(mesh: Mesh, box: Floats, inside: bool) -> Mesh:
     """The faces of a Mesh whose middles lie in a box of x and z, or those whose do not."""
     chosen = _within(mesh, box) == inside
     return mesh if chosen.all() else _of_rows(mesh, np.unique(mesh.faces[chosen]), chosen)
 
 
-def _of_rows(mesh, rows, chosen):
+def _of_rows(mesh: Mesh, rows: Indices, chosen: Mask) -> Mesh:
     """The faces of a Mesh that are chosen, (F,) bool, with vertices of some rows (N,), sorted, theirs among them."""
     faces = np.searchsorted(rows, mesh.faces[chosen]).astype(np.int32).reshape(-1, 3)
     return Mesh(mesh.vertices[rows], mesh.normals[rows], faces, mesh.colors_srgb[rows])

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.base.errors import InputError
 
 BASE_GB, GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 0.5, 2.8e-6, 1.2e-6, 1.0e-6
@@ -99,5 +100,5 @@ def parts_of(
     return done
 
 
-def _inside(places, box):
+def _inside(places: Floats, box: Floats) -> Mask:
     return ((places >= box[0]) & (places < box[1])).all(axis=1)

@@ -66,7 +66,7 @@ def coarse_city(store: Store, sky: Environment) -> Shared:
     )
 
 
-def _distant(store, entry):
+def _distant(store: Store, entry: dict[str, Any]) -> Mesh:
     """What all the city holds of a tile."""
     far, distant = (f"{entry['name']}/{twin}" for twin in (FAR, DISTANT))
     return mesh_from_ply_bytes(store.read(distant if distant in entry["files"] else far))
@@ -125,11 +125,11 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
     return sha256(data).hexdigest()
 
 
-def _of_sky(sky):
+def _of_sky(sky: Environment) -> dict[str, Any]:
     return {"sky": sky.radiance, "sky_deg": sky.rotation_deg, "sky_name": sky.name, "sky_formula": sky.formula or ""}
 
 
-def _sky_from(kept):
+def _sky_from(kept: dict[str, Any]) -> Environment:
     sky = Environment(kept["sky"], str(kept["sky_name"]), float(kept["sky_deg"]))
     sky.formula = str(kept["sky_formula"]) or None
     return sky

@@ -58,7 +58,7 @@ def _parts(means: NDArray) -> list[NDArray[np.int64]]:
     return done
 
 
-def _bound(splats):
+def _bound(splats: Splats) -> dict[str, list[float]]:
     """The box of the splats' standard deviations."""
     reach = np.sqrt(np.einsum("nii->ni", splats.covariances()))
     low, high = (splats.means - reach).min(axis=0), (splats.means + reach).max(axis=0)
@@ -88,7 +88,7 @@ def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
     return meta | ({"environment": "env/meta.json"} if environment else {})
 
 
-def _tree(leaves):
+def _tree(leaves: list[dict[str, Any]]) -> dict[str, Any]:
     """A tree of two children a node, cut at the middle leaf across the longest side."""
     if len(leaves) == 1:
         return leaves[0]

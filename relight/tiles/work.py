@@ -2,10 +2,11 @@
 
 import gc
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_ply_bytes
@@ -22,10 +23,13 @@ from ..light.environment import Environment
 from ..options import LightingOptions
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
-from .local import NEAR, Surroundings, far_scene
+from .local import NEAR, Local, Surroundings, far_scene
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
+
+if TYPE_CHECKING:
+    from ..engine.relighter import Relighter
 
 DIAGONAL = 10.0
 """Of what counts as the scene of a tile's splats, in distances between stations, whatever the size of tile and part: it
@@ -113,19 +117,28 @@ def relit_tile(
     return store.commit(f"{name}/relit.json", files, **facts)
 
 
-def _lit(shared, around, options, albedo, formats, splats, memory):
+def _lit(
+    shared: Shared,
+    around: Surroundings,
+    options: LightingOptions,
+    albedo: str,
+    formats: tuple[str, ...],
+    splats: Splats | None,
+    memory: float | None,
+) -> tuple[dict[str, bytes], dict[str, Any], Splats | None]:
     """A tile in its parts: its files, facts for its record, and its splats."""
     mesh, exposure = around.mesh, shared.exposure
     parts = around.parts(room_for(memory, 0 if splats is None else len(splats), around.coarse))
     radiance = np.zeros((len(mesh.vertices), 3), np.float32)
-    places, sh = _places(splats, shared), None if splats is None else splats.sh.copy()
-    facts = {"vertices": len(radiance), "parts": len(parts), "lit_with": 0, "nearest": NEAR}
+    places = None if splats is None else _places(splats, shared)
+    sh = None if splats is None else splats.sh.copy()
+    facts: dict[str, Any] = {"vertices": len(radiance), "parts": len(parts), "lit_with": 0, "nearest": NEAR}
     for part in parts:
-        chosen = None if splats is None else np.flatnonzero(part.holds(places))
-        bound = splats.take(chosen) if chosen is not None and len(chosen) else None
+        chosen = np.zeros(0, np.int64) if places is None else np.flatnonzero(part.holds(places))
+        bound = splats.take(chosen) if splats is not None and len(chosen) else None
         local = around.of(part)
         radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, options, albedo, bound, around.spacing)
-        if bound is not None:
+        if sh is not None and relit is not None:
             sh[chosen] = relit
         facts["lit_with"] = max(facts["lit_with"], len(local.shown))
         facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
@@ -137,19 +150,21 @@ def _lit(shared, around, options, albedo, formats, splats, memory):
     if "glb" in formats:
         files["mesh.glb"] = glb_bytes(mesh.vertices, mesh.normals, mesh.faces, shown)
     if "ply" in formats:
-        relit = Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(shown)))
-        files["mesh.ply"] = mesh_ply_bytes(relit)
+        colored = Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(shown)))
+        files["mesh.ply"] = mesh_ply_bytes(colored)
     if "npy" in formats:
         buffer = io.BytesIO()
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
-    if splats is not None:
+    if splats is not None and sh is not None:
         splats = Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
     bounds = [mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist()]
     return files, facts | {"bounds": bounds}, splats
 
 
-def _lit_part(shared, local, options, albedo, splats, spacing):
+def _lit_part(
+    shared: Shared, local: Local, options: LightingOptions, albedo: str, splats: Splats | None, spacing: float
+) -> tuple[Radiance, Floats | None, dict[str, Any]]:
     """Of a part: radiance of its own vertices, the colours of its splats or None, and facts for the record."""
     from ..engine.relighter import Relighter
 
@@ -170,27 +185,27 @@ def _lit_part(shared, local, options, albedo, splats, spacing):
     return shading.radiance[own], relit, told
 
 
-def _release():
+def _release() -> None:
     """Return what nothing needs any more to the system: plans hold each other, so that it waits for the collector."""
     gc.collect()
     give_back()
 
 
-def _places(splats, shared):
-    """x and z of splats in the scene frame, (N, 2); 0 for what is not finite. None without splats."""
-    if splats is None:
-        return None
+def _places(splats: Splats, shared: Shared) -> Floats:
+    """x and z of splats in the scene frame, (N, 2); 0 for what is not finite."""
     matrix = shared.scene_from_splat
     with np.errstate(invalid="ignore", over="ignore"):
         return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
 
 
-def _received(radiance, colors):
+def _received(radiance: Radiance, colors: Radiance | None) -> Radiance:
     """Irradiance (V, 3) that surfaces of an albedo (V, 3), white for None, send on as radiance."""
     return radiance if colors is None else radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
 
 
-def _albedo(relighter, captured, shared, choice, seed):
+def _albedo(
+    relighter: "Relighter", captured: Radiance, shared: Shared, choice: str, seed: int
+) -> tuple[Radiance | None, Radiance]:
     """Albedo (V, 3) or None for white, and what was received on the capture day, (V, 3)."""
     from ..albedo.estimate import under_light
 
@@ -202,13 +217,15 @@ def _albedo(relighter, captured, shared, choice, seed):
     return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE_OF_PLACE))
 
 
-def _source(store, tile, sources):
+def _source(store: Store, tile: int, sources: list[int]) -> Splats | None:
     """The splats of a tile as the source has them, in its frame, or None."""
     parts = [store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz") for number in sources]
     return joined([Splats(**{name: part[name] for name in NUMBERS}) for part in parts]) if parts else None
 
 
-def _relit_sh(splats, local, before, after, shared, spacing):
+def _relit_sh(
+    splats: Splats, local: Local, before: Radiance, after: Radiance, shared: Shared, spacing: float
+) -> Floats:
     """Colours of splats that take the change of light of the mesh near them, with what is usual in the whole city and
     without a fit in views, which borders would show."""
     from splat2mesh.scene.scene import Scene
@@ -237,7 +254,7 @@ def relit_environment(store: Store, folder: str, key: str, pieces: list[int], sk
     return store.commit(f"{folder}/{FOLDER}/environment.json", files, splats=len(whole))
 
 
-def _far(store, folder, key, piece, sky):
+def _far(store: Store, folder: str, key: str, piece: int, sky: str) -> Splats:
     shared, splats = Shared.kept(store, folder, key), far_splats(store, piece)
     if shared.background is None:
         return splats

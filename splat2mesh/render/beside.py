@@ -2,9 +2,13 @@
 
 import numpy as np
 
+from ..base.arrays import ColorsSrgb, Floats
 from ..scene.color import bytes_from_unit
+from ..scene.mesh import Mesh
+from ..splats.splats import Splats
 from .rasterize import rasterize
 from .raycaster import RayCaster
+from .view import View
 
 WIDTH = 640
 """Pixels of each of the two pictures."""
@@ -16,7 +20,7 @@ BACKGROUND = 0.2
 """Display value behind both."""
 
 
-def beside(splats, mesh, view, near):
+def beside(splats: Splats, mesh: Mesh, view: View, near: float) -> ColorsSrgb:
     """The picture, (H, 2 W, 3) uint8 sRGB: the splats on the left, the colours of the mesh on the right.
 
     splats: Splats. mesh: Mesh in their frame. view: View. near: camera z of the near plane of the splats.
@@ -27,7 +31,7 @@ def beside(splats, mesh, view, near):
     return bytes_from_unit(np.concatenate([left, _drawn(mesh, view)], axis=1))
 
 
-def _drawn(mesh, view):
+def _drawn(mesh: Mesh, view: View) -> Floats:
     """The colours of a mesh, (H, W, 3) float32 sRGB, as vertices have them."""
     fine = view.resized(FINE * WIDTH)
     rays = fine.ray_directions()

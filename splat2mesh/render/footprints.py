@@ -6,14 +6,19 @@ for Real-Time Radiance Field Rendering, 2023).
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Indices, Integers, Mask, Points, Quaternions
 from ..base.errors import InputError
 from ..base.threads import read_only, shared
+from ..splats.splats import Splats
+from .view import View
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
@@ -32,6 +37,9 @@ FOOTPRINT = np.dtype(
     + [(name, np.float32) for name in "opacity red green blue depth".split()],
     align=True,
 )
+
+Footprint: TypeAlias = Any
+"""A record of FOOTPRINT, whose fields kernels read as attributes."""
 
 
 class Camera(NamedTuple):
@@ -64,7 +72,7 @@ class Batch:
     entries: np.ndarray
 
 
-def footprint_batches(splats, camera, open_tiles):
+def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Iterator[Batch]:
     """Yield the visible splats of a view as Batch after Batch, nearest first, until no tile is open any more.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0; rows whose geometry is not
@@ -94,7 +102,7 @@ def footprint_batches(splats, camera, open_tiles):
             return
 
 
-def camera_of(view, near=NEAR):
+def camera_of(view: View, near: float = NEAR) -> Camera:
     """The View as a Camera: every field a float64 array, float or int, so that the kernels compile once.
 
     Raises InputError when `near` is not positive.
@@ -117,7 +125,7 @@ def camera_of(view, near=NEAR):
     )
 
 
-def _front_to_back(depth):
+def _front_to_back(depth: Floats) -> Indices:
     """Indices of the finite depths, nearest first, ties by index: (N,) float32 > 0 or inf -> (M,) int64."""
     index = np.flatnonzero(np.isfinite(depth))
     # The bits of positive floats sort like the floats; with the index below them one fast sort has no ties.
@@ -132,7 +140,9 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _cull(begin, end, means, scales, opacities, camera, depth):
+def _cull(
+    begin: int, end: int, means: Points, scales: Floats, opacities: Floats, camera: Camera, depth: Floats
+) -> None:
     """Camera z of the splats that may touch the image, infinity for the others.
 
     A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
@@ -157,7 +167,20 @@ def _cull(begin, end, means, scales, opacities, camera, depth):
 
 @shared
 @_function
-def _project(begin, end, means, scales, quats, opacities, sh, camera, order, open_tiles, footprints, counts):
+def _project(
+    begin: int,
+    end: int,
+    means: Points,
+    scales: Floats,
+    quats: Quaternions,
+    opacities: Floats,
+    sh: Floats,
+    camera: Camera,
+    order: Indices,
+    open_tiles: Mask,
+    footprints: NDArray[np.void],
+    counts: Integers,
+) -> None:
     """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles)."""
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
@@ -171,7 +194,15 @@ def _project(begin, end, means, scales, quats, opacities, sh, camera, order, ope
 
 @shared
 @_function
-def _fill(begin, end, footprints, camera, open_tiles, cursors, entries):
+def _fill(
+    begin: int,
+    end: int,
+    footprints: NDArray[np.void],
+    camera: Camera,
+    open_tiles: Mask,
+    cursors: Integers,
+    entries: Integers,
+) -> None:
     """Write each footprint's index into the lists of its open tiles. cursors: (CHUNKS, tiles), consumed."""
     chunks, n = cursors.shape[0], len(footprints)
     for chunk in range(begin, end):
@@ -180,7 +211,7 @@ def _fill(begin, end, footprints, camera, open_tiles, cursors, entries):
 
 
 @_function
-def _camera_point(camera, means, i):
+def _camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
     rotation, t = camera.rotation, camera.translation
     px, py, pz = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
     return (
@@ -191,13 +222,15 @@ def _camera_point(camera, means, i):
 
 
 @_function
-def _guarded(camera, u, v):
+def _guarded(camera: Camera, u: float, v: float) -> tuple[float, float]:
     guard = camera.guard
     return min(max(u, guard[0]), guard[1]), min(max(v, guard[2]), guard[3])
 
 
 @_function
-def _project_one(camera, means, scales, quats, opacities, k, out):
+def _project_one(
+    camera: Camera, means: Points, scales: Floats, quats: Quaternions, opacities: Floats, k: int, out: Footprint
+) -> None:
     """Write splat k's footprint, all but its colour; with reach_y = -1 (no tiles) when it is not finite."""
     out.reach_y = -1.0
     x, y, z = _camera_point(camera, means, k)
@@ -230,7 +263,9 @@ def _project_one(camera, means, scales, quats, opacities, k, out):
 
 
 @_function
-def _image_axis(camera, axis, spread, u, v):
+def _image_axis(
+    camera: Camera, axis: tuple[float, float, float], spread: float, u: float, v: float
+) -> tuple[float, float]:
     """A splat's axis in the image, in pixels: spread is its scale over camera z, (u, v) where J is taken."""
     r, (x, y, z) = camera.rotation, axis
     depthwise = r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
@@ -240,19 +275,19 @@ def _image_axis(camera, axis, spread, u, v):
 
 
 @_function
-def _half_chord(s, dy):
+def _half_chord(s: Footprint, dy: float) -> float:
     """Half the length of the footprint's pixel row at dy: where opacity exp(-q/2) >= 1/255."""
     return math.sqrt(max(s.cutoff - s.precision_y * dy * dy, 0.0) / s.precision_x)
 
 
 @_function
-def _pixels(low, high, start, stop):
+def _pixels(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
     """Range (first, last + 1) of pixels in [start, stop) with centres in [low, high]; clamped as floats."""
     return int(min(max(np.ceil(low - 0.5), start), stop)), int(max(min(np.floor(high + 0.5), stop), start))
 
 
 @_function
-def _bin_one(s, i, camera, open_tiles, cursors, entries):
+def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: Integers, entries: Integers) -> bool:
     """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there.
 
     A tile is touched when the ellipse reaches its range of pixel centres: exact for each row of tiles.
@@ -284,7 +319,7 @@ def _bin_one(s, i, camera, open_tiles, cursors, entries):
 
 
 @_function
-def _color_one(camera, means, sh, k, basis, out):
+def _color_one(camera: Camera, means: Points, sh: Floats, k: int, basis: Floats, out: Footprint) -> None:
     """Write the sRGB colour towards the camera: max(0, 1/2 + sum of harmonics in the viewing direction)."""
     center = camera.center
     x, y, z = means[k, 0] - center[0], means[k, 1] - center[1], means[k, 2] - center[2]
@@ -300,7 +335,7 @@ def _color_one(camera, means, sh, k, basis, out):
 
 
 @_function
-def _basis(x, y, z, count, out):
+def _basis(x: float, y: float, z: float, count: int, out: Floats) -> None:
     """Real orthonormal harmonics of a unit direction, order l(l+1) + m, with the (-1)^m of 3DGS files."""
     out[0] = math.sqrt(1 / (4 * math.pi))
     if count > 1:

@@ -8,6 +8,7 @@ import math
 import numba
 import numpy as np
 
+from ..base.arrays import Floats, Integers
 from ..base.threads import shared
 from .footprints import TILE
 from .rasterize import _exp_minus_half
@@ -31,7 +32,7 @@ REACH = np.float32(math.sqrt(FARTHEST_Q) * 1.01)
 """Standard deviations before a peak where its Gaussian hides nothing yet."""
 
 
-def lanes(count):
+def lanes(count: int) -> tuple[np.uint64, ...]:
     """Where the first `count` rows of TILE floats begin; unsigned, or loops over them become no vector instructions."""
     return tuple(np.uint64(TILE * i) for i in range(count))
 
@@ -50,7 +51,9 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def search_level(begin, end, lists, counts, dealt, level, out):
+def search_level(
+    begin: int, end: int, lists: Floats, counts: Integers, dealt: Integers, level: np.float32, out: Floats
+) -> None:
     """Find the level in every pixel.
 
     lists: (tiles, TILE, LIST * ENTRY * TILE) float32, the Gaussians of the pixel rows; consumed.
@@ -68,7 +71,7 @@ def search_level(begin, end, lists, counts, dealt, level, out):
 
 
 @_function
-def _search_row(entries, counts, level, search):
+def _search_row(entries: Floats, counts: Integers, level: np.float32, search: Floats) -> None:
     """Depth and spread of a pixel row, in search[DEPTH] and search[SPREAD]; NaN where the level is not reached."""
     longest = _even_lengths(entries, counts)
     _ranges(entries, longest, level, search)
@@ -88,7 +91,7 @@ def _search_row(entries, counts, level, search):
 
 
 @_function
-def _even_lengths(entries, counts):
+def _even_lengths(entries: Floats, counts: Integers) -> int:
     """Let the shorter lists of a row end with Gaussians that hide nothing; returns the length of the longest."""
     longest = 0
     for column in range(TILE):
@@ -100,7 +103,7 @@ def _even_lengths(entries, counts):
 
 
 @_function
-def _ranges(entries, longest, level, search):
+def _ranges(entries: Floats, longest: int, level: np.float32, search: Floats) -> None:
     """Prepare the search for the level: the range in which the opacity rises, all it lets through, and a guess.
 
     The guess is one standard deviation in front of the first peak beyond which the level is reached.
@@ -125,7 +128,7 @@ def _ranges(entries, longest, level, search):
 
 
 @_function
-def _bracket(target, level, search):
+def _bracket(target: np.float32, level: np.float32, search: Floats) -> None:
     """Prepare the search for another opacity than the level, which was found at DEPTH."""
     for column in range(np.uint64(TILE)):
         depth = search[DEPTH + column]
@@ -137,7 +140,7 @@ def _bracket(target, level, search):
 
 
 @_function
-def _reach(entries, longest, target, search):
+def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) -> None:
     """Move AT to where the opacity reaches `target`: Newton's steps, or halves of [LOW, HIGH] where those do badly.
 
     Where the opacity never reaches it, AT becomes the last peak.
@@ -154,7 +157,7 @@ def _reach(entries, longest, target, search):
 
 
 @_function
-def _look(entries, longest, search):
+def _look(entries: Floats, longest: int, search: Floats) -> None:
     """What comes through in front of AT, and the slope of the opacity there."""
     for column in range(np.uint64(TILE)):
         search[FRONT + column], search[SLOPE + column] = ONE, ZERO
@@ -172,7 +175,7 @@ def _look(entries, longest, search):
 
 
 @_function
-def _step(target, search):
+def _step(target: np.float32, search: Floats) -> int:
     """One step of the search in each ACTIVE pixel; returns how many go on."""
     going = 0
     for column in range(np.uint64(TILE)):

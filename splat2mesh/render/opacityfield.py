@@ -14,12 +14,16 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Indices, Integers, Mask, Points, Quaternions
 from ..base.errors import InputError
 from ..base.threads import shared
-from .footprints import NEAR, TILE, camera_of, footprint_batches
+from ..splats.splats import Splats
+from .footprints import NEAR, TILE, Camera, Footprint, camera_of, footprint_batches
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import _exp_minus_half, _pixels
+from .view import View
 
 LEVEL = 0.45
 """Opacity at which the surface lies."""
@@ -53,7 +57,7 @@ class FieldDepth:
     alpha: np.ndarray
 
 
-def field_depth(splats, view, near=NEAR, level=LEVEL):
+def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = LEVEL) -> FieldDepth:
     """Find the surface of `splats` in one view.
 
     splats: Splats, N >= 0; rows whose geometry is not finite are not seen. view: View in their frame.
@@ -66,11 +70,11 @@ def field_depth(splats, view, near=NEAR, level=LEVEL):
     height, width = camera.height, camera.width
     tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
     tiles = tiles_y * tiles_x
-    pixels = np.zeros((tiles, TILE, PLANES * TILE), np.float32)
+    rows = np.zeros((tiles, TILE, PLANES * TILE), np.float32)
     inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
     inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
-    pixels[:, :, -TILE:] = inside.reshape(tiles_y, TILE, tiles_x, TILE).swapaxes(1, 2).reshape(-1, TILE, TILE)
-    pixels = pixels.reshape(tiles, -1)
+    rows[:, :, -TILE:] = inside.reshape(tiles_y, TILE, tiles_x, TILE).swapaxes(1, 2).reshape(-1, TILE, TILE)
+    pixels = rows.reshape(tiles, -1)
     counts = np.zeros((tiles, TILE, TILE), np.int32)
     lists = np.empty((tiles, TILE, LIST, ENTRY, TILE), np.float32)
     open_tiles = np.ones(tiles, np.bool_)
@@ -106,7 +110,9 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _shapes(begin, end, means, scales, quats, order, camera, out):
+def _shapes(
+    begin: int, end: int, means: Points, scales: Floats, quats: Quaternions, order: Indices, camera: Camera, out: Floats
+) -> None:
     """Maps M that make each Gaussian order[i] a unit ball, for rays in the camera's frame: (M, 13) float32.
 
     A row holds M (axis after axis, in units of 1 / distance), M times the Gaussian's centre, and 1 / distance^2. Along
@@ -141,8 +147,19 @@ def _shapes(begin, end, means, scales, quats, order, camera, out):
 @shared
 @_function
 def _gather(
-    begin, end, footprints, shapes, starts, entries, dealt, camera, open_tiles, pixels, counts, lists
-):  # fmt: skip
+    begin: int,
+    end: int,
+    footprints: NDArray[np.void],
+    shapes: Floats,
+    starts: Integers,
+    entries: Integers,
+    dealt: Integers,
+    camera: Camera,
+    open_tiles: Mask,
+    pixels: Floats,
+    counts: Integers,
+    lists: Floats,
+) -> None:
     """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
     for deal in range(begin, end):
         tile = dealt[deal]
@@ -151,7 +168,18 @@ def _gather(
 
 
 @_function
-def _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, pixels, counts, lists):
+def _gather_tile(
+    tile: int,
+    footprints: NDArray[np.void],
+    shapes: Floats,
+    starts: Integers,
+    entries: Integers,
+    camera: Camera,
+    open_tiles: Mask,
+    pixels: Floats,
+    counts: Integers,
+    lists: Floats,
+) -> None:
     tiles_x = (camera.width + TILE - 1) // TILE
     top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
     u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
@@ -186,7 +214,7 @@ def _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, 
 
 
 @_function
-def _any_open(block, start):
+def _any_open(block: Floats, start: np.uint64) -> bool:
     unfinished = 0
     for column in range(np.uint64(TILE)):
         unfinished += block[start + TRANSMITTANCE + column] >= ENOUGH
@@ -194,7 +222,9 @@ def _any_open(block, start):
 
 
 @_function
-def _weigh_row(block, start, s, q_y, dx, sketch):
+def _weigh_row(
+    block: Floats, start: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32, sketch: Floats
+) -> tuple[np.int32, np.int32]:
     """Opacity and weight of a footprint in a pixel row; returns the range (first, last + 1) of pixels that see it.
 
     dx is the first pixel's offset from the row's middle.
@@ -216,7 +246,7 @@ def _weigh_row(block, start, s, q_y, dx, sketch):
 
 
 @_function
-def _cross_row(shapes, k, u, du, v, sketch):
+def _cross_row(shapes: Floats, k: int, u: np.float32, du: np.float32, v: np.float32, sketch: Floats) -> None:
     """Where the rays of a pixel row cross Gaussian k: its peaks and precisions along them, its weighted normals."""
     xx, xy, xz = shapes[k, 0], shapes[k, 1], shapes[k, 2]
     yx, yy, yz = shapes[k, 3], shapes[k, 4], shapes[k, 5]
@@ -233,7 +263,7 @@ def _cross_row(shapes, k, u, du, v, sketch):
 
 
 @_function
-def _blend_row(block, start, s, sketch):
+def _blend_row(block: Floats, start: np.uint64, s: Footprint, sketch: Floats) -> None:
     """Blend a Gaussian's colour and normals, towards the camera, into a pixel row."""
     red, green, blue = s.red, s.green, s.blue
     for column in range(np.uint64(TILE)):
@@ -247,7 +277,7 @@ def _blend_row(block, start, s, sketch):
 
 
 @_function
-def _list_row(sketch, first, last, counts, lists):
+def _list_row(sketch: Floats, first: np.int32, last: np.int32, counts: Integers, lists: Floats) -> None:
     """Append a Gaussian to the lists of a row's pixels: counts (TILE,), lists (LIST, ENTRY, TILE)."""
     for column in range(first, last):
         count = counts[column]
@@ -259,7 +289,18 @@ def _list_row(sketch, first, last, counts, lists):
 
 @shared
 @_function
-def _assemble(begin, end, pixels, found, camera, depth, normal, spread, color, alpha):
+def _assemble(
+    begin: int,
+    end: int,
+    pixels: Floats,
+    found: Floats,
+    camera: Camera,
+    depth: Floats,
+    normal: Floats,
+    spread: Floats,
+    color: Floats,
+    alpha: Floats,
+) -> None:
     """The tiles as images, and only pixels with a surface in front of the near plane have a depth."""
     tiles_x = (camera.width + TILE - 1) // TILE
     for row in range(begin, end):

@@ -2,13 +2,16 @@
 
 import numpy as np
 
+from ..base.arrays import Floats
+from ..splats.splats import Splats
 from .footprints import MIN_ALPHA, NEAR
 from .levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
 from .opacityfield import ENOUGH, LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
 from .rasterize_reference import project
+from .view import View
 
 
-def field_depth_reference(splats, view, near=NEAR, level=LEVEL):
+def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = LEVEL) -> FieldDepth:
     """What `field_depth` computes, every splat against every pixel. Same arguments, same FieldDepth."""
     field = OpacityField(splats, view, near)
     depth, behind, before = (field.reach(at) for at in (level, float(SPREAD_TO), float(SPREAD_FROM)))
@@ -29,7 +32,7 @@ class OpacityField:
     transmittance (H, W); color (H, W, 3) premultiplied; normal (H, W, 3) in the camera's frame: of all that is drawn.
     """
 
-    def __init__(self, splats, view, near=NEAR):
+    def __init__(self, splats: Splats, view: View, near: float = NEAR) -> None:
         center, covariance, z = project(splats, view)
         pixels = np.stack(np.meshgrid(np.arange(view.width) + 0.5, np.arange(view.height) + 0.5), axis=-1)
         turn, shift = view.camera_from_world[:3, :3], view.camera_from_world[:3, 3]
@@ -63,12 +66,12 @@ class OpacityField:
             count[rows, columns] += 1
         self.last = np.where(count > 0, np.where(self.alpha > 0, self.peak, -np.inf).max(axis=-1), 0)
 
-    def opacity(self, t):
+    def opacity(self, t: Floats) -> Floats:
         """Opacity in front of camera z t: (H, W) -> (H, W)."""
         q = np.maximum(self.peak - t[..., None], 0) ** 2 * self.precision
         return 1 - np.prod(1 - self.alpha * np.exp(-q / 2) * (q < FARTHEST_Q), axis=-1)
 
-    def reach(self, level):
+    def reach(self, level: float) -> Floats:
         """Camera z at which the opacity reaches `level`, by bisection; NaN where it never does: (H, W)."""
         listed = self.alpha > 0
         reached = self.opacity(self.last) >= level

@@ -9,8 +9,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Bounds, Directions, Floats, Integers, Points, Quaternions, Vector
 from ..base.threads import shared
+from ..splats.splats import Splats
 
 CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
@@ -56,22 +59,22 @@ class OpacityGrid:
     pixel_starts: np.ndarray
 
     @classmethod
-    def of(cls, splats, bounds):
+    def of(cls, splats: Splats, bounds: Bounds) -> "OpacityGrid":
         """The grids of `splats` around the box `bounds` (2, 3) of their foreground."""
         center, size = bounds.mean(axis=0), np.ptp(bounds, axis=0)
         solid = splats.means[splats.opacities > SOLID]
         reach = np.abs(solid - center).max(axis=1)
         widest = 2 * np.percentile(reach, 99.9) if len(reach) else size.max()
         levels = 1 + int(np.clip(np.ceil(np.log(max(widest / size.max(), 1)) / np.log(GROWTH)), 0, MOST_LEVELS - 1))
-        origins, cells, shapes = [], [], []
+        corners, sides, counted = [], [], []
         for level in range(levels):
             box = size * GROWTH**level
             cell = (np.prod(box) / (OUTER_CELLS if level else CELLS)) ** (1 / 3)
             shape = np.maximum(np.ceil(box / cell).astype(np.int64), 1)
-            origins.append(center - shape * cell / 2)
-            cells.append(cell)
-            shapes.append(shape)
-        origins, cells, shapes = np.array(origins), np.array(cells), np.array(shapes)
+            corners.append(center - shape * cell / 2)
+            sides.append(cell)
+            counted.append(shape)
+        origins, cells, shapes = np.array(corners), np.array(sides), np.array(counted)
         counts = shapes.prod(axis=1)
         blocks = -(-shapes // PIXEL_BLOCK)
         starts, pixel_starts = (np.concatenate([[0], np.cumsum(c)[:-1]]) for c in (counts, blocks.prod(axis=1)))
@@ -93,17 +96,19 @@ class OpacityGrid:
         pixels = np.concatenate([_local_pixels(splats, origins[k], cells[k], blocks[k]) for k in range(levels)])
         return cls(origins, cells, shapes, starts, depth, pixels, pixel_starts)
 
-    def inner(self):
+    def inner(self) -> NDArray[np.float32]:
         """The innermost grid's optical depth, (nx, ny, nz) float32."""
         return self.depth[: self.shapes[0].prod()].reshape(self.shapes[0])
 
-    def finest_pixel(self):
+    def finest_pixel(self) -> float:
         """Size of a training pixel where training resolved the innermost grid's surfaces best: its lowest tenth."""
         end = self.pixel_starts[1] if len(self.cells) > 1 else len(self.pixels)
         inner = self.pixels[:end]
         return float(np.percentile(inner[np.isfinite(inner)], 10)) if np.isfinite(inner).any() else float(self.cells[0])
 
-    def march(self, points, directions):
+    def march(
+        self, points: Points, directions: Directions
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int8]]:
         """Where rays are stopped: (M, 3) points, (K, 3) unit directions -> distance (M, K) float32, inf where never;
         size of the training pixel there (M, K), NaN where unknown; level of the grid in which it was (M, K) int8."""
         shape = len(points), len(directions)
@@ -126,13 +131,13 @@ class OpacityGrid:
         return distance, pixel, level
 
 
-def normal_points(count):
+def normal_points(count: int) -> NDArray[np.float32]:
     """`count` points of a standard normal distribution: (count, 3) float32."""
     rng = np.random.default_rng(0)
     return rng.standard_normal((count, 3)).astype(np.float32)
 
 
-def _local_pixels(splats, origin, cell, blocks):
+def _local_pixels(splats: Splats, origin: Vector, cell: float, blocks: Integers) -> NDArray[np.float32]:
     solid = np.flatnonzero(splats.opacities > SOLID)
     at = np.floor((splats.means[solid] - origin) / (cell * PIXEL_BLOCK)).astype(np.int64)
     inside = ((at >= 0) & (at < blocks)).all(axis=1)
@@ -146,7 +151,7 @@ def _local_pixels(splats, origin, cell, blocks):
     return _spread_out(pixels.reshape(blocks)).ravel()
 
 
-def _spread_out(pixels):
+def _spread_out(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     """The same (X, Y, Z) with what is NaN taken from the finest neighbour: a ray may stop just beside the Gaussians."""
     padded = np.pad(pixels, 1, constant_values=np.nan)
     nearest = np.full_like(pixels, np.nan)
@@ -159,16 +164,26 @@ def _spread_out(pixels):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def deal(means, scales, quats, opacities, pattern, origin, cell, shape, depth):
+def deal(
+    means: Points,
+    scales: Floats,
+    quats: Quaternions,
+    opacities: Floats,
+    pattern: Points,
+    origin: Vector,
+    cell: float,
+    shape: Integers,
+    depth: Floats,
+) -> None:
     """Add to `depth`, (C,) cells of a `shape` (3,), what Gaussians take of a ray; `pattern`: `normal_points`."""
     for i in range(len(means)):
         s = scales[i]
         largest = max(s[0], s[1], s[2])
         reach = 3 * largest
         outside = False
-        for a in range(3):
-            at = (means[i, a] - origin[a]) / cell
-            if at < -reach / cell or at > shape[a] + reach / cell:
+        for axis in range(3):
+            at = (means[i, axis] - origin[axis]) / cell
+            if at < -reach / cell or at > shape[axis] + reach / cell:
                 outside = True
         if outside or not opacities[i] > 0.004:
             continue
@@ -194,8 +209,21 @@ def deal(means, scales, quats, opacities, pattern, origin, cell, shape, depth):
 @shared
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _march(
-    begin, end, points, directions, origins, cells, shapes, starts, depth, pixels, pixel_starts, distance, pixel, level
-):
+    begin: int,
+    end: int,
+    points: Points,
+    directions: Directions,
+    origins: Points,
+    cells: Floats,
+    shapes: Integers,
+    starts: Integers,
+    depth: Floats,
+    pixels: Floats,
+    pixel_starts: Integers,
+    distance: Floats,
+    pixel: Floats,
+    level: Integers,
+) -> None:
     for m in range(begin, end):
         for k in range(len(directions)):
             dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]

@@ -10,10 +10,14 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Integers, Mask
 from ..base.threads import shared
-from .footprints import NEAR, TILE, camera_of, footprint_batches
+from ..splats.splats import Splats
+from .footprints import NEAR, TILE, Footprint, camera_of, footprint_batches
 from .tiles import AREA, Tiles
+from .view import View
 
 MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
 MIN_TRANSMITTANCE = np.float32(1e-4)  # a pixel that lets less through is finished
@@ -45,7 +49,7 @@ class Rendering:
     depth_median: np.ndarray
 
 
-def rasterize(splats, view, near=NEAR):
+def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
     """Render `splats` from `view`.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0. Rows whose geometry is
@@ -65,7 +69,7 @@ def rasterize(splats, view, near=NEAR):
     alpha = 1 - transmittance
     drawn = alpha >= MIN_DEPTH_ALPHA
     depth_expected = np.divide(depth_sum, alpha, out=np.full_like(alpha, np.nan), where=drawn)
-    return Rendering(np.stack(images[:3], axis=-1), alpha, depth_expected, depth_median.copy())
+    return Rendering(np.stack(list(images[:3]), axis=-1), alpha, depth_expected, depth_median.copy())
 
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -73,7 +77,17 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _blend(begin, end, footprints, starts, entries, dealt, open_tiles, tiles_x, pixels):
+def _blend(
+    begin: int,
+    end: int,
+    footprints: NDArray[np.void],
+    starts: Integers,
+    entries: Integers,
+    dealt: Integers,
+    open_tiles: Mask,
+    tiles_x: int,
+    pixels: Floats,
+) -> None:
     """Blend each open tile's list into its pixels, and close the tiles that let no more light through."""
     for deal in range(begin, end):
         tile = dealt[deal]
@@ -95,7 +109,7 @@ def _blend(begin, end, footprints, starts, entries, dealt, open_tiles, tiles_x, 
 
 
 @_function
-def _blend_row(block, first, s, q_y, dx):
+def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32) -> None:
     """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle.
 
     No branch, no call, unsigned indices at fixed distances: the compiler makes it vector instructions.
@@ -120,7 +134,7 @@ def _blend_row(block, first, s, q_y, dx):
 
 
 @_function
-def _exp_minus_half(q):
+def _exp_minus_half(q: np.float32) -> np.float32:
     """exp(-q / 2) for 0 <= q <= 12 to 3e-6: the Taylor series of exp(-q / 64), squared five times."""
     t = q * np.float32(-1 / 64)
     e = np.float32(1 / 24) + t * np.float32(1 / 120)
@@ -136,7 +150,7 @@ def _exp_minus_half(q):
 
 
 @_function
-def _any_open(block):
+def _any_open(block: Floats) -> bool:
     unfinished = 0
     for i in range(np.uint64(AREA)):
         unfinished += block[TRANSMITTANCE + i] >= MIN_TRANSMITTANCE
@@ -144,6 +158,6 @@ def _any_open(block):
 
 
 @_function
-def _pixels(low, high, start, stop):
+def _pixels(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
     """Range (first, last + 1) of pixels in [start, stop) with centres in [low, high]; clamped as floats."""
     return int(min(max(np.ceil(low - 0.5), start), stop)), int(max(min(np.floor(high + 0.5), stop), start))

@@ -3,11 +3,14 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..base.arrays import Floats
+from ..splats.splats import Splats
 from .footprints import DILATION, GUARD_BAND, MIN_ALPHA, NEAR
 from .rasterize import MAX_ALPHA, MIN_DEPTH_ALPHA, MIN_TRANSMITTANCE, Rendering
+from .view import View
 
 
-def rasterize_reference(splats, view, near=NEAR):
+def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rendering:
     """What `rasterize` computes, every splat against every pixel. Same arguments, same Rendering.
 
     Time N x H x W: meant for some hundred splats and some thousand pixels.
@@ -39,7 +42,7 @@ def rasterize_reference(splats, view, near=NEAR):
     return Rendering(*(a.astype(np.float32) for a in (image, alpha, depth_expected, depth_median)))
 
 
-def project(splats, view):
+def project(splats: Splats, view: View) -> tuple[Floats, Floats, Floats]:
     """Centres (N, 2) in pixels, covariances (N, 2, 2) in px^2 and camera z (N,) of the splats in the image.
 
     Covariance J W Sigma W^T J^T plus the dilation, J the Jacobian of the pinhole projection at the splat's

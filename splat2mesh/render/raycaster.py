@@ -1,9 +1,9 @@
 """Rays against triangles: Embree, through open3d."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.meshlibrary import open3d
 
@@ -60,7 +60,7 @@ class RayCaster:
         return Closest(found["points"].numpy(), faces, found["primitive_uvs"].numpy())
 
 
-def _tensor(array, dtype):
+def _tensor(array: ArrayLike, dtype: DTypeLike) -> Any:
     o3d = open3d()
 
     return o3d.core.Tensor.from_numpy(np.ascontiguousarray(array, dtype))

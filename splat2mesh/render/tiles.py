@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..base.arrays import Floats
 from .footprints import TILE, Camera
 
 AREA = TILE * TILE
@@ -43,6 +44,6 @@ class Tiles(NamedTuple):
         planes, down, _, across, _ = whole.shape
         return whole.reshape(planes, down * TILE, across * TILE)[:, : camera.height, : camera.width]
 
-    def _planes(self):
+    def _planes(self) -> Floats:
         """The pixels as (planes, tiles down, TILE, tiles across, TILE)."""
         return self.pixels.reshape(-1, self.across, self.pixels.shape[1] // AREA, TILE, TILE).transpose(2, 0, 3, 1, 4)

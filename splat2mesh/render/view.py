@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arrays import Points
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,9 @@ class View:
     camera_from_world: np.ndarray
 
     @classmethod
-    def look_at(cls, eye, target, up, fov_deg, width, height=None):
+    def look_at(
+        cls, eye: ArrayLike, target: ArrayLike, up: ArrayLike, fov_deg: float, width: int, height: int | None = None
+    ) -> "View":
         """A camera at `eye` that looks at `target`, image top towards `up`.
 
         eye, target, up: (3,) in world units; an `up` along the line of sight is replaced by a coordinate axis.
@@ -43,7 +48,16 @@ class View:
         return cls(width, height, focal, focal, width / 2, height / 2, matrix)
 
     @classmethod
-    def holding(cls, points, backward, up, fov_deg, width, height=None, margin=1.15):
+    def holding(
+        cls,
+        points: ArrayLike,
+        backward: ArrayLike,
+        up: ArrayLike,
+        fov_deg: float,
+        width: int,
+        height: int | None = None,
+        margin: float = 1.15,
+    ) -> "View":
         """The camera nearest to points whose image just holds them all.
 
         points: (N, 3) world. backward: (3,) from the points to the eye. margin: of the image over what they fill.
@@ -63,23 +77,23 @@ class View:
         return cls.look_at(rotation.T @ eye, rotation.T @ target, up, fov_deg, width, height)
 
     @property
-    def center(self):
+    def center(self) -> NDArray[np.float64]:
         """Camera centre in the world: (3,) float64."""
         return -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
 
     @property
-    def forward(self):
+    def forward(self) -> NDArray[np.float64]:
         """Viewing direction in the world: (3,) unit float64."""
         return self.camera_from_world[2, :3]
 
-    def resized(self, longest):
+    def resized(self, longest: int) -> "View":
         """The same view with its longer side at `longest` pixels."""
         scale = longest / max(self.width, self.height)
         width, height = max(1, round(self.width * scale)), max(1, round(self.height * scale))
         sx, sy = width / self.width, height / self.height
         return View(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy, self.camera_from_world)
 
-    def framing(self, points):
+    def framing(self, points: Points) -> "View":
         """The same pose and image size limit, zoomed so that the image just holds world points in front: (N, 3)."""
         pixels, _ = self.project(points)
         low, high = pixels.min(axis=0), pixels.max(axis=0)
@@ -89,14 +103,14 @@ class View:
         cx, cy = (np.array([self.cx, self.cy]) - low) * zoom
         return View(int(width), int(height), self.fx * zoom, self.fy * zoom, cx, cy, self.camera_from_world)
 
-    def project(self, points):
+    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Image positions and depths of world points: (N, 3) -> (N, 2) pixels and (N,) camera z."""
         local = np.asarray(points) @ self.camera_from_world[:3, :3].T + self.camera_from_world[:3, 3]
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels = local[:, :2] / local[:, 2:] * [self.fx, self.fy] + [self.cx, self.cy]
         return pixels, local[:, 2]
 
-    def ray_directions(self):
+    def ray_directions(self) -> NDArray[np.float64]:
         """World directions through all pixel centres, scaled to camera z = 1: (H, W, 3) float64."""
         x = (np.arange(self.width) + 0.5 - self.cx) / self.fx
         y = (np.arange(self.height) + 0.5 - self.cy) / self.fy
@@ -104,5 +118,5 @@ class View:
         return local @ self.camera_from_world[:3, :3]
 
 
-def _unit(vector):
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     return vector / np.linalg.norm(vector)

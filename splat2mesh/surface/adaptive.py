@@ -4,12 +4,16 @@ As `fusion` does for objects, with an octree in place of equal voxels: what is k
 thick as it looks in each pixel, and what a view cannot see is passed over.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Floats, Integers, Points, Vector
 from ..base.threads import shared
+from ..render.opacityfield import FieldDepth
 from ..render.view import View
 from .octree import corners_of, dual_mesh, leaves_of, requested_cells
 
@@ -58,7 +62,7 @@ class Sight:
     step: np.ndarray
 
     @classmethod
-    def of(cls, view, seen, thickness, distance, finest, fog):
+    def of(cls, view: View, seen: FieldDepth, thickness: Floats, distance: float, finest: float, fog: float) -> "Sight":
         """From a FieldDepth and its thickness (H, W) along the normal.
 
         distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
@@ -77,7 +81,9 @@ class Sight:
         return cls(view, plane.astype(np.float32), weight, seen.spread, step.astype(np.float32))
 
 
-def fuse_adaptively(sights, origin, stage=lambda count: None):
+def fuse_adaptively(
+    sights: Sequence[Sight], origin: Vector, stage: Callable[[int], None] = lambda count: None
+) -> tuple[NDArray[np.float64], Faces, Floats]:
     """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
 
     origin: (3,) float64 in the middle of the place: numbers stay small around it.
@@ -105,7 +111,7 @@ def fuse_adaptively(sights, origin, stage=lambda count: None):
     return vertices * finest + origin, faces, finest * 2.0**levels
 
 
-def _packed(sights, origin):
+def _packed(sights: Sequence[Sight], origin: Vector) -> tuple[NDArray, ...]:
     """All maps in one array each, for the kernel: poses, lenses, sizes, where each begins, pixels, deepest tiles."""
     poses, lenses, tile_starts, tiles = [], [], [], []
     sizes = np.array([[sight.view.height, sight.view.width] for sight in sights])
@@ -137,25 +143,25 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 @shared
 @_function
 def _integrate(
-    begin,
-    end,
-    positions,
-    levels,
-    batches,
-    finest,
-    narrow,
-    wide,
-    carve,
-    poses,
-    lenses,
-    sizes,
-    starts,
-    tile_starts,
-    pixels,
-    tiles,
-    values,
-    weights,
-):
+    begin: int,
+    end: int,
+    positions: Integers,
+    levels: Integers,
+    batches: Integers,
+    finest: float,
+    narrow: float,
+    wide: float,
+    carve: float,
+    poses: Floats,
+    lenses: Floats,
+    sizes: Integers,
+    starts: Integers,
+    tile_starts: Integers,
+    pixels: Floats,
+    tiles: Floats,
+    values: Floats,
+    weights: Floats,
+) -> None:
     """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`; carve: of
     `_blend`."""
     for n in range(begin, end):
@@ -191,7 +197,7 @@ def _integrate(
 
 
 @_function
-def _unseen(center, ball, margin, camera, tiles, start):
+def _unseen(center: Vector, ball: float, margin: float, camera: tuple, tiles: Floats, start: int) -> bool:
     """Whether a ball at `center` (camera frame) lies outside a view's pyramid, or behind all that it sees there."""
     fx, fy, px, py, height, width = camera
     x, y, z = center
@@ -218,7 +224,19 @@ def _unseen(center, ball, margin, camera, tiles, start):
 
 
 @_function
-def _blend(points, steps, narrow, wide, carve, pose, camera, start, pixels, values, weights):
+def _blend(
+    points: Points,
+    steps: Floats,
+    narrow: float,
+    wide: float,
+    carve: float,
+    pose: Floats,
+    camera: tuple,
+    start: int,
+    pixels: Floats,
+    values: Floats,
+    weights: Floats,
+) -> None:
     """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,).
 
     carve: along z, world units, how far in front of a surface space counts as seen to be free.

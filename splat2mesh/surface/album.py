@@ -4,14 +4,20 @@ As `color` does for objects; but how near a point must lie to the rendered surfa
 that surface is, and who looked from near counts far more than who looked from afar.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Integers, Points, Vector
 from ..base.threads import shared
+from ..render.opacityfield import FieldDepth
+from ..render.view import View
 from ..scene.color import bytes_from_unit
+from .color import Picture
 
 TOLERANCE = 0.02
 """How far from the rendered depth a point may lie and still count as seen, in units of that depth."""
@@ -53,7 +59,7 @@ class Album:
     thickness: np.ndarray
 
     @classmethod
-    def of(cls, views, seen, thickness):
+    def of(cls, views: Sequence[View], seen: Sequence[FieldDepth], thickness: Sequence[Floats]) -> "Album":
         """From lists of View, of what each sees (FieldDepth), and of the thickness (H, W) there."""
         sizes = np.array([[view.height, view.width] for view in views])
         return cls(
@@ -68,14 +74,14 @@ class Album:
         )
 
     @classmethod
-    def joined(cls, albums):
+    def joined(cls, albums: Sequence["Album"]) -> "Album":
         """The pictures of a list of albums, in order."""
         parts = {each.name: np.concatenate([getattr(album, each.name) for album in albums]) for each in fields(cls)}
         pixels = parts["sizes"].prod(axis=1)
         return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
     @classmethod
-    def of_pictures(cls, pictures):
+    def of_pictures(cls, pictures: Sequence[Picture]) -> "Album":
         """From a list of color.Picture; how deep a surface reaches is taken from its thickness."""
         sizes = np.array([picture.depth.shape for picture in pictures])
         thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
@@ -90,7 +96,9 @@ class Album:
             thickness,
         )
 
-    def look_up(self, points, normals):
+    def look_up(
+        self, points: Points, normals: Directions
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """What the pictures show at points (N, 3) with normals (N, 3), world.
 
         Returns colours (N, 3) float32 sRGB in [0, 255], the mean weighted by cosine^2 / z^4, NaN where no picture
@@ -99,20 +107,20 @@ class Album:
         """
         colors = np.full((len(points), 3), np.nan, np.float32)
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
-        arrays = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread, self.thickness
+        pictures = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread
         points, normals = points.astype(np.float64), normals.astype(np.float64)
         order, groups = _groups(points)
-        arrays = points, normals, order, groups, *arrays
+        arrays = points, normals, order, groups, *pictures, self.thickness
         _look_up(len(groups) - 1, *arrays, self._deepest(), colors, thickness, pixel)
         return colors, thickness, pixel
 
-    def _deepest(self):
+    def _deepest(self) -> NDArray[np.float64]:
         """(M,) float64, z behind which no point shows in each picture."""
         behind = self.depth + np.maximum(TOLERANCE * self.depth.astype(np.float64), self.spread)
         return np.maximum.reduceat(np.nan_to_num(behind, nan=0.0), self.starts) * (1 + 1e-9)
 
 
-def filled_in(colors, points):
+def filled_in(colors: Floats, points: Points) -> tuple[ColorsSrgb, int]:
     """Colours (N, 3) uint8 of points (N, 3), NaN ones taken from the nearest that is none, and the number of these."""
     unseen = np.isnan(colors[:, 0])
     if unseen.all():
@@ -124,7 +132,7 @@ def filled_in(colors, points):
     return np.round(colors).astype(np.uint8), int(unseen.sum())
 
 
-def _groups(points):
+def _groups(points: Points) -> tuple[Indices, Indices]:
     """Points (N, 3) by cubes of space: their order (N,), and where each group begins in it, and the end, (G + 1,)."""
     if not len(points):
         return np.zeros(0, np.int64), np.zeros(1, np.int64)
@@ -138,7 +146,7 @@ def _groups(points):
 
 
 @_function
-def _may_see(pose, lens, size, deepest, middle, half):
+def _may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle: Vector, half: Vector) -> bool:
     """Whether any point of a box, (3,) its middle and half its sides, may show in a picture."""
     z, reach_z, terms_z = _along(pose, 2, 1.0, 0.0, middle, half)
     if z + reach_z < -ROUNDING * terms_z or z - reach_z > deepest + ROUNDING * terms_z:
@@ -154,7 +162,9 @@ def _may_see(pose, lens, size, deepest, middle, half):
 
 
 @_function
-def _along(pose, row, scale, deep, middle, half):
+def _along(
+    pose: Floats, row: int, scale: float, deep: float, middle: Vector, half: Vector
+) -> tuple[float, float, float]:
     """`scale` times a row of a pose and `deep` times its last one, on a box: value in its middle, how far others differ
     from it, and the sum of the absolute terms."""
     at = scale * pose[row, 3] + deep * pose[2, 3]
@@ -170,25 +180,25 @@ def _along(pose, row, scale, deep, middle, half):
 @shared
 @_function
 def _look_up(
-    begin,
-    end,
-    points,
-    normals,
-    order,
-    groups,
-    poses,
-    lenses,
-    sizes,
-    starts,
-    colors,
-    depth,
-    spread,
-    thickness,
-    deepest,
-    out_color,
-    out_thickness,
-    out_pixel,
-):
+    begin: int,
+    end: int,
+    points: Points,
+    normals: Directions,
+    order: Integers,
+    groups: Integers,
+    poses: Floats,
+    lenses: Floats,
+    sizes: Integers,
+    starts: Integers,
+    colors: ColorsSrgb,
+    depth: Floats,
+    spread: Floats,
+    thickness: Floats,
+    deepest: Floats,
+    out_color: Floats,
+    out_thickness: Floats,
+    out_pixel: Floats,
+) -> None:
     for g in range(begin, end):
         members = order[groups[g] : groups[g + 1]]
         low, high = points[members[0]].copy(), points[members[0]].copy()
@@ -210,9 +220,23 @@ def _look_up(
 
 @_function
 def _look_up_one(
-    i, points, normals, seers, poses, lenses, sizes, starts, colors, depth, spread, thickness, deepest,
-    out_color, out_thickness, out_pixel,
-):  # fmt: skip
+    i: int,
+    points: Points,
+    normals: Directions,
+    seers: Integers,
+    poses: Floats,
+    lenses: Floats,
+    sizes: Integers,
+    starts: Integers,
+    colors: ColorsSrgb,
+    depth: Floats,
+    spread: Floats,
+    thickness: Floats,
+    deepest: Floats,
+    out_color: Floats,
+    out_thickness: Floats,
+    out_pixel: Floats,
+) -> None:
     x, y, z = points[i, 0], points[i, 1], points[i, 2]
     red = green = blue = weights = thick = trusts = 0.0
     for m in seers:

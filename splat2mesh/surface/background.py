@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from ..base.arrays import Floats, Mask, Vector
 from ..render.view import View
+from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of
 
 REACH = 4.0
@@ -25,12 +27,12 @@ EYES, FOV_DEG = 4, 95.0
 """Places to look around from, and the angle of each of their six views: a little over a cube's, so they overlap."""
 
 
-def far_background(splats):
+def far_background(splats: Splats) -> Mask:
     """Which splats are the far background of an open scene, (N,) bool: none, unless it clearly has one."""
     return foreground_ball(splats)[2]
 
 
-def foreground_ball(splats):
+def foreground_ball(splats: Splats) -> tuple[Vector, float, Mask]:
     """The ball beyond which the far background of an open scene lies: its centre (3,) and radius, inf unless there
     clearly is one, and which splats lie out there or belong to the capture's environment, (N,) bool."""
     apart = np.zeros(len(splats), bool) if splats.environment is None else splats.environment
@@ -51,7 +53,7 @@ def foreground_ball(splats):
     return center, radius, far | apart
 
 
-def views_from_within(foreground, pixels, up):
+def views_from_within(foreground: Splats, pixels: int, up: Vector) -> list[View]:
     """Views all around from places in the middle of a foreground (Splats): a list of View of `pixels` squared.
 
     up: (3,) unit, the up direction in the splat's frame.
@@ -70,7 +72,7 @@ def views_from_within(foreground, pixels, up):
     ]
 
 
-def _weighted_median(values, weights):
+def _weighted_median(values: Floats, weights: Floats) -> float:
     order = np.argsort(values)
     reached = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

@@ -6,10 +6,12 @@ and where they were, a lower bound.
 
 import numpy as np
 
+from ..base.arrays import Directions, Floats, Mask, Matrix4, Vector
 from ..render.rasterize import rasterize
 from ..render.view import View
 from ..scene.color import linear_from_srgb
 from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, texel_directions
+from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of
 
 FACE_PIXELS = 192
@@ -32,11 +34,12 @@ MIN_COVERAGE = 0.01
 
 
 def captured_sky(
-    splats,  # Splats, in their own frame
-    far,  # (N,) bool, which of them are far background
-    scene_from_splat,  # (4, 4)
-    eye=None,  # (3,) in the frame of the splats, where the capture stood; the middle of what is not far without
-):
+    splats: Splats,  # Splats, in their own frame
+    far: Mask,  # (N,) bool, which of them are far background
+    scene_from_splat: Matrix4,  # (4, 4)
+    eye: Vector
+    | None = None,  # (3,) in the frame of the splats, where the capture stood; the middle of what is not far without
+) -> CapturedSky | None:
     """The CapturedSky of far splats, in the scene frame; None where they cover too little of the sphere."""
     if not far.any():
         return None
@@ -52,7 +55,7 @@ def captured_sky(
     linear = np.where(clipped, np.float32(0.0), linear_from_srgb(color.astype(np.float32)))
     shape = SKY_HEIGHT, SUBSAMPLES, SKY_WIDTH, SUBSAMPLES
 
-    def mean(values):
+    def mean(values: Floats) -> Floats:
         return values.reshape(*shape, -1).mean(axis=(1, 3), dtype=np.float32)
 
     bound = seen[:, None] & ~clipped
@@ -62,7 +65,7 @@ def captured_sky(
     return sky if sky.coverage >= MIN_COVERAGE else None
 
 
-def _looked_up(splats, eye, directions):
+def _looked_up(splats: Splats, eye: Vector, directions: Directions) -> tuple[Floats, Floats]:
     """Premultiplied sRGB (D, 3) and alpha (D,) float32 of splats as seen from an eye along directions (D, 3)."""
     color, alpha = np.zeros((len(directions), 3), np.float32), np.zeros(len(directions), np.float32)
     axes = np.concatenate([np.eye(3), -np.eye(3)])

@@ -1,12 +1,17 @@
 """From a raw surface to a clean triangle mesh of a wanted size: components, holes, decimation, ragged borders."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
+
+from ..base.arrays import Faces, Mask, Points
 
 SMALLEST_COMPONENT = 0.02
 """Connected parts with fewer triangles than this share of the largest part's are floaters and are dropped."""
 
 
-def drop_small_components(mesh):
+def drop_small_components(mesh: Any) -> int:
     """Remove disconnected parts that are small beside the largest one; returns how many were removed."""
     cluster, sizes, _ = mesh.cluster_connected_triangles()
     cluster, sizes = np.asarray(cluster), np.asarray(sizes)
@@ -16,14 +21,15 @@ def drop_small_components(mesh):
     return int(small.sum())
 
 
-def fill_holes(points, faces, longest, fixed=None):
+def fill_holes(points: Points, faces: Faces, longest: float, fixed: Mask | None = None) -> tuple[Points, Faces, int]:
     """Close the holes whose border is at most `longest` long: points and faces with those added, and their number.
     Those at `fixed` vertices, (V,) bool, stay open.
 
     Each is closed by a fan around the middle of its border: pinholes and slits where views disagreed vanish, while
     what was never seen stays open. Where a border touches itself, its loops are holes of their own.
     """
-    new_points, new_faces = [], []
+    new_points: list[Points] = []
+    new_faces: list[tuple[int, int, int]] = []
     for loop in _border_loops(faces, len(points)):
         corners = points[loop]
         if len(loop) < 3 or np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum() > longest:
@@ -38,13 +44,14 @@ def fill_holes(points, faces, longest, fixed=None):
     return points, faces, len(new_points)
 
 
-def _border_loops(faces, count):
+def _border_loops(faces: Faces, count: int) -> Iterator[list[int]]:
     """The closed loops of border edges, lists of vertices in the direction of the faces, each vertex once."""
-    following = {}
+    following: dict[int, list[int]] = {}
     for start, end in zip(*(ends.tolist() for ends in _border_edges(faces, count)), strict=True):
         following.setdefault(start, []).append(end)
     for start in list(following):
-        path, place = [], {}
+        path: list[int] = []
+        place: dict[int, int] = {}
         vertex = start
         while True:
             if vertex in place:  # back where the path has been: that part of it is a loop
@@ -60,7 +67,7 @@ def _border_loops(faces, count):
             vertex = following[vertex].pop()
 
 
-def _border_edges(faces, count):
+def _border_edges(faces: Faces, count: int) -> tuple[Faces, Faces]:
     """Edges of one face only, in that face's direction: starts and ends, (E,) each."""
     starts, ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
     key = np.minimum(starts, ends).astype(np.int64) * count + np.maximum(starts, ends)
@@ -69,7 +76,7 @@ def _border_edges(faces, count):
     return starts[alone], ends[alone]
 
 
-def trim_borders(faces, seen):
+def trim_borders(faces: Faces, seen: Mask) -> Faces:
     """Faces (F', 3) without the ragged flaps at open borders: what hangs there and no view sees, (V,) bool, goes.
 
     It goes face by face from the border inwards, up to the first vertex that was seen; inner vertices always stay.

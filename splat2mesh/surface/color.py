@@ -1,10 +1,12 @@
 """What the rendered views tell of each vertex that they see: its colour and how thick the surface is there."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..base.arrays import ColorsSrgb, DepthMap, Directions, Floats, Indices, Points
 from ..render.view import View
 from ..scene.color import bytes_from_unit
 
@@ -26,12 +28,12 @@ class Picture:
     thickness: np.ndarray
 
     @classmethod
-    def of(cls, view, color, depth, thickness):
+    def of(cls, view: View, color: Floats, depth: DepthMap, thickness: Floats) -> "Picture":
         """Keep a view's color (H, W, 3), sRGB in [0, 1], depth and thickness."""
         return cls(view, bytes_from_unit(color), depth, thickness.astype(np.float32))
 
 
-def vertex_colors(vertices, normals, pictures):
+def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Picture]) -> tuple[ColorsSrgb, int]:
     """Average the pictures over the vertices they see, in sRGB, weighted by how frontally they see them.
 
     vertices, normals: (V, 3) float32 in the frame of the pictures' views.
@@ -51,7 +53,7 @@ def vertex_colors(vertices, normals, pictures):
     return colors, int((~seen).sum())
 
 
-def vertex_thickness(vertices, normals, pictures, pixel):
+def vertex_thickness(vertices: Points, normals: Directions, pictures: Sequence[Picture], pixel: float) -> Floats:
     """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it.
 
     A mean over the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale.
@@ -67,7 +69,7 @@ def vertex_thickness(vertices, normals, pictures, pixel):
     return np.divide(total, weights, out=np.full(len(vertices), np.inf), where=weights > 0)
 
 
-def _sees(picture, vertices, normals):
+def _sees(picture: Picture, vertices: Points, normals: Directions) -> tuple[Indices, Indices, Indices, Floats]:
     """Vertices that a picture shows, their pixels (column, row), and the square of the cosine it sees them at."""
     if len(vertices) == 0:  # no extent either
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)

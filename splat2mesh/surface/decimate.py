@@ -1,11 +1,13 @@
 """A mesh with fewer vertices: quadric decimation, and the removal of what it breaks."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Integers, Points
 from ..base.meshlibrary import open3d
 
 
-def decimate(points, faces, vertices):
+def decimate(points: Points, faces: Integers, vertices: int) -> tuple[NDArray[np.float64], Faces]:
     """Quadric decimation of a mesh, points (V, 3) and faces (F, 3), to about `vertices` vertices, and cleaning.
 
     Returns vertices (V, 3) float64 and faces (F, 3) int32, without degenerate faces and non-manifold edges.

@@ -4,15 +4,22 @@ field   depth maps at a level of the opacity field, fused into a signed distance
 sugar   points on a level of the density field, Poisson: the way of the SuGaR paper, kept for comparison.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ..base.arrays import Floats
 from ..base.errors import InputError
+from ..base.progress import Stages
+from ..render.view import View
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import Picture
+
+if TYPE_CHECKING:
+    from ..render.opacityfield import FieldDepth
 
 TRAINING_DILATION = 0.3
 """Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
@@ -55,7 +62,7 @@ EFFORTS = {
 }
 
 
-def training_pixel(splats):
+def training_pixel(splats: Splats) -> float:
     """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
 
     Trained cameras would tell it directly, but the surface comes out no better for it (docs/surface.md).
@@ -64,7 +71,7 @@ def training_pixel(splats):
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
 
 
-def dilated(splats, pixel):
+def dilated(splats: Splats, pixel: float) -> Splats:
     """The splats as training saw them: every Gaussian widened by the dilation of a training pixel.
 
     Training fitted the dilated envelope to the photos, so that is where the surface is, not at the bare Gaussians.
@@ -80,13 +87,13 @@ class Trained(NamedTuple):
     pixel: float
 
 
-def as_trained(splats):
+def as_trained(splats: Splats) -> Trained:
     """The splats of a file, dilated for the pixel that they tell of themselves: a Trained."""
     pixel = training_pixel(splats)
     return Trained(dilated(splats, pixel), pixel)
 
 
-def surface_level(splats, views, pixel, near):
+def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: float) -> float:
     """The opacity at which the surface of this splat lies, by how thick its surfaces are in training pixels.
 
     The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
@@ -94,23 +101,25 @@ def surface_level(splats, views, pixel, near):
     """
     from ..render.opacityfield import field_depth
 
-    thickness = [np.zeros(0)]
+    found: list[Floats] = [np.zeros(0)]
     for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
         view = view.resized(LEVEL_PROBE_PIXELS)
-        thickness.append(thickness_of(field_depth(splats, view, near), view).ravel() / pixel)
-    thickness = np.concatenate(thickness)
+        found.append(thickness_of(field_depth(splats, view, near), view).ravel() / pixel)
+    thickness = np.concatenate(found)
     thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
         return LEVELS[1]
     return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
 
 
-def thickness_of(seen, view):
+def thickness_of(seen: "FieldDepth", view: View) -> Floats:
     """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
     return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
 
-def extract(way, splats, views, pixel, effort, vertices, stages):
+def extract(
+    way: str, splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
+) -> tuple[Any, list[Picture]]:
     """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a list of Picture.
 
     way: one of WAYS. pixel: size of a training pixel at the surface. effort: Effort. vertices: size of the mesh
@@ -119,7 +128,9 @@ def extract(way, splats, views, pixel, effort, vertices, stages):
     return (_field if way == "field" else _sugar)(splats, views, pixel, effort, vertices, stages)
 
 
-def _field(splats, views, pixel, effort, vertices, stages):
+def _field(
+    splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
+) -> tuple[Any, list[Picture]]:
     from ..render.opacityfield import field_depth
     from .fusion import DepthMap, fuse
 
@@ -145,7 +156,9 @@ def _field(splats, views, pixel, effort, vertices, stages):
     return mesh, pictures
 
 
-def _sugar(splats, views, pixel, effort, vertices, stages):
+def _sugar(
+    splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
+) -> tuple[Any, list[Picture]]:
     from ..render.rasterize import rasterize
     from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
@@ -166,6 +179,6 @@ def _sugar(splats, views, pixel, effort, vertices, stages):
         return poisson(SurfacePoints(points, normals), effort.depth), pictures
 
 
-def _require_surface(points):
+def _require_surface(points: int) -> None:
     if points < 100:
         raise InputError(f"only {points} surface points were found: is this a splat of a solid object?")

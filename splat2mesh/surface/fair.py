@@ -3,6 +3,8 @@
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array
 
+from ..base.arrays import Faces, Floats, Mask, Points
+
 STRENGTH = 300.0
 """Weight of smoothness where edges are one training pixel long. Noise has the size of Gaussians, so it counts in
 pixels: longer edges have averaged it already, with the fourth power of their length."""
@@ -21,12 +23,12 @@ TOLERANCE, MAX_ITERATIONS = 1e-4, 300
 
 
 def fair(
-    points,  # (V, 3) float64
-    faces,  # (F, 3)
-    thickness,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
-    pixel,  # size of a training pixel, in the points' unit
-    fixed=None,  # (V,) bool, which stay where they are; none without
-):
+    points: Points,  # (V, 3) float64
+    faces: Faces,  # (F, 3)
+    thickness: Floats,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
+    pixel: float,  # size of a training pixel, in the points' unit
+    fixed: Mask | None = None,  # (V,) bool, which stay where they are; none without
+) -> Points:
     """Smooth a mesh: (V, 3) float64, the points that minimise trust x displacement^2 + strength x Laplacian^2.
 
     Trust falls with the square of the thickness. The Laplacian has equal weights, which also evens out the triangles;
@@ -46,7 +48,7 @@ def fair(
     return faired
 
 
-def _solved(system, right):
+def _solved(system: csr_matrix, right: Floats) -> Floats:
     """(V, 3) solution of a positive definite system for three right sides, by conjugate gradients with the diagonal as
     preconditioner. Products are summed by einsum: those of BLAS depend on how many threads it has."""
     inverse = (1.0 / system.diagonal())[:, None]
@@ -68,12 +70,12 @@ def _solved(system, right):
     return solution
 
 
-def _products(a, b):
+def _products(a: Floats, b: Floats) -> Floats:
     """(3,) inner products of the columns of two (V, 3) arrays."""
     return np.einsum("ij,ij->j", a, b)
 
 
-def _laplacian(faces, count):
+def _laplacian(faces: Faces, count: int) -> csr_matrix:
     """(V, V) sparse: a vertex less the mean of its neighbours; rows of border vertices are 0."""
     corners = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     ends = np.concatenate([corners, corners[:, ::-1]])

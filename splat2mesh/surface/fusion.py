@@ -4,11 +4,15 @@ Source: Curless and Levoy, "A Volumetric Method for Building Complex Models from
 to each pixel's tangent plane instead of the distance along its ray.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
 
+from ..base.arrays import DepthMap as Depths
+from ..base.arrays import Faces, Floats, Integers, Points, Vector
 from ..base.distinct import distinct
 from ..base.meshlibrary import open3d
 from ..base.threads import shared
@@ -40,7 +44,7 @@ class DepthMap:
     weight: np.ndarray
 
     @classmethod
-    def of(cls, view, depth, normal, spread, radius):
+    def of(cls, view: View, depth: Depths, normal: Floats, spread: Floats, radius: float) -> "DepthMap":
         """Trust falls with the angle of incidence and with the spread of the surface relative to `radius`."""
         rays = view.ray_directions().astype(np.float32)
         frontal = -(rays * normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
@@ -52,7 +56,7 @@ class DepthMap:
 _HALF = 2**20
 
 
-def fuse(maps, voxel, advance=lambda: None):
+def fuse(maps: Sequence[DepthMap], voxel: float, advance: Callable[[], None] = lambda: None) -> Any:
     """Fuse DepthMaps at a voxel size in world units. Returns an open3d TriangleMesh (legacy), in a fixed order."""
     o3d = open3d()
 
@@ -84,7 +88,7 @@ def fuse(maps, voxel, advance=lambda: None):
     return o3d.geometry.TriangleMesh(vertices, faces)
 
 
-def _blocks_near(maps, origin, voxel):
+def _blocks_near(maps: Sequence[DepthMap], origin: Vector, voxel: float) -> Integers:
     """Keys of the blocks within the truncation of any depth pixel: (B, 3) int32, sorted."""
     side, margin = BLOCK * voxel, TRUNCATION * voxel
     corners = np.stack(np.meshgrid(*[[-margin, margin]] * 3), axis=-1).reshape(-1, 3)
@@ -98,7 +102,7 @@ def _blocks_near(maps, origin, voxel):
     return _unique_rows(np.concatenate(found))
 
 
-def _unique_rows(keys):
+def _unique_rows(keys: Integers) -> Integers:
     """Rows (N, 3) int32, each once, in the order of their numbers."""
     if np.abs(keys).max(initial=0) >= _HALF:  # too far out for a key of three times 21 bits
         return np.unique(keys, axis=0)
@@ -107,20 +111,31 @@ def _unique_rows(keys):
     return (np.stack(columns, axis=1) - _HALF).astype(np.int32)
 
 
-def _in_fixed_order(vertices, faces):
+def _in_fixed_order(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
     """The same mesh, whatever the order in which threads wrote it: vertices by position, faces by index."""
     order = np.lexsort(vertices.T)
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
-    faces = rank[faces]
-    turn = faces.argmin(axis=1)[:, None]
-    faces = np.take_along_axis(faces, (turn + np.arange(3)) % 3, axis=1)
-    return vertices[order], faces[np.lexsort(faces.T[::-1])].astype(np.int32)
+    corners = rank[faces]
+    turn = corners.argmin(axis=1)[:, None]
+    corners = np.take_along_axis(corners, (turn + np.arange(3)) % 3, axis=1)
+    return vertices[order], corners[np.lexsort(corners.T[::-1])].astype(np.int32)
 
 
 @shared
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(begin, end, keys, voxel, pose, intrinsics, planes, trust, values, weights):
+def _integrate(
+    begin: int,
+    end: int,
+    keys: Integers,
+    voxel: float,
+    pose: Floats,
+    intrinsics: Floats,
+    planes: Floats,
+    trust: Floats,
+    values: Floats,
+    weights: Floats,
+) -> None:
     height, width = trust.shape
     limit = TRUNCATION * voxel
     for b in range(begin, end):

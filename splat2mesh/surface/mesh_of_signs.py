@@ -5,11 +5,13 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Integers, Mask
+
 NEAREST = 1e-3
 """Least distance of a vertex from the ends of its edge, in edges: at an end, several would be one."""
 
 
-def _tetrahedra():
+def _tetrahedra() -> Integers:
     """(6, 4, 3): corners of the six tetrahedra of a cube, all along its diagonal from 0 0 0 to 1 1 1, so that cubes
     side by side cut their common square by the same diagonal."""
     steps = np.eye(3, dtype=int)
@@ -64,7 +66,7 @@ _TRIANGLES = {
 """Corners inside -> triangles, as edges between one of those, which come first, and one outside."""
 
 
-def _mixed(inside):
+def _mixed(inside: Mask) -> Integers:
     """(M, 3) lowest corners of the cubes that have corners on both sides."""
     count = np.zeros(np.array(inside.shape) - 1, np.int8)
     for x, y, z in np.ndindex(2, 2, 2):
@@ -73,7 +75,7 @@ def _mixed(inside):
     return np.argwhere((count > 0) & (count < 8))
 
 
-def _outward(edge, side, shape):
+def _outward(edge: Integers, side: Integers, shape: Integers) -> Mask:
     """Whether triangles face away from a corner inside: by the middles of their edges, which suffices and is exact."""
     corners = np.stack(np.unravel_index(edge, tuple(shape)), axis=-1)
     middles = corners.sum(axis=2)  # twice the middle: whole numbers

@@ -4,12 +4,21 @@ A cell of level l has the side finest * 2^l. What lies near the eyes gets small 
 and there are none where no view saw a surface. Keys pack a level and three whole coordinates, in units of the cell.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
+
+if TYPE_CHECKING:
+    from .adaptive import Sight
 
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""
@@ -28,13 +37,13 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 @_function
-def pack(level, x, y, z):
+def pack(level: int, x: int, y: int, z: int) -> np.int64:
     """The key of a cell; coordinates in [-HALF, HALF)."""
     return (((np.int64(level) << BITS | (x + HALF)) << BITS) | (y + HALF)) << BITS | (z + HALF)
 
 
 @_function
-def unpack(key):
+def unpack(key: int) -> tuple[int, int, int, int]:
     """Level and coordinates of a key."""
     z = (key & MASK) - HALF
     y = ((key >> BITS) & MASK) - HALF
@@ -43,7 +52,7 @@ def unpack(key):
 
 
 @_function
-def _slot(table, key):
+def _slot(table: Indices, key: int) -> np.int64:
     """Where a key is in the table, or the empty slot where it belongs."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     at = np.int64(h >> np.uint64(20)) & (len(table) - 1)
@@ -53,7 +62,7 @@ def _slot(table, key):
 
 
 @_function
-def _insert_all(table, keys, count):
+def _insert_all(table: Indices, keys: Indices, count: int) -> int:
     """Put keys into a table; returns how many it holds then, or -1 when it is too full."""
     for key in keys:
         at = _slot(table, key)
@@ -66,7 +75,19 @@ def _insert_all(table, keys, count):
 
 
 @_function
-def _mark(table, count, rays, depth, spread, eye, steps, finest, narrow, wide, levels):
+def _mark(
+    table: Indices,
+    count: int,
+    rays: Floats,
+    depth: Floats,
+    spread: Floats,
+    eye: Vector,
+    steps: Floats,
+    finest: float,
+    narrow: float,
+    wide: float,
+    levels: int,
+) -> int:
     """Put the cells along each pixel's ray, within its truncation, into the table; -1 when it is too full."""
     for p in range(len(depth)):
         level = min(max(int(np.floor(np.log2(steps[p] / finest) + 0.5)), 0), levels - 1)
@@ -94,7 +115,15 @@ def _mark(table, count, rays, depth, spread, eye, steps, finest, narrow, wide, l
     return count
 
 
-def requested_cells(sights, steps, origin, finest, narrow, wide, most):
+def requested_cells(
+    sights: Sequence[Sight],
+    steps: Iterable[Floats],
+    origin: Vector,
+    finest: float,
+    narrow: float,
+    wide: float,
+    most: int,
+) -> Indices | None:
     """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
 
     sights: as `adaptive.Sight`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
@@ -105,8 +134,8 @@ def requested_cells(sights, steps, origin, finest, narrow, wide, most):
     for sight, step in zip(sights, steps, strict=True):
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]
-        arrays = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
-        arrays = *arrays, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS
+        seen = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
+        arrays = *seen, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS
         while (found := _mark(table, count, rays, *arrays)) < 0:
             if len(table) >= largest:
                 return None
@@ -119,22 +148,23 @@ def requested_cells(sights, steps, origin, finest, narrow, wide, most):
     return np.sort(table[table != EMPTY])
 
 
-def leaves_of(requested):
+def leaves_of(requested: Indices) -> Indices:
     """The leaves of the octree in which all requested cells are nodes: (L,) int64 sorted keys.
 
     Where coarse and fine cells overlap the coarse ones are split, and keep their other children.
     """
-    by_level = [np.zeros(0, np.int64)] * LEVELS
+    by_level: list[Indices] = [np.zeros(0, np.int64)] * LEVELS
     levels = requested >> (3 * BITS)
     for level in range(LEVELS):
         by_level[level] = requested[levels == level]
-    ancestors = [np.zeros(0, np.int64)]
+    ancestors: list[Indices] = [np.zeros(0, np.int64)]
     for level in range(1, LEVELS):
         below = np.concatenate([by_level[level - 1], ancestors[level - 1]])
-        ancestors.append(distinct(_parents(below)))
-    leaves, nodes = [], np.zeros(0, np.int64)
+        ancestors.append(distinct(_parents(below)).astype(np.int64, copy=False))
+    leaves: list[Indices] = []
+    nodes: Indices = np.zeros(0, np.int64)
     for level in range(LEVELS - 1, -1, -1):
-        nodes = distinct(np.concatenate([by_level[level], nodes]))
+        nodes = distinct(np.concatenate([by_level[level], nodes])).astype(np.int64, copy=False)
         internal = np.isin(nodes, ancestors[level], assume_unique=True)
         leaves.append(nodes[~internal])
         nodes = _children(nodes[internal])
@@ -142,7 +172,7 @@ def leaves_of(requested):
 
 
 @_function
-def _parents(keys):
+def _parents(keys: Indices) -> Indices:
     out = np.empty_like(keys)
     for i in range(len(keys)):
         level, x, y, z = unpack(keys[i])
@@ -151,7 +181,7 @@ def _parents(keys):
 
 
 @_function
-def _children(keys):
+def _children(keys: Indices) -> Indices:
     out = np.empty(8 * len(keys), np.int64)
     for i in range(len(keys)):
         level, x, y, z = unpack(keys[i])
@@ -173,7 +203,7 @@ class Corners:
     of_leaf: np.ndarray
 
 
-def corners_of(leaves):
+def corners_of(leaves: Indices) -> Corners:
     """The Corners of leaves, (L,) int64 keys."""
     size = 1 << int(np.ceil(np.log2(max(16, 3 * len(leaves)))))  # two for each leaf, where they lie side by side
     while (found := _numbered(leaves, size)) is None:
@@ -187,7 +217,7 @@ def corners_of(leaves):
     return Corners(positions[order], levels[order], of_leaf)
 
 
-def _numbered(leaves, size):
+def _numbered(leaves: Indices, size: int) -> tuple[Integers, Integers, Integers] | None:
     """Corners in the order in which leaves have them: positions, levels, of_leaf; None where a table of `size` rows
     gets too full."""
     table, values = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
@@ -198,7 +228,9 @@ def _numbered(leaves, size):
 
 
 @_function
-def _number_corners(leaves, table, values, positions, levels, of_leaf):
+def _number_corners(
+    leaves: Indices, table: Indices, values: Integers, positions: Integers, levels: Integers, of_leaf: Integers
+) -> int:
     count = 0
     for i in range(len(leaves)):
         level, x, y, z = unpack(leaves[i])
@@ -220,14 +252,14 @@ def _number_corners(leaves, table, values, positions, levels, of_leaf):
 
 
 @_function
-def _renumber(of_leaf, rank):
+def _renumber(of_leaf: Integers, rank: Integers) -> None:
     for i in range(len(of_leaf)):
         for c in range(8):
             of_leaf[i, c] = rank[of_leaf[i, c]]
 
 
 @_function
-def _morton(positions):
+def _morton(positions: Integers) -> Indices:
     out = np.empty(len(positions), np.int64)
     for i in range(len(positions)):
         key = np.int64(0)
@@ -240,7 +272,9 @@ def _morton(positions):
     return out
 
 
-def dual_mesh(leaves, corners, values, weights, enough):
+def dual_mesh(
+    leaves: Indices, corners: Corners, values: Floats, weights: Floats, enough: float
+) -> tuple[NDArray[np.float64], Faces, NDArray[np.int8]]:
     """The zero surface: a vertex in each leaf it passes, a face across each edge of the finest cells whose ends differ.
 
     leaves: sorted keys. values, weights: (P,) at the corners; those of less weight than `enough` take no part.
@@ -271,14 +305,14 @@ def dual_mesh(leaves, corners, values, weights, enough):
 
 
 @_function
-def _index_leaves(table, index, leaves):
+def _index_leaves(table: Indices, index: Integers, leaves: Indices) -> None:
     for i in range(len(leaves)):
         at = _slot(table, leaves[i])
         table[at], index[at] = leaves[i], i
 
 
 @_function
-def _leaf_at(table, index, level, finest, coarsest, x, y, z):
+def _leaf_at(table: Indices, index: Integers, level: int, finest: int, coarsest: int, x: int, y: int, z: int) -> int:
     """The leaf that holds a point, given in half units of the finest cell, tried from `level` outwards; -1: none."""
     for far in range(coarsest - finest + 1):
         for sign in range(2):
@@ -294,7 +328,21 @@ def _leaf_at(table, index, level, finest, coarsest, x, y, z):
 
 
 @_function
-def _cross(leaves, of_leaf, positions, values, weights, enough, table, index, finest, coarsest, quads, sums, counts):
+def _cross(
+    leaves: Indices,
+    of_leaf: Integers,
+    positions: Integers,
+    values: Floats,
+    weights: Floats,
+    enough: float,
+    table: Indices,
+    index: Integers,
+    finest: int,
+    coarsest: int,
+    quads: Integers,
+    sums: Floats,
+    counts: Integers,
+) -> int:
     """Find every edge across which the field changes its sign; returns their number. Writes where there is room."""
     total, found, at = 0, np.zeros(4, np.int64), np.zeros(3, np.int64)
     for i in range(len(leaves)):

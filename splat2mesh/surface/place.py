@@ -2,11 +2,18 @@
 capture, fine where cameras came near.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
+from ..base.arrays import Faces, Floats, Mask, Points, Vector
 from ..base.errors import InputError
-from ..render.opacityfield import field_depth
+from ..base.progress import Stages
+from ..render.opacityfield import FieldDepth, field_depth
+from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
+from ..splats.splats import Splats
 from .adaptive import SLABS, Sight, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
@@ -45,7 +52,14 @@ HOLE_CELLS = 40.0
 """Border of the largest hole that is closed, in cells of its surroundings."""
 
 
-def reconstruct_place(splats, views, near, vertices, stages, statistics):
+def reconstruct_place(
+    splats: Splats,
+    views: Sequence[View],
+    near: Floats,
+    vertices: int | None,
+    stages: Stages,
+    statistics: dict[str, Any],
+) -> Mesh:
     """The mesh of a place in the splats' frame, as views see it: a Mesh; counts are added to `statistics`.
 
     splats: Splats as the file has them. views: list of View; near: (M,) their near planes. vertices: wanted, or None
@@ -65,14 +79,15 @@ def reconstruct_place(splats, views, near, vertices, stages, statistics):
         raise InputError(f"only {len(depths)} surface points were found: is this a splat of a place?")
     distance, centers = float(np.median(depths)), _near_centers(views, seen)
     middle = np.median(centers, axis=0)
-    thickness = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
+    thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
     sights = [
         Sight.of(view, each, thick, distance, FINEST_CELL * pixel, fog)
-        for view, each, thick in zip(views, seen, thickness, strict=True)
+        for view, each, thick in zip(views, seen, thicknesses, strict=True)
     ]
-    album = Album.of(views, seen, thickness)
-    del seen, thickness
+    album = Album.of(views, seen, thicknesses)
+    del seen, thicknesses
     with stages.stage("fusion", total=SLABS) as advance:
+        points: Points
         points, faces, cells = fuse_adaptively(sights, middle, advance)
     del sights
     if len(faces) == 0:
@@ -84,44 +99,44 @@ def reconstruct_place(splats, views, near, vertices, stages, statistics):
     wanted = int(np.clip(len(points) / SPARE, LEAST_VERTICES, MOST_VERTICES * SHAPE)) if vertices is None else vertices
     with stages.stage("decimate"):
         longest = HOLE_CELLS * float(np.median(cells))
-        points, faces, _ = simplify(points, faces, cells, wanted)
+        points, faces, *_ = simplify(points, faces, cells, wanted)
         points, faces = decimate(points, faces, len(points))  # cleans only: nothing is left to remove
     with stages.stage("fair"):
         points, faces, filled = fill_holes(points, faces, longest)
         statistics["holes_filled"] += filled
         _, thickness, seen_by = album.look_up(points, vertex_normals(points, faces))
         local = np.where(np.isfinite(seen_by), np.maximum(seen_by, pixel), pixel)
-        points = fair(points, faces, thickness / local, float(np.median(local))).astype(np.float32)
+        placed = fair(points, faces, thickness / local, float(np.median(local))).astype(np.float32)
     with stages.stage("color"):
         if vertices is None:
-            points, faces = refine_by_color(points, faces, album, MOST_VERTICES)
-        normals = vertex_normals(points, faces)
-        colors, unseen = filled_in(album.look_up(points, normals)[0], points)
+            placed, faces = refine_by_color(placed, faces, album, MOST_VERTICES)
+        normals = vertex_normals(placed, faces)
+        colors, unseen = filled_in(album.look_up(placed, normals)[0], placed)
         statistics["vertices_unseen"] += unseen
-    return Mesh(points, normals, faces, colors)
+    return Mesh(placed, normals, faces, colors)
 
 
-def _near_centers(views, seen):
+def _near_centers(views: Sequence[View], seen: Sequence[FieldDepth]) -> Points:
     """Where the half of the views that is nearest to what it sees stands, (E, 3): not the views from around."""
     found = [each.depth[np.isfinite(each.depth)] for each in seen]
     depths = np.array([np.median(depth) if len(depth) else np.inf for depth in found])
     return np.array([view.center for view in views])[depths <= np.median(depths)]
 
 
-def _fog(splats, views, near):
+def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
     """Median thickness of the surfaces that views see, over their distance."""
-    ratios = [np.zeros(0)]
+    found: list[Floats] = [np.zeros(0)]
     step = max(1, len(views) // PROBES)
     for view, plane in zip(views[::step], near[::step], strict=True):
         small = view.resized(PROBE_PIXELS)
         seen = field_depth(splats, small, float(plane))
-        ratios.append((thickness_of(seen, small) / seen.depth).ravel())
-    ratios = np.concatenate(ratios)
+        found.append((thickness_of(seen, small) / seen.depth).ravel())
+    ratios = np.concatenate(found)
     ratios = ratios[np.isfinite(ratios)]
     return float(np.median(ratios)) if len(ratios) else 0.0
 
 
-def parted(mesh, center, radius):
+def parted(mesh: Mesh, center: Vector, radius: float) -> tuple[Mesh, Mesh | None]:
     """A Mesh as two: what reaches into the ball around `center`, and the rest of it, the far background, or None."""
     outside = (np.linalg.norm(mesh.vertices - center, axis=1) > radius)[mesh.faces].all(axis=1)
     if not outside.any() or outside.all():
@@ -129,13 +144,13 @@ def parted(mesh, center, radius):
     return _of_faces(mesh, ~outside), _of_faces(mesh, outside)
 
 
-def _of_faces(mesh, chosen):
-    used, faces = np.unique(mesh.faces[chosen], return_inverse=True)
-    faces = faces.reshape(-1, 3).astype(np.int32)
+def _of_faces(mesh: Mesh, chosen: Mask) -> Mesh:
+    used, corners = np.unique(mesh.faces[chosen], return_inverse=True)
+    faces = corners.reshape(-1, 3).astype(np.int32)
     return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])
 
 
-def without_floaters(points, faces, cells):
+def without_floaters(points: Points, faces: Faces, cells: Floats) -> tuple[Points, Faces, Floats, int]:
     """The mesh, and its vertices' cells, without parts of less than SMALLEST_FACES faces, and how many they were."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components

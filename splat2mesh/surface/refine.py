@@ -1,8 +1,11 @@
 """Vertices where the colour needs them: edges across which the pictures show more than a straight blend are split."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Indices, Integers, Points
 from ..scene.mesh import vertex_normals
+from .album import Album
 
 CONTRAST = 5.0
 """Difference, in 8-bit steps, between a blend of an edge's ends and the picture in its middle, below which it stays."""
@@ -14,7 +17,9 @@ ROUNDS = 3
 """Times that edges are split."""
 
 
-def refine_by_color(points, faces, album, most):
+def refine_by_color(
+    points: NDArray[np.float32], faces: Faces, album: Album, most: int
+) -> tuple[NDArray[np.float32], Faces]:
     """Split edges until colours are straight along them: points (V, 3) float32 and faces (F, 3) int32 of a finer mesh.
 
     album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is.
@@ -49,14 +54,14 @@ def refine_by_color(points, faces, album, most):
     return points, faces
 
 
-def _edges(faces, count):
+def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """Each edge once, (E, 2), and which three each face has, (F, 3): opposite no vertex but from corner k to k + 1."""
     starts, ends = faces.astype(np.int64), np.roll(faces, -1, axis=1).astype(np.int64)
     key, of_face = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_inverse=True)
     return np.stack([key // count, key % count], axis=1), of_face.reshape(-1, 3)
 
 
-def _split(points, faces, middles):
+def _split(points: Points, faces: Faces, middles: Integers) -> Faces:
     """Faces cut at the middles of their edges, (F, 3) vertices or -1; the middle of edge k lies after corner k."""
     cut = middles >= 0
     count = cut.sum(axis=1)

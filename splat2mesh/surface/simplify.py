@@ -4,9 +4,12 @@ Quadric edge collapse (Garland and Heckbert, "Surface Simplification Using Quadr
 collapses that do not touch one another, so that the result is the same whatever the number of threads.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points, Vector
 from ..base.threads import shared
 
 LONGEST = 6.0
@@ -27,13 +30,24 @@ LEAST_TURN = 0.2
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-def simplify(points, faces, sizes, wanted, fixed=None):
+class Simplified(NamedTuple):
+    """A mesh with fewer vertices.
+
+    points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex. kept: (V,) which fixed
+    vertex of the mesh before each is, -1 for none.
+    """
+
+    points: Points
+    faces: Faces
+    sizes: Floats
+    kept: Indices
+
+
+def simplify(points: Points, faces: Faces, sizes: Floats, wanted: int, fixed: Mask | None = None) -> Simplified:
     """Remove vertices until `wanted` are left, or nothing more can go.
 
     points: (V, 3) float64. faces: (F, 3) int32. sizes: (V,) side of the cell at each vertex. fixed: (V,) bool, which
     stay where they are, with the edges between them; none without.
-    Returns points (V', 3), faces (F', 3) int32, sizes (V',) and, where `fixed` is given, which fixed vertex each is
-    (V',), -1 for none.
     """
     kept = np.full(len(points), -1, np.int64)
     if fixed is not None:
@@ -68,14 +82,12 @@ def simplify(points, faces, sizes, wanted, fixed=None):
         if removed < max(SLOWEST * left, 1):
             break
         edges, uses = _edges(faces, len(points))
-    used, faces = np.unique(faces, return_inverse=True)
-    faces = faces.reshape(-1, 3).astype(np.int32)
-    if fixed is None:
-        return points[used] + middle, faces, sizes[used]
-    return points[used] + middle, faces, sizes[used], kept[used]
+    used, corners = np.unique(faces, return_inverse=True)
+    faces = corners.reshape(-1, 3).astype(np.int32)
+    return Simplified(points[used] + middle, faces, sizes[used], kept[used])
 
 
-def _edges(faces, count):
+def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """Each edge once, (E, 2) int64, smaller end first, and how many faces it has."""
     starts, ends = faces.T.ravel().astype(np.int64), np.roll(faces, -1, axis=1).T.ravel().astype(np.int64)
     key, uses = np.unique(np.minimum(starts, ends) * count + np.maximum(starts, ends), return_counts=True)
@@ -83,7 +95,7 @@ def _edges(faces, count):
 
 
 @_function
-def _faces_around(faces, count):
+def _faces_around(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """For each vertex where its faces begin in a list, and the list, in order."""
     starts = np.zeros(count + 1, np.int64)
     for f in range(len(faces)):
@@ -100,7 +112,7 @@ def _faces_around(faces, count):
 
 
 @_function
-def _add_quadrics(points, faces, borders, quadrics, weights):
+def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floats, weights: Floats) -> None:
     """The planes of all faces, by area, and upright planes through border edges, at their corners."""
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -133,7 +145,7 @@ def _add_quadrics(points, faces, borders, quadrics, weights):
 
 
 @_function
-def _add_plane(quadrics, vertex, x, y, z, d, weight):
+def _add_plane(quadrics: Floats, vertex: int, x: float, y: float, z: float, d: float, weight: float) -> None:
     q = quadrics[vertex]
     q[0] += weight * x * x
     q[1] += weight * x * y
@@ -149,7 +161,19 @@ def _add_plane(quadrics, vertex, x, y, z, d, weight):
 
 @shared
 @_function
-def _costs(begin, end, points, edges, quadrics, weights, sizes, border, on_border, costs, places):
+def _costs(
+    begin: int,
+    end: int,
+    points: Points,
+    edges: Indices,
+    quadrics: Floats,
+    weights: Floats,
+    sizes: Floats,
+    border: Mask,
+    on_border: Mask,
+    costs: Floats,
+    places: Points,
+) -> None:
     """What the collapse of each edge costs, in squared cells, and where its vertex would lie; inf: not at all."""
     for e in range(begin, end):
         a, b = edges[e, 0], edges[e, 1]
@@ -182,12 +206,26 @@ def _costs(begin, end, points, edges, quadrics, weights, sizes, border, on_borde
 
 
 @_function
-def _square(x, y, z):
+def _square(x: float, y: float, z: float) -> float:
     return x * x + y * y + z * z
 
 
 @_function
-def _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, s, mx, my, mz):
+def _best(
+    xx: float,
+    xy: float,
+    xz: float,
+    yy: float,
+    yz: float,
+    zz: float,
+    x1: float,
+    y1: float,
+    z1: float,
+    s: float,
+    mx: float,
+    my: float,
+    mz: float,
+) -> tuple[float, float, float]:
     """The place of least error, drawn by `s` towards the middle: it solves (A + s I) x = s middle - b."""
     a, d, f = xx + s, yy + s, zz + s
     b, c, e = xy, xz, yz
@@ -206,8 +244,19 @@ def _best(xx, xy, xz, yy, yz, zz, x1, y1, z1, s, mx, my, mz):
 
 @_function
 def _collapse(
-    points, faces, starts, around, quadrics, weights, sizes, kept, edges, order, places, most
-):  # fmt: skip
+    points: Points,
+    faces: Faces,
+    starts: Integers,
+    around: Integers,
+    quadrics: Floats,
+    weights: Floats,
+    sizes: Floats,
+    kept: Indices,
+    edges: Indices,
+    order: Indices,
+    places: Points,
+    most: int,
+) -> int:
     """Collapse edges in this order as long as they do not touch one another; returns their number."""
     touched = np.zeros(len(points), np.bool_)
     mark = np.full(len(points), -1, np.int64)
@@ -264,7 +313,16 @@ def _collapse(
 
 
 @_function
-def _spoils(points, faces, starts, around, vertex, other, place, longest):
+def _spoils(
+    points: Points,
+    faces: Faces,
+    starts: Integers,
+    around: Integers,
+    vertex: int,
+    other: int,
+    place: Vector,
+    longest: float,
+) -> bool:
     """Whether a face of `vertex` that stays would turn too far, vanish or outgrow `longest` with it at `place`."""
     x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
     for i in range(starts[vertex], starts[vertex + 1]):
@@ -287,5 +345,5 @@ def _spoils(points, faces, starts, around, vertex, other, place, longest):
 
 
 @_function
-def _cross(ax, ay, az, bx, by, bz):
+def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

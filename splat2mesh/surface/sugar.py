@@ -5,14 +5,19 @@ Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 20
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..base.arrays import Directions, Floats, Integers, Points
 from ..base.errors import InputError
 from ..base.meshlibrary import open3d
 from ..base.threads import shared
+from ..render.rasterize import Rendering
+from ..render.view import View
+from ..splats.splats import Splats
 
 LEVEL = 0.3
 """Density at which the surface lies: SuGaR's value."""
@@ -42,7 +47,7 @@ class SurfacePoints:
 class DensityField:
     """The density of a splat: the sum of opacity * exp(-mahalanobis^2 / 2) over the nearest Gaussians of a point."""
 
-    def __init__(self, splats):
+    def __init__(self, splats: Splats) -> None:
         self._origin = splats.means.mean(axis=0, dtype=np.float64)
         self._means = (splats.means - self._origin).astype(np.float32)
         self._tree = cKDTree(self._means)
@@ -50,7 +55,7 @@ class DensityField:
         self._scales = np.maximum(splats.scales, splats.scales.max(axis=1, keepdims=True) * 1e-3).astype(np.float32)
         self._opacities = splats.opacities.astype(np.float32)
 
-    def crossings(self, points, directions):
+    def crossings(self, points: Points, directions: Directions) -> SurfacePoints:
         """Where rays first enter the level set near given points.
 
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
@@ -67,7 +72,7 @@ class DensityField:
         return SurfacePoints(surface.astype(np.float32), normal[found])
 
 
-def surface_points(field, view, rendering, stride=1):
+def surface_points(field: DensityField, view: View, rendering: Rendering, stride: int = 1) -> SurfacePoints:
     """Surface points of one rendered view. stride: take every so many pixels in both directions."""
     depth = rendering.depth_median[stride // 2 :: stride, stride // 2 :: stride]
     solid = np.isfinite(depth) & (rendering.alpha[stride // 2 :: stride, stride // 2 :: stride] > 0.5)
@@ -76,7 +81,7 @@ def surface_points(field, view, rendering, stride=1):
     return field.crossings(view.center + rays * depth[solid, None], rays / length)
 
 
-def poisson(surface, depth):
+def poisson(surface: SurfacePoints, depth: int) -> Any:
     """Screened Poisson surface of SurfacePoints, without the parts that no point supports.
 
     depth: levels of the octree. Returns an open3d TriangleMesh. Raises InputError when the points make no surface.
@@ -98,7 +103,17 @@ def poisson(surface, depth):
 
 
 @numba.njit(cache=True, nogil=True)
-def _density(x, y, z, p, neighbors, means, rotations, scales, opacities):
+def _density(
+    x: float,
+    y: float,
+    z: float,
+    p: int,
+    neighbors: Integers,
+    means: Points,
+    rotations: Floats,
+    scales: Floats,
+    opacities: Floats,
+) -> tuple[float, float, float, float]:
     """Density at a point, of its row p of `neighbors`, and the gradient there: four numbers."""
     total, right, up, back = 0.0, 0.0, 0.0, 0.0
     for i in range(neighbors.shape[1]):
@@ -122,14 +137,37 @@ def _density(x, y, z, p, neighbors, means, rotations, scales, opacities):
 
 @shared
 @numba.njit(cache=True, nogil=True)
-def _enter_level(begin, end, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
+def _enter_level(
+    begin: int,
+    end: int,
+    points: Points,
+    directions: Directions,
+    neighbors: Integers,
+    means: Points,
+    rotations: Floats,
+    scales: Floats,
+    opacities: Floats,
+    offsets: Floats,
+    normals: Directions,
+) -> None:
     """Offsets (P,) along the directions, left as they are where no level is entered, and normals (P, 3)."""
     for p in range(begin, end):
         _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
 
 
 @numba.njit(cache=True, nogil=True)
-def _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals):
+def _enter(
+    p: int,
+    points: Points,
+    directions: Directions,
+    neighbors: Integers,
+    means: Points,
+    rotations: Floats,
+    scales: Floats,
+    opacities: Floats,
+    offsets: Floats,
+    normals: Directions,
+) -> None:
     dx, dy, dz = directions[p, 0], directions[p, 1], directions[p, 2]
     n = neighbors[p, 0]
     variance = 0.0

@@ -5,7 +5,11 @@ among the nearest neighbours: how thick the cloud of them is, and how much their
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from ..base.arrays import Floats, Indices, Points
+from ..splats.splats import Splats
 
 NEIGHBORS = 16
 
@@ -26,7 +30,7 @@ MARGIN = 2.0
 """Times the distance between neighbours, within which a vertex takes the values of splats."""
 
 
-def splat_volume(splats):
+def splat_volume(splats: Splats) -> NDArray[np.float32]:
     """(N,) float32 in [0, 1]: 0 for splats of a surface, 1 for those of a volume. Needs finite values."""
     result = np.zeros(len(splats), np.float32)
     solid = np.flatnonzero(splats.opacities > SOLID)
@@ -43,7 +47,7 @@ def splat_volume(splats):
     return measured[nearest]
 
 
-def vertex_volume(points, splats, volume):
+def vertex_volume(points: Points, splats: Splats, volume: Floats) -> NDArray[np.float32]:
     """(V,) float32: the volume of the splats about each point (V, 3), the median of the nearest four."""
     solid = np.flatnonzero(splats.opacities > SOLID)
     if len(solid) < 4:
@@ -52,7 +56,7 @@ def vertex_volume(points, splats, volume):
     return np.median(volume[solid][near], axis=1).astype(np.float32)
 
 
-def _axes(splats):
+def _axes(splats: Splats) -> tuple[Floats, Floats]:
     """Shortest axes (N, 3), of either sign, and how flat each splat is, (N,) in [0, 1]."""
     shortest = splats.scales.argmin(axis=1)
     axes = np.take_along_axis(splats.rotation_matrices(), shortest[:, None, None], axis=2)[:, :, 0]
@@ -60,7 +64,7 @@ def _axes(splats):
     return axes.astype(np.float64), 1.0 - ranked[:, 0] / np.maximum(ranked[:, 1], 1e-30)
 
 
-def _measured(means, axes, flat, near):
+def _measured(means: Points, axes: Floats, flat: Floats, near: Indices) -> Floats:
     result = np.zeros(len(means))
     for start in range(0, len(means), 1 << 15):
         some = near[start : start + (1 << 15)]
@@ -74,6 +78,6 @@ def _measured(means, axes, flat, near):
     return result
 
 
-def _ramp(values, low, high):
+def _ramp(values: Floats, low: float, high: float) -> Floats:
     share = np.clip((values - low) / (high - low), 0.0, 1.0)
     return share * share * (3.0 - 2.0 * share)

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from ..base.arrays import Floats, Integers, Points, Vector
 from ..base.errors import InputError
 from ..base.extras import needed
 from ..render.raycaster import RayCaster
@@ -55,7 +56,7 @@ def closed_around(
     return points.astype(np.float32), np.asarray(simple.tri_verts).astype(np.int32), voxel
 
 
-def _voxel_of(vertices, cells):
+def _voxel_of(vertices: Points, cells: float) -> float:
     """Side of a voxel, so that the grid around the vertices has about so many cells."""
     extent = np.ptp(vertices.astype(np.float64), axis=0)
     longest = extent.max() if len(vertices) else 0.0
@@ -68,10 +69,10 @@ def _voxel_of(vertices, cells):
     return float(high)
 
 
-def _distances(caster, low, size, voxel):
+def _distances(caster: RayCaster, low: Vector, size: Integers, voxel: float) -> NDArray[np.float32]:
     """Distance to the mesh in voxels, float32 of a shape; BLOCK where it is more than about that."""
     field = np.full(size, BLOCK, np.float32)
-    blocks = np.indices(-(-size // BLOCK)).reshape(3, -1).T
+    blocks = np.indices(tuple(-(-size // BLOCK))).reshape(3, -1).T
     middles = low + voxel * (blocks * BLOCK + (BLOCK - 1) / 2)
     reach = voxel * (np.sqrt(3) * (BLOCK - 1) / 2 + 2 * MARGIN)
     steps = np.indices((BLOCK,) * 3).reshape(3, -1).T
@@ -83,11 +84,11 @@ def _distances(caster, low, size, voxel):
     return field
 
 
-def _distance(caster, points):
+def _distance(caster: RayCaster, points: Points) -> Floats:
     return np.linalg.norm(caster.closest(points).points - points, axis=1)
 
 
-def _labels_at(eyes, labels, low, voxel):
+def _labels_at(eyes: Points | None, labels: Integers, low: Vector, voxel: float) -> set[int]:
     """The labels of the voxels around places, 0 in a wall."""
     if eyes is None or not len(eyes):
         return set()

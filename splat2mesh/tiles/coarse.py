@@ -8,6 +8,7 @@ and rays tell which twin hides most nearly what the tile hides.
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Floats, Indices, Points, Rays
 from ..render.raycaster import RayCaster
 from ..scene.mesh import Mesh
 from .lattice import normals_of
@@ -94,13 +95,13 @@ def merged_in_cells(
     return means[used], kept.reshape(-1, 3).astype(np.int32)
 
 
-def _cells(places, size):
+def _cells(places: Points, size: float) -> Indices:
     """A number for the cell of each place, (N,) int64."""
     x, y, z = np.floor(places / size).astype(np.int64).T
     return x << 42 | y << 21 | z
 
 
-def _rays(points):
+def _rays(points: Points) -> Rays:
     """Bundles of parallel rays at places within the bulk of some points, (BUNDLES * RAYS, 6) float32."""
     rng = np.random.default_rng(0)
     low, high = np.percentile(points, 2, axis=0), np.percentile(points, 98, axis=0)
@@ -114,6 +115,6 @@ def _rays(points):
     return np.concatenate([origin, direction], axis=1).astype(np.float32)
 
 
-def _hidden(points, faces, rays):
+def _hidden(points: Points, faces: Faces, rays: Rays) -> Floats:
     """The share of each bundle that a mesh hides."""
     return RayCaster(points, faces).occluded(rays).reshape(BUNDLES, RAYS).mean(axis=1)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Indices, Integers, Mask
 from ..base.distinct import distinct
 from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
 from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
@@ -31,7 +32,7 @@ class Raw(NamedTuple):
 
     points: NDArray[np.float64]
     faces: NDArray[np.int32]
-    cells: NDArray[np.float64]
+    cells: Floats
     owner: NDArray[np.int64]
 
 
@@ -70,7 +71,7 @@ def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw
     return Raw(points, faces, plan.finest * 2.0**levels, plan.owner_of(((a + b + c) / 3)[:, [0, 2]]))
 
 
-def _within(keys, rectangle):
+def _within(keys: Indices, rectangle: list[int]) -> Mask:
     """Which cells lie in a rectangle of blocks grown by the ring."""
     level = keys >> (3 * BITS)
     x, z = ((keys >> (2 * BITS)) & MASK) - HALF, (keys & MASK) - HALF
@@ -99,7 +100,7 @@ def smoothed(raw: Raw) -> NDArray[np.float64]:
     open_[first[uses == 1]] = open_[second[uses == 1]] = True
     here, there = np.concatenate([first, second]), np.concatenate([second, first])
     count = np.bincount(here, minlength=len(raw.points))
-    moving = (~open_ & (count > 0))[:, None]
+    moving = np.asarray(~open_ & (count > 0))[:, None]
     points = raw.points
     for _ in range(ROUNDS):
         sums = np.stack([np.bincount(here, points[there, axis], len(points)) for axis in range(3)], axis=1)
@@ -115,7 +116,7 @@ def normals_of(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
     u, v = b - a, c - a
     cross = np.stack([u[:, i] * v[:, j] - u[:, j] * v[:, i] for i, j in ((1, 2), (2, 0), (0, 1))], axis=1)
     normals = _unit(_sums(faces.ravel(), np.repeat(cross, 3, axis=0), len(points)))
-    lost = ~normals.any(axis=1)
+    lost = np.asarray(~normals.any(axis=1))
     if lost.any():
         rows = faces[lost[faces].any(axis=1)]
         around = _sums(rows.ravel(), np.repeat(normals[rows].sum(axis=1), 3, axis=0), len(points))
@@ -124,11 +125,11 @@ def normals_of(points: NDArray, faces: NDArray) -> NDArray[np.float64]:
     return normals
 
 
-def _sums(rows, values, count):
+def _sums(rows: Integers, values: Floats, count: int) -> NDArray[np.float64]:
     return np.stack([np.bincount(rows, values[:, axis], count) for axis in range(3)], axis=1)
 
 
-def _unit(vectors):
+def _unit(vectors: Floats) -> NDArray[np.float64]:
     length = np.sqrt((vectors * vectors).sum(axis=1, keepdims=True))
     return np.where(length > 1e-150, vectors / np.maximum(length, 1e-150), 0.0)
 

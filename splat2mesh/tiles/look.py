@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import DepthMap, Floats
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
+from ..splats.splats import Splats
 from ..surface.adaptive import Sight
 from ..surface.extract import dilated, thickness_of
-from ..views.eyes import around
+from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, Plan
 from .stations import stations_of
 from .store import Store
@@ -91,7 +93,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
     return facts
 
 
-def _prepared(store, plan, tile, sources):
+def _prepared(store: Store, plan: Plan, tile: int, sources: dict[int, list[int]]) -> tuple[Splats, list[Eye]]:
     """The splats of a tile and all that its stations see, as training saw them, and its stations."""
     core = plan.core(tile)
     box = core + np.array([[-1.0], [1.0]]) * plan.reach
@@ -128,12 +130,12 @@ def faces_around(store: Store, plan: Plan, tile: int) -> Iterator[Face]:
             yield Face(view, seen, kept["thickness"][row])
 
 
-def _ground_of(view, depth):
+def _ground_of(view: View, depth: DepthMap) -> Floats:
     """(H, W, 2) x and z of what a view sees."""
     return (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
 
 
-def _bounds_of(view, depth):
+def _bounds_of(view: View, depth: DepthMap) -> Floats:
     """(2, 2) lowest and highest x and z of what a view sees."""
     points = _ground_of(view, depth).reshape(-1, 2)
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
@@ -152,7 +154,7 @@ def sight_of(face: Face, plan: Plan, tile: int) -> Sight:
     return Sight(sight.view, sight.plane, np.where(near, sight.weight, np.float32(0)), spread, step)
 
 
-def _range(plan, tile):
+def _range(plan: Plan, tile: int) -> Floats:
     """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
     margin = (RING + INFLUENCE) * plan.block
     return plan.core(tile) + np.array([[-margin], [margin]])

@@ -75,7 +75,7 @@ def is_url(path: str | os.PathLike[str]) -> bool:
     return "://" in os.fspath(path)
 
 
-def _in_bucket(url, lod):
+def _in_bucket(url: str, lod: Any) -> list[Piece]:
     names = Store(url).listed()
     if not names:
         raise InputError(f"{url}: no such file")
@@ -99,7 +99,7 @@ def _in_bucket(url, lod):
     return [Piece(f"{url}/{name}", 0, -1, False) for name in tiles]
 
 
-def _under(url, folder, path):
+def _under(url: str, folder: Path, path: Path) -> Piece:
     path = path.parent if path.name == sog.META else path  # its pictures lie beside it
     return Piece(f"{url}/{path.relative_to(folder).as_posix()}", 0, -1, False)
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Mask
 from ..base.errors import InputError
 from ..surface.octree import HALF
 from .store import Store
@@ -234,7 +235,7 @@ def cut(
     return [tile for tile, _ in done], [count for _, count in done]
 
 
-def _within(splats, low, high):
+def _within(splats: Floats, low: Floats, high: Floats) -> Mask:
     """Which of (3, N) splats lie in a box on the ground."""
     x, z = splats[:2]
     return (x >= low[0]) & (x < high[0]) & (z >= low[1]) & (z < high[1])

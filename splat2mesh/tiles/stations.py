@@ -3,10 +3,13 @@
 The inside of houses, which no capture saw, has no way to the sky.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..base.arrays import Floats, Mask, Vector
+from ..views.eyes import Eye
 
 CELLS = 14
 """Cells of the grid of what is taken, along the distance between stations."""
@@ -24,20 +27,13 @@ NEAR = 0.3
 """Near plane over the clearance."""
 
 
-class Station(NamedTuple):
-    """A place to look around from: center (3,) scene frame, near: camera z nearer than which nothing is drawn."""
-
-    center: NDArray[np.float64]
-    near: float
-
-
 def stations_of(
     means: NDArray,  # (N, 3) of the splats of a tile and its halo, scene frame
     opacities: NDArray,  # (N,)
     core: NDArray,  # (2, 2) lowest and highest x and z of the tile
     spacing: float,  # between stations
-) -> list[Station]:
-    """The stations within a core, column after column, from below upwards."""
+) -> list[Eye]:
+    """The stations within a core, in the scene frame, column after column, from below upwards."""
     from scipy.ndimage import distance_transform_edt, label
 
     points = means[opacities > SOLID].astype(np.float64)
@@ -71,7 +67,7 @@ def stations_of(
     return found
 
 
-def _columns(core, spacing):
+def _columns(core: Floats, spacing: float) -> Iterator[NDArray[np.float64]]:
     """Squares of about the spacing that cover the core: (2, 2) lowest and highest x and z each."""
     counts = np.maximum(np.round((core[1] - core[0]) / spacing).astype(int), 1)
     step = (core[1] - core[0]) / counts
@@ -81,7 +77,9 @@ def _columns(core, spacing):
             yield np.stack([start, start + step])
 
 
-def _in_column(column, low, cell, clearance, free, taken, spacing):
+def _in_column(
+    column: Floats, low: Vector, cell: float, clearance: Floats, free: Mask, taken: Mask, spacing: float
+) -> list[Eye]:
     first = np.maximum(((column[0] - low[[0, 2]]) / cell).astype(int), 0)
     last = np.maximum(np.ceil((column[1] - low[[0, 2]]) / cell).astype(int), first + 1)
     box = slice(first[0], last[0]), slice(None), slice(first[1], last[1])
@@ -100,6 +98,6 @@ def _in_column(column, low, cell, clearance, free, taken, spacing):
             i, j, k = best[0] + first[0], best[1] + bottom, best[2] + first[1]
             if clearance[i, j, k] < CELLS:  # else there is nothing near to look at
                 center = low + (np.array([i, j, k]) + 0.5) * cell
-                found.append(Station(center, float(NEAR * clearance[i, j, k] * cell)))
+                found.append(Eye(center, float(NEAR * clearance[i, j, k] * cell)))
         bottom += CELLS
     return found

@@ -114,7 +114,7 @@ class Store:
         else:
             self._gone(self.path(name), recursive=False)
 
-    def _gone(self, where, recursive):
+    def _gone(self, where: str, recursive: bool) -> None:
         try:
             if self._remote().exists(where):
                 self._remote().rm(where, recursive=recursive)

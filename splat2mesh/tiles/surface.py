@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Faces, Indices, Points
 from ..scene.color import linear_from_srgb
 from ..scene.mesh import Mesh
 from ..scene.meshfile import mesh_ply_bytes
@@ -20,7 +21,7 @@ from ..surface.place import HOLE_CELLS, SMALLEST_FACES, SPARE
 from ..surface.simplify import simplify
 from .coarse import twins
 from .glb import glb_bytes
-from .lattice import normals_of, raw_surface, seam_edges, seam_of, smoothed
+from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, faces_around, sight_of
 from .memory import give_back
 from .plan import DISTANT, FAR, Plan, folder_of
@@ -58,7 +59,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     return store.commit(f"{name}/mesh.json", files, tile=tile, **facts)
 
 
-def tile_mesh(raw, tile, album, plan):
+def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: Plan) -> tuple[Mesh, dict[str, Any]]:
     """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and what is told of it."""
     seam = seam_of(raw, tile)
     soft = smoothed(raw)
@@ -69,11 +70,12 @@ def tile_mesh(raw, tile, album, plan):
     if album is None or len(chosen) == 0:
         none = np.zeros((0, 3), np.float32)
         empty = Mesh(none, none, none.astype(np.int32), none.astype(np.uint8))
-        facts = {"vertices": 0, "faces": 0, "seam_vertices": 0, "components_dropped": dropped}
-        return empty, facts | {"borders": {}, "border_edges_missing": 0}
-    used, local = np.unique(chosen, return_inverse=True)
-    local = local.reshape(-1, 3).astype(np.int32)
-    at, cells, fixed = points[used], raw.cells[used], seam[used]
+        nothing = {"vertices": 0, "faces": 0, "seam_vertices": 0, "components_dropped": dropped}
+        return empty, nothing | {"borders": {}, "border_edges_missing": 0}
+    used, corners = np.unique(chosen, return_inverse=True)
+    local: Faces = corners.reshape(-1, 3).astype(np.int32)
+    at: Points = points[used]
+    cells, fixed = raw.cells[used], seam[used]
     del chosen, soft, points
     give_back()
     found = len(used)
@@ -87,21 +89,20 @@ def tile_mesh(raw, tile, album, plan):
     _, thickness, seen_by = album.look_up(at, normals_of(at, local))
     size = np.where(np.isfinite(seen_by), np.maximum(seen_by, plan.pixel), plan.pixel)
     at = fair(at, local, thickness / size, float(np.median(size)), kept >= 0)
-    used, local = np.unique(local, return_inverse=True)
-    local, at, kept = local.reshape(-1, 3).astype(np.int32), at[used].astype(np.float32), kept[used]
-    directions = normals_of(at.astype(np.float64), local)
+    used, corners = np.unique(local, return_inverse=True)
+    local, vertices, kept = corners.reshape(-1, 3).astype(np.int32), at[used].astype(np.float32), kept[used]
+    directions = normals_of(vertices.astype(np.float64), local)
     border = np.flatnonzero(kept >= 0)
     directions[border] = normals[kept[border]]  # what the ring says, as the other side does
-    directions = directions.astype(np.float32)
-    shown = album.look_up(at, directions)[0]
+    shown = album.look_up(vertices, directions.astype(np.float32))[0]
     unseen = np.isnan(shown[:, 0])
     shown[unseen & (kept >= 0)] = GREY
-    colors, _ = filled_in(shown, at)
-    missing, borders = _borders(raw, tile, kept, local, at)
-    facts = {
+    colors, _ = filled_in(shown, vertices)
+    missing, borders = _borders(raw, tile, kept, local, vertices)
+    facts: dict[str, Any] = {
         "borders": borders,
         "border_edges_missing": missing,
-        "vertices": len(at),
+        "vertices": len(vertices),
         "faces": len(local),
         "vertices_found": found,
         "seam_vertices": len(border),
@@ -110,10 +111,10 @@ def tile_mesh(raw, tile, album, plan):
         "holes_filled": filled,
         "vertices_unseen": int(unseen.sum()),
     }
-    return Mesh(at, directions, local, colors), facts
+    return Mesh(vertices, directions.astype(np.float32), local, colors), facts
 
 
-def _borders(raw, tile, kept, faces, points):
+def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -> tuple[int, dict[str, list[Any]]]:
     """How many edges to other tiles are missing, and for each other tile their number and a checksum of their places,
     which the other tile must have too.
 

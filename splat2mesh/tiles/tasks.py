@@ -220,11 +220,11 @@ _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @contextmanager
-def _kept_at(cluster, workers):
+def _kept_at(cluster: Any, workers: int) -> Iterator[None]:
     """Start another worker where one is missing for long."""
     ended = threading.Event()
 
-    def watch():
+    def watch() -> None:
         missing_since, added = None, 0
         while not ended.wait(min(PATIENCE_S / 4, 5.0)):
             if len(cluster.scheduler.workers) >= workers:
@@ -245,7 +245,7 @@ def _kept_at(cluster, workers):
         watcher.join()
 
 
-def _checked(client, name):
+def _checked(client: Any, name: str) -> Cluster:
     versions = client.run(_version)
     if not versions:
         raise InputError(f"{name}: it has no workers; start some with `dask worker {name}`")
@@ -268,7 +268,7 @@ def _version() -> str:
 
 
 @contextmanager
-def _environment(values):
+def _environment(values: dict[str, str]) -> Iterator[None]:
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Bounds
+
 FAR_ERROR = 0.02
 """Geometric error of a coarse twin, in units of its tile's diagonal."""
 
@@ -42,11 +44,11 @@ def tileset(
     return {"asset": {"version": "1.1"}, "geometricError": 2.0 * size, "root": root}
 
 
-def _content(tile, file):
+def _content(tile: dict[str, Any], file: str) -> dict[str, str]:
     return {"uri": f"{tile['name']}/{file}"}
 
 
-def _box(bounds):
+def _box(bounds: Bounds) -> list[float]:
     """Centre and half axes of a box, z up: 12 numbers. A flat one gets some height, as boxes need."""
     low, high = bounds
     half = np.maximum((high - low) / 2, 1e-3)

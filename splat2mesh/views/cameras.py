@@ -2,13 +2,17 @@
 
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ..base.arrays import Points
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import read_json, reading
+from ..render.view import View
+from ..splats.splats import Splats
 from .cameras_json import views_of_cameras_json
 from .colmap import is_colmap, read_colmap
 from .nerfstudio import candidates_of_transforms
@@ -38,7 +42,9 @@ SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
 
 
-def trained_views(given, splat_path, splats):
+def trained_views(
+    given: str | os.PathLike[str] | None, splat_path: str | os.PathLike[str], splats: Splats
+) -> list[View]:
     """The cameras of a capture: a list of View in the frame of the splat, empty where there are none.
 
     given: path of a camera file or folder, one of KINDS; None: those that lie beside the splat; NONE: no cameras.
@@ -73,7 +79,7 @@ def trained_views(given, splat_path, splats):
     return seeing
 
 
-def read_cameras(path, splat_path="."):
+def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[View | None]]:
     """The cameras of a path, in every frame that the splat may be in: a list of lists of View or None (no finite pose).
 
     path: a file or folder, its kind told from what it holds. splat_path: of the splat that they belong to.
@@ -104,7 +110,7 @@ def read_cameras(path, splat_path="."):
     return found
 
 
-def cameras_beside(splat_path):
+def cameras_beside(splat_path: str | os.PathLike[str]) -> Path | None:
     """The cameras.json that INRIA's training keeps two folders above point_cloud/iteration_N, or None."""
     path = Path(os.path.abspath(splat_path))
     folder = path if path.is_dir() else path.parent
@@ -114,12 +120,12 @@ def cameras_beside(splat_path):
     return file if file.is_file() else None
 
 
-def spread_out(views, count):
+def spread_out(views: Sequence[View], count: int) -> list[View]:
     """Of many views, `count` that differ most in place and direction (farthest-point choice, first view first)."""
     if len(views) <= count:
         return list(views)
     centers = np.stack([view.center for view in views])
-    extent = max(np.linalg.norm(centers.std(axis=0)), 1e-12)
+    extent = max(float(np.linalg.norm(centers.std(axis=0))), 1e-12)
     features = np.hstack([centers / extent, np.stack([view.forward for view in views])])
     chosen, distance = [0], np.linalg.norm(features - features[0], axis=1)
     while len(chosen) < count:
@@ -128,22 +134,22 @@ def spread_out(views, count):
     return [views[index] for index in sorted(chosen)]
 
 
-def _sees(view, points):
+def _sees(view: View, points: Points) -> bool:
     """Whether a camera has points in its picture, SEES of them at least: (N, 3) world."""
     pixels, depth = view.project(points)
     with np.errstate(invalid="ignore"):
         inside = (depth > 0) & (pixels >= 0).all(axis=1) & (pixels < [view.width, view.height]).all(axis=1)
-    return np.count_nonzero(inside) >= max(1, SEES * len(points))
+    return bool(np.count_nonzero(inside) >= max(1, SEES * len(points)))
 
 
-def _solid(splats):
+def _solid(splats: Splats) -> Points:
     """Centres of solid splats, evenly picked where there are many: (N, 3)."""
     rows = np.flatnonzero(splats.opacities > SOLID)
     rows = rows if len(rows) else np.arange(len(splats))
     return splats.means[rows[:: 1 + len(rows) // LOOKED_AT]]
 
 
-def _sharpness(views, splats):
+def _sharpness(views: Sequence[View], splats: Splats) -> float:
     """Mean over pictures of how much sharp surface they show, 0 to 1: cameras in the right frame show most."""
     from ..render.opacityfield import field_depth
     from .viewpoints import bounds_of, near_plane

@@ -5,13 +5,17 @@ world_from_camera, rows first, camera x right, y down, z forward; the principal 
 Source: graphdeco-inria/gaussian-splatting, utils/camera_utils.py, camera_to_JSON.
 """
 
+import os
+from typing import Any
+
 import numpy as np
 
 from ..base.errors import InputError
+from ..render.view import View
 from .poses import view_of
 
 
-def views_of_cameras_json(path, content):
+def views_of_cameras_json(path: str | os.PathLike[str], content: list[dict[str, Any]]) -> list[View | None]:
     """Views of a cameras.json: path, for messages, and its content as json reads it. A list, None where a pose is NaN.
 
     Raises InputError where a camera lacks something or is none.

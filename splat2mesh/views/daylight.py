@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..base.arrays import Vector
 from ..render.rasterize import rasterize
 from ..render.view import View
+from ..splats.splats import Splats
 from .viewpoints import OUTER_FOV_DEG, bounds_of, thinned
 
 SIDES, ELEVATION_DEG = 6, 40.0
@@ -19,7 +21,7 @@ CLEAR = 1.08
 brighter from above."""
 
 
-def brightness_from_above(splats, up):
+def brightness_from_above(splats: Splats, up: Vector) -> float:
     """How much brighter a splat looks from above than from below: the ratio of mean display values. 1 of what is black.
 
     splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
@@ -45,7 +47,7 @@ def brightness_from_above(splats, up):
     return float(above / below) if below > 0.0 and above > 0.0 else 1.0
 
 
-def hint(splats, up):
+def hint(splats: Splats, up: Vector) -> str:
     """The same in words that follow what was taken for up; "" where it tells nothing."""
     ratio = brightness_from_above(splats, up)
     if ratio >= CLEAR:

@@ -1,7 +1,12 @@
 """Views all around from the places where a capture stood."""
 
-import numpy as np
+from collections.abc import Sequence
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arrays import Vector
 from ..render.view import View
 
 FOV_DEG = 92.0
@@ -11,7 +16,14 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 """Each eye's cube is turned by this against the one before, so that their seams fall on different places."""
 
 
-def around(eyes, pixels, up):
+class Eye(NamedTuple):
+    """A place to look around from. center: (3,) float64. near: camera z nearer than which nothing is drawn."""
+
+    center: NDArray[np.float64]
+    near: float
+
+
+def around(eyes: Sequence[Eye], pixels: int, up: Vector) -> tuple[list[View], NDArray[np.float64]]:
     """Six views from each Eye, and their near planes: list of View, (6 E,) float64. up: (3,) unit."""
     ahead = np.linalg.svd(np.asarray(up, np.float64)[None])[2][1]
     side = np.cross(up, ahead)

@@ -9,8 +9,11 @@ between a floor and a ceiling it does not show, and the usual frame of trained f
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..base.arrays import Directions, Floats, Integers, Points, Vector
 from ..base.distinct import distinct
+from ..splats.splats import Splats
 from .viewpoints import fibonacci_sphere
 
 SOLID = 0.3
@@ -76,7 +79,7 @@ class Floor:
     far: float
 
 
-def ground_of(splats):
+def ground_of(splats: Splats) -> Ground:
     """Up from the floor of a place: a Ground. splats: cleaned Splats. The same whatever the number of threads."""
     floor = largest_plane(splats)
     if floor is None or floor.cover < LEAST_COVER or floor.lead < LEAST_LEAD:
@@ -107,7 +110,7 @@ def ground_of(splats):
     return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
 
 
-def largest_plane(splats):
+def largest_plane(splats: Splats) -> Floor | None:
     """The Floor of a splat, judged by nobody yet; None where too little is solid."""
     cells, far = _cells(splats)
     if len(cells) < CELLS:
@@ -139,7 +142,7 @@ def largest_plane(splats):
     )
 
 
-def _cells(splats):
+def _cells(splats: Splats) -> tuple[NDArray[np.float64], float]:
     """Centres of the cells that solid splats near the middle of the detail lie in, (C, 3) in cells; the far share."""
     solid = np.flatnonzero(splats.opacities > SOLID)
     if len(solid) < CELLS:
@@ -158,13 +161,13 @@ def _cells(splats):
     return cells - wide + 0.5, float((distance > FAR * radius).mean())
 
 
-def _fullest_slabs(points, directions):
+def _fullest_slabs(points: Points, directions: Directions) -> tuple[Integers, Floats]:
     """Across each direction the slab of THICK that holds most points: counts (D,), heights of their middles (D,)."""
     found = [_fullest_slab(_along(points, direction)) for direction in directions]
     return np.array([count for count, _ in found]), np.array([height for _, height in found])
 
 
-def _fullest_slab(heights):
+def _fullest_slab(heights: Floats) -> tuple[int, float]:
     if len(heights) == 0:
         return 0, 0.0
     steps = np.floor(heights).astype(np.int64)
@@ -174,7 +177,7 @@ def _fullest_slab(heights):
     return int(counts[fullest]), float(low + fullest + 1 - width / 2)
 
 
-def _fitted(points, normal, height):
+def _fitted(points: Points, normal: Vector, height: float) -> tuple[Vector, float]:
     """The plane through the points of a slab, fitted again and again: its normal and height."""
     for _ in range(8):
         near = points[np.abs(_along(points, normal) - height) < THICK / 2]
@@ -189,19 +192,19 @@ def _fitted(points, normal, height):
     return normal, height
 
 
-def _outline(points, normal):
+def _outline(points: Points, normal: Vector) -> int:
     """Area of points seen along a normal, in squares of two cells."""
     side = np.linalg.svd(normal[None])[2][1]
     squares = [np.floor(_along(points, axis) / 2).astype(np.int64) for axis in (side, np.cross(normal, side))]
     return len(distinct(squares[0] * 65536 + squares[1]))
 
 
-def _along(points, direction):
+def _along(points: Points, direction: Vector) -> Floats:
     """Dot products, (N,): term by term, for what a matrix product rounds depends on how threads share it."""
     return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
 
 
-def _weighted_median(values, weights):
+def _weighted_median(values: Floats, weights: Floats) -> float:
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

@@ -9,13 +9,18 @@ how in dataparser_transforms.json; other trainers take the poses as they are; wh
 Source: docs.nerf.studio, "Data conventions"; nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
 """
 
+import os
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Matrix4
 from ..base.errors import DataWarning, InputError
 from ..base.inputs import read_json
+from ..render.view import View
 from .poses import view_of
 
 TRAINING_FRAME = "dataparser_transforms.json"
@@ -26,7 +31,9 @@ UNKNOWN_SIDE = 800
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def candidates_of_transforms(path, content, splat_path):
+def candidates_of_transforms(
+    path: Path, content: dict[str, Any], splat_path: str | os.PathLike[str]
+) -> list[list[View | None]]:
     """Views of a transforms.json in every frame that the splat may be in, the likeliest first: a list of lists.
 
     path: Path, for messages and for what lies beside it. content: as json reads it. splat_path: Path of the splat.
@@ -47,11 +54,11 @@ def candidates_of_transforms(path, content, splat_path):
     return found
 
 
-def _size(frame):
+def _size(frame: dict[str, Any]) -> tuple[float, float] | None:
     return (frame["w"], frame["h"]) if "w" in frame and "h" in frame else None
 
 
-def _view(where, frame, scale, frame_from_file):
+def _view(where: str, frame: dict[str, Any], scale: float, frame_from_file: Matrix4) -> View | None:
     try:
         size = _size(frame) or (UNKNOWN_SIDE, UNKNOWN_SIDE)
         if "fl_x" in frame:
@@ -68,9 +75,9 @@ def _view(where, frame, scale, frame_from_file):
     return view_of(where, size, focal, principal, pose)
 
 
-def _frames(path, content, splat_path):
+def _frames(path: Path, content: dict[str, Any], splat_path: str | os.PathLike[str]) -> list[tuple[float, Matrix4]]:
     """(scale, frame_from_file) of each candidate: a factor that follows, and a (4, 4) rigid transform."""
-    found = []
+    found: list[tuple[float, Matrix4]] = []
     for folder in dict.fromkeys([Path(splat_path).absolute().parent, path.absolute().parent]):
         file = folder / TRAINING_FRAME
         if file.is_file():
@@ -85,13 +92,13 @@ def _frames(path, content, splat_path):
             scale = float(content.get("applied_scale", 1.0))
             applied = _rigid(content["applied_transform"])
             applied[:3, 3] *= scale  # undone before the scale is
-            found.append((1.0 / scale, np.linalg.inv(applied)))
+            found.append((1.0 / scale, np.linalg.inv(applied).astype(np.float64)))
         except (ValueError, TypeError, ZeroDivisionError, np.linalg.LinAlgError) as error:
             raise InputError(f"{path}: its applied_transform is none ({error})") from error
     return found
 
 
-def _rigid(rows):
+def _rigid(rows: Sequence[Sequence[float]]) -> Matrix4:
     matrix = np.eye(4)
     matrix[:3] = np.array(rows, np.float64)[:3]
     return matrix

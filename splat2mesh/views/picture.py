@@ -1,9 +1,13 @@
 """The view that makes a picture of a place: from where a visitor stands, of what was captured most closely."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..base.arrays import Faces, Floats, Points, Vector
 from ..render.raycaster import RayCaster
 from ..render.view import View
+from .eyes import Eye
 
 ASPECT, FOV_DEG = 4 / 3, 70.0
 """Width over height of the picture, and its horizontal angle."""
@@ -24,7 +28,7 @@ SEEN = 1.02
 """Depth of a vertex over that of the surface before it, up to which the vertex shows."""
 
 
-def place_view(vertices, faces, eyes, trained, up):
+def place_view(vertices: Points, faces: Faces, eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> View:
     """The View that shows most of what a place holds, from afar enough.
 
     vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list
@@ -42,7 +46,7 @@ def place_view(vertices, faces, eyes, trained, up):
     return View.look_at(best.center, best.center + best.forward, up, FOV_DEG, 640, round(640 / ASPECT))
 
 
-def _candidates(eyes, trained, up):
+def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> list[View]:
     ahead = np.linalg.svd(up[None])[2][1]
     side = np.cross(up, ahead)
     looks = [(view.center, view.forward) for view in trained]
@@ -53,14 +57,14 @@ def _candidates(eyes, trained, up):
     return [View.look_at(center, center + forward, up, FOV_DEG, COLUMNS, ROWS) for center, forward in looks]
 
 
-def _depths(caster, view):
+def _depths(caster: RayCaster, view: View) -> Floats:
     """Camera z of the first surface in each pixel, (ROWS, COLUMNS) float32; infinite where there is none."""
     directions = view.ray_directions()
     origins = np.broadcast_to(view.center, directions.shape)
     return caster.first_hits(np.concatenate([origins, directions], axis=-1)).distance
 
 
-def _worth(view, depth, points, typical):
+def _worth(view: View, depth: Floats, points: Points, typical: float) -> float:
     pixels, z = view.project(points)
     inside = (z > 0) & (pixels >= 0).all(axis=1) & (pixels < [COLUMNS, ROWS]).all(axis=1)
     column, row = pixels[inside].astype(int).T

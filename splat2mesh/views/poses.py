@@ -1,6 +1,9 @@
 """A camera as files give it, checked and made a View."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.errors import InputError
 from ..render.view import View
@@ -9,7 +12,13 @@ SLACK = 0.01
 """How far a rotation's columns may be from unit and square, as files with few digits have them."""
 
 
-def view_of(where, size, focal, principal, world_from_camera):
+def view_of(
+    where: str,
+    size: Sequence[float],
+    focal: Sequence[float],
+    principal: Sequence[float] | None,
+    world_from_camera: ArrayLike,
+) -> View | None:
     """A View of numbers from a file, or None where its pose is not finite, as poses that were not found are.
 
     where: what a message begins with. size: width and height, pixels. focal, principal: pairs in pixels; a principal

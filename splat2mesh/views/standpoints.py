@@ -6,13 +6,18 @@ surfaces over the size of the smallest Gaussians there is a focal length in pixe
 stood is it that of a camera: inside a hollow object it is far too short.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from ..base.arrays import Bounds, Directions, Floats, Indices, Integers, Mask, Points
 from ..base.errors import InputError
 from ..render.opacitygrid import OpacityGrid
+from ..splats.splats import Splats
+from .eyes import Eye
 from .viewpoints import fibonacci_sphere
 
 PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
@@ -53,13 +58,6 @@ RENDERED_FOCAL = 1.5 * 192
 """Focal length in pixels at which twice the training pixel is still resolved by the views that are rendered."""
 
 
-class Eye(NamedTuple):
-    """A place to look around from. center: (3,) float64. near: camera z nearer than which nothing is drawn."""
-
-    center: np.ndarray
-    near: float
-
-
 @dataclass(frozen=True)
 class Standpoints:
     """What a splat tells of its capture.
@@ -70,14 +68,16 @@ class Standpoints:
     """
 
     kind: str
-    eyes: list
+    eyes: list[Eye]
     distance: float
     focal: float
     share_enclosed: float
     share_surrounded: float
 
 
-def standpoints(splats, bounds, choice="auto", hints=(), seed=0):
+def standpoints(
+    splats: Splats, bounds: Bounds, choice: str = "auto", hints: Sequence[ArrayLike] = (), seed: int = 0
+) -> Standpoints:
     """Find out how a splat was captured, or obey.
 
     splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
@@ -87,21 +87,21 @@ def standpoints(splats, bounds, choice="auto", hints=(), seed=0):
     if choice == "outside":
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
     grid = OpacityGrid.of(splats, bounds)
-    hints = np.array(hints, np.float64).reshape(-1, 3)
-    _check_hints(grid, hints)
+    places = np.array(hints, np.float64).reshape(-1, 3)
+    _check_hints(grid, places)
     points = free_places(grid, np.random.default_rng(seed))
-    if len(points) < LEAST_PLACES and choice == "auto" and len(hints) == 0:
+    if len(points) < LEAST_PLACES and choice == "auto" and len(places) == 0:
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    looks = _Looks.of(grid, np.concatenate([hints, points]))
-    shares = looks.enclosed[len(hints) :].mean(), looks.surrounded[len(hints) :].mean()
+    looks = _Looks.of(grid, np.concatenate([places, points]))
+    shares = looks.enclosed[len(places) :].mean(), looks.surrounded[len(places) :].mean()
     kind = _kind(grid, bounds, *shares)
-    if kind == "outside" and (choice == "inside" or len(hints)):
+    if kind == "outside" and (choice == "inside" or len(places)):
         kind = "inside" if choice == "inside" else "both"
     elif choice == "inside":
         kind = "inside"
     if kind == "outside":
         return Standpoints(kind, [], 0.0, 0.0, *map(float, shares))
-    chosen, distance, focal = _chosen(looks, kind, len(hints))
+    chosen, distance, focal = _chosen(looks, kind, len(places))
     diagonal = float(np.linalg.norm(np.ptp(bounds, axis=0)))
     eyes = []
     for index in chosen:
@@ -126,7 +126,7 @@ class _Looks(NamedTuple):
     focal_inner: np.ndarray
 
     @classmethod
-    def of(cls, grid, points):
+    def of(cls, grid: OpacityGrid, points: Points) -> "_Looks":
         directions = fibonacci_sphere(RAYS)
         distance, pixel, level = grid.march(points, directions)
         hit = np.isfinite(distance)
@@ -139,15 +139,15 @@ class _Looks(NamedTuple):
         return cls(points, directions, distance, pixel, hit, inner, *per_point)
 
     @property
-    def enclosed(self):
+    def enclosed(self) -> Mask:
         return (self.share_inner >= ENCLOSED) & (self.focal_inner >= LEAST_FOCAL)
 
     @property
-    def surrounded(self):
+    def surrounded(self) -> Mask:
         return (self.share >= SURROUNDED) & (self.focal >= LEAST_FOCAL)
 
 
-def _kind(grid, bounds, enclosed, surrounded):
+def _kind(grid: OpacityGrid, bounds: Bounds, enclosed: float, surrounded: float) -> str:
     """What the shares of free places that are enclosed, and surrounded, say."""
     if enclosed >= ROOM_SHARE:
         return "inside"
@@ -156,7 +156,7 @@ def _kind(grid, bounds, enclosed, surrounded):
     return "both" if surrounded >= GARDEN_SHARE or walked else "outside"
 
 
-def _chosen(looks, kind, hints):
+def _chosen(looks: _Looks, kind: str, hints: int) -> tuple[Indices, float, float]:
     """Indices of the eyes, the first `hints` points first, the median distance of hits, the implied focal length."""
     share, focal = (looks.share_inner, looks.focal_inner) if kind == "inside" else (looks.share, looks.focal)
     usable = looks.enclosed if kind == "inside" else looks.surrounded
@@ -179,7 +179,7 @@ def _chosen(looks, kind, hints):
     return kept[_cover(looks.points[kept], looks.directions, *rows, median, count, first)], median, typical
 
 
-def _check_hints(grid, hints):
+def _check_hints(grid: OpacityGrid, hints: Points) -> None:
     inner, shape = grid.inner(), grid.shapes[0]
     for hint in hints:
         cell = np.floor((hint - grid.origins[0]) / grid.cells[0]).astype(int)
@@ -194,7 +194,7 @@ def _check_hints(grid, hints):
             raise InputError(f"`eyes` {place} lies inside a surface: choose a free place, in the splat's own frame")
 
 
-def free_places(grid, rng):
+def free_places(grid: OpacityGrid, rng: np.random.Generator) -> NDArray[np.float64]:
     """Up to PLACES random points of the innermost grid that keep clear of what is opaque: (M, 3) float64."""
     taken, shape = grid.inner() > TAKEN, grid.shapes[0]
     tried = rng.integers(0, shape, (TRIED, 3))
@@ -208,7 +208,7 @@ def free_places(grid, rng):
     return grid.origins[0] + (np.array(free).reshape(-1, 3) + 0.5) * grid.cells[0]
 
 
-def _median(values):
+def _median(values: Floats) -> Floats:
     """Median along the last axis of the numbers that are none of them NaN; 0 where all are."""
     found = np.zeros(len(values))
     some = np.isfinite(values).any(axis=1)
@@ -216,7 +216,16 @@ def _median(values):
     return found
 
 
-def _cover(points, directions, distance, pixel, usable, median, count, first):
+def _cover(
+    points: Points,
+    directions: Directions,
+    distance: Floats,
+    pixel: Floats,
+    usable: Mask,
+    median: float,
+    count: int,
+    first: Integers,
+) -> Indices:
     """Indices of at most `count` eyes, `first` before others: each adds most to what those before it saw least."""
     where = np.where(usable, distance, 0)[..., None] * directions + points[:, None]
     cells = np.floor((where - where.min(axis=(0, 1))) / (median / 8)).astype(np.int64)
@@ -235,7 +244,8 @@ def _cover(points, directions, distance, pixel, usable, median, count, first):
     best[1:] = (owner[1:] != owner[:-1]) | (key[1:] != key[:-1])
     owner, key, quality = owner[best], key[best], quality[best]
     ends = np.searchsorted(owner, np.arange(len(points) + 1))
-    seen, chosen = np.zeros(key.max() + 1), []
+    seen = np.zeros(key.max() + 1)
+    chosen: list[int] = []
     for _ in range(min(count, len(points))):
         gain = np.bincount(owner, quality * np.maximum(1 - seen[key] / WANTED, 0.02), len(points))
         gain[chosen] = -1

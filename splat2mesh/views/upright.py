@@ -1,9 +1,15 @@
 """Which way is up: the rotation from a splat file's frame into the y-up scene frame."""
 
-import numpy as np
+from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arrays import Matrix3, Matrix4, Vector
 from ..base.choices import UP_CHOICES
 from ..base.errors import InputError
+from ..render.view import View
+from ..splats.splats import Splats
 from .daylight import hint
 from .ground import ground_of
 
@@ -18,7 +24,7 @@ LEVEL_DISAGREEMENT = np.radians(30.0)
 """How far the level direction of the cameras may lie from their mean up before the mean is trusted instead."""
 
 
-def upright(up, views, splats):
+def upright(up: str, views: Sequence[View], splats: Splats) -> tuple[Matrix4, str]:
     """The rotation of `scene_from_splat`, and what told it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
@@ -35,7 +41,7 @@ def upright(up, views, splats):
     return matrix, told
 
 
-def scene_from_splat(up="auto", views=(), floor_up=None):
+def scene_from_splat(up: str = "auto", views: Sequence[View] = (), floor_up: Vector | None = None) -> Matrix4:
     """The (4, 4) float64 rotation that takes the splat's frame to the scene frame (right-handed, y up).
 
     up: one of UP_CHOICES, the direction in the splat's frame that points up. "auto" takes it from the trained
@@ -55,7 +61,7 @@ def scene_from_splat(up="auto", views=(), floor_up=None):
     return matrix
 
 
-def up_from_cameras(views):
+def up_from_cameras(views: Sequence[View]) -> NDArray[np.float64]:
     """The up direction that level cameras agree on: (3,) unit float64 in the splat's frame.
 
     Photographers hold cameras level but tilt them, so the image x axes are the better witnesses: up is the direction
@@ -71,7 +77,7 @@ def up_from_cameras(views):
     return level if spans_a_plane and agrees else mean_up
 
 
-def _upright(up):
+def _upright(up: Vector) -> Matrix3:
     """The nearest quarter turn to +y, followed by the smallest rotation that takes `up` exactly there."""
     turn = max(_QUARTER_TURNS.values(), key=lambda matrix: np.asarray(matrix)[1] @ up)
     source = np.asarray(turn) @ up

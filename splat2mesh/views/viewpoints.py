@@ -5,12 +5,16 @@ no photo constrained is fuzzy. Candidates all around and inside free space are r
 at fuzz are dropped, and a greedy cover picks, one after the other, the view that shows most of what was seen least.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..render.opacityfield import field_depth
+from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
+from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
+from ..splats.splats import Splats
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
@@ -61,7 +65,7 @@ CHOICE = 0.75
 """Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
 
 
-def bounds_of(splats):
+def bounds_of(splats: Splats) -> NDArray[np.float64]:
     """The box that holds the solid part of a splat: (2, 3) float64; stray floaters and far background lie outside."""
     solid = splats.means[splats.opacities > 0.3] if (splats.opacities > 0.3).sum() > 100 else splats.means
     low, high = np.percentile(solid, [0.5, 99.5], axis=0)
@@ -69,12 +73,12 @@ def bounds_of(splats):
     return np.stack([low - margin, high + margin]).astype(np.float64)
 
 
-def near_plane(bounds):
+def near_plane(bounds: Bounds) -> float:
     """Camera z nearer than which nothing is drawn, for a scene of this box: floaters at the eye block no view."""
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
-def virtual_views(splats, count, pixels, up, seed=0):
+def virtual_views(splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
@@ -94,7 +98,7 @@ def virtual_views(splats, count, pixels, up, seed=0):
     return [candidates[index].resized(pixels) for index in chosen]
 
 
-def candidate_views(splats, count, up, seed=0):
+def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> list[View]:
     """Views all around, views from nearer, and views from free places inside: list of small View."""
     rng = np.random.default_rng(seed)
     bounds = bounds_of(splats)
@@ -115,7 +119,7 @@ def candidate_views(splats, count, up, seed=0):
     return views
 
 
-def picture_view(splats, up, within=False):
+def picture_view(splats: Splats, up: Vector, within: bool = False) -> View:
     """A view that makes a good picture of a splat: from slightly above and the side with most to see.
 
     splats: dilated Splats. up: (3,) unit. within: whether it may be a room, to be shown from inside where that is much
@@ -134,22 +138,22 @@ def picture_view(splats, up, within=False):
     tilt = np.tan(picture_elevation(held, up))
     turns = np.arange(12) * np.pi / 6
     backwards = [np.cos(a) * ahead + np.sin(a) * side + tilt * up for a in turns]
-    outside = [View.holding(held, backward, up, OUTER_FOV_DEG, *size, margin=1.2) for backward in backwards]
-    inside = [
+    from_around = [View.holding(held, backward, up, OUTER_FOV_DEG, *size, margin=1.2) for backward in backwards]
+    from_within = [
         View.look_at(eye, eye - backward, up, PICTURE_FOV_DEG, *size)
         for eye in (_free_places(splats, bounds, 3, rng) if within else ())
         for backward in backwards[::2]
     ]
 
-    outside = [(view, *_judge(sketch, view, near, bounds)) for view in outside]
-    inside = [(view, *_judge(sketch, view, near, bounds)) for view in inside]
+    outside = [(view, *_judge(sketch, view, near, bounds)) for view in from_around]
+    inside = [(view, *_judge(sketch, view, near, bounds)) for view in from_within]
     sharpest = min(fuzz for _, fuzz, _ in outside)
     # What is seen from inside a room is much sharper than what is seen of it from outside.
     from_inside = bool(inside) and min(fuzz for _, fuzz, _ in inside) < sharpest / INSIDE_SHARPER
     return _best_picture(inside if from_inside else outside)
 
 
-def picture_elevation(points, up):
+def picture_elevation(points: Points, up: Vector) -> float:
     """The angle, radians, from which a picture looks down on what fills the box of points (N, 3)."""
     heights = points @ up
     flat = points - np.outer(heights, up)
@@ -157,7 +161,7 @@ def picture_elevation(points, up):
     return np.radians(np.interp(np.ptp(heights) / max(width, 1e-12), FLATNESSES, ELEVATIONS_DEG))
 
 
-def _judge(sketch, view, near, bounds):
+def _judge(sketch: Splats, view: View, near: float, bounds: Bounds) -> tuple[float, float]:
     """How fuzzy what a view shows is, and how much there is to see: its edges."""
     surface = field_depth(sketch, view, near)
     _, fuzz = _what_is_seen(surface, view, bounds)
@@ -165,12 +169,12 @@ def _judge(sketch, view, near, bounds):
     return fuzz, edges
 
 
-def _best_picture(pool):
+def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
     sharp = 2 * min(fuzz for _, fuzz, _ in pool) + 1e-12
     return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
 
 
-def fibonacci_sphere(count):
+def fibonacci_sphere(count: int) -> NDArray[np.float64]:
     """`count` evenly spread unit vectors: (count, 3) float64."""
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
@@ -179,7 +183,7 @@ def fibonacci_sphere(count):
     return np.stack([r * np.cos(azimuth), r * np.sin(azimuth), z], axis=1)
 
 
-def _free_places(splats, bounds, count, rng):
+def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Up to `count` points inside the box that keep clear of all splats, as far from one another as can be.
 
     Space that surfaces seal off is the inside of an object, unless it is most of the box: then it is a room.
@@ -211,7 +215,7 @@ def _free_places(splats, bounds, count, rng):
     return points[chosen]
 
 
-def thinned(splats, rng):
+def thinned(splats: Splats, rng: np.random.Generator) -> Splats:
     """A sketch of a large splat: SKETCH_SPLATS of its Gaussians, widened so that they cover the same area."""
     if len(splats) <= SKETCH_SPLATS:
         return splats
@@ -219,7 +223,7 @@ def thinned(splats, rng):
     return replace(kept, scales=kept.scales * np.float32(np.sqrt(len(splats) / SKETCH_SPLATS)))
 
 
-def _what_is_seen(surface, view, bounds):
+def _what_is_seen(surface: FieldDepth, view: View, bounds: Bounds) -> tuple[NDArray[np.float32], float]:
     """How well each cell of the box is seen, (cells,) float32, and the median fuzziness, in the box's radius."""
     radius = np.linalg.norm(np.ptp(bounds, axis=0)) / 2
     seen = np.isfinite(surface.depth)
@@ -240,7 +244,7 @@ def _what_is_seen(surface, view, bounds):
     return sight, float(np.median(fuzz[inside]))
 
 
-def _cover(coverage, fuzziness, count):
+def _cover(coverage: Floats, fuzziness: Floats, count: int) -> list[int]:
     """Indices of the candidates chosen: each one adds most to what the ones before it have seen least."""
     usable = np.flatnonzero(np.isfinite(fuzziness))
     if len(usable) == 0:
@@ -249,7 +253,7 @@ def _cover(coverage, fuzziness, count):
     limit = max(SHARP_ENOUGH * np.percentile(ranked, 10), ranked[min(round(CHOICE * count), len(ranked)) - 1])
     pool, tolerable = usable[fuzziness[usable] <= limit], usable[fuzziness[usable] <= TOLERABLE * limit]
     seen, shown = np.zeros(coverage.shape[1], np.float32), coverage[pool]
-    chosen = []
+    chosen: list[int] = []
     for _ in range(min(count, len(pool))):
         gain = shown @ np.maximum(1 - seen / WANTED_VIEWS, 0.02)
         gain[np.isin(pool, chosen)] = -1
@@ -267,6 +271,6 @@ def _cover(coverage, fuzziness, count):
     return chosen
 
 
-def _random_rotation(rng):
+def _random_rotation(rng: np.random.Generator) -> Matrix3:
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     return q * np.sign(np.diag(r))

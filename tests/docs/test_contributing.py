@@ -74,6 +74,54 @@ def test_no_arrow_runs_back(package, forbidden):
     assert [(module, name) for module, name in imports(package) if name[0] in forbidden] == []
 
 
+ORDER = {
+    "splat2mesh": "base options splats scene render views surface tiles proxy pipeline layout summary api cli",
+    "relight": "sh light transfer options planning albedo rooms engine splats live texture output animation request "
+    "tiles viewer job writing meshing folders api arguments cli",
+}
+"""Rooms and top-level modules of each package: a module imports what stands before it, or its own room."""
+
+COMMAND_LINES = {"cli", "arguments", "__main__"}
+"""Top-level modules that no library module imports."""
+
+FOR_COMMANDS = {"commandline", "manual", "requests"}
+"""Modules of splat2mesh/base that only command lines import."""
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_every_module_imports_only_what_stands_before_it(package):
+    order = ["__init__", *ORDER[package].split(), "__main__"]
+    tops = {path.stem for path in (ROOT / package).iterdir() if path.suffix == ".py" or holds_python(path)}
+    assert tops == set(order) - {"models"}
+    back = set()
+    for module, name in imports(package):
+        if name[0] != package or len(name) < 2 or name[1] not in order:
+            continue
+        room = module[1]
+        if name[1] != room and order.index(name[1]) >= order.index(room):
+            back.add((".".join(module), ".".join(name)))
+    assert back == set()
+
+
+def holds_python(path):
+    return path.is_dir() and any(path.glob("*.py"))
+
+
+def test_no_library_module_imports_a_command_line():
+    crossed = set()
+    for package in ORDER:
+        for module, name in imports(package):
+            if module[1] in COMMAND_LINES:
+                continue
+            if name[0] in ORDER and len(name) > 1 and name[1] in COMMAND_LINES:
+                crossed.add((".".join(module), ".".join(name)))
+            if name[:2] == ["splat2mesh", "base"] and len(name) > 2 and name[2] in FOR_COMMANDS and module[1] != "base":
+                crossed.add((".".join(module), ".".join(name)))
+            if name[0] == "argparse" and module[2:3] not in [(each,) for each in FOR_COMMANDS]:
+                crossed.add((".".join(module), "argparse"))
+    assert crossed == set()
+
+
 @pytest.mark.parametrize("package", ["splat2mesh", "relight"])
 def test_a_room_imports_rooms_that_stand_above_it_in_the_tree(package):
     rooms = re.findall(r"^  (\w+)/", TREE.split(f"{package}/")[1], re.MULTILINE)
