@@ -237,7 +237,7 @@ def _reconstruct(part, views, surface, effort, vertices, most, stages, statistic
         points, normals = points.astype(np.float32), vertex_normals(points, faces)
     with stages.stage("color"):
         if most and len(faces):
-            points, faces = refine_by_color(points, faces, Album.of_pictures(pictures), most)
+            points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
             normals = vertex_normals(points, faces)
         colors, unseen = vertex_colors(points, normals, pictures)
         statistics["vertices_unseen"] += unseen

@@ -13,8 +13,8 @@ import numpy as np
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import shared
 from splat2mesh.render.footprints import TILE, camera_of, footprint_batches
-from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, _exp_minus_half
-from splat2mesh.render.tiles import AREA, Tiles
+from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
+from splat2mesh.render.screentiles import AREA, ScreenTiles
 
 LEAST_SHARE = np.float32(1 / 512)
 """Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
@@ -129,7 +129,7 @@ def in_tiles(image):
 def _listed(splats, view, near):
     """((runs and items of each tile, splats, counts, pixels, shares), alpha (H, W), median depth (H, W)) of a view."""
     camera = camera_of(view, near)
-    tiles = Tiles.of(camera, PLANES, transmittance=0, median=1)
+    tiles = ScreenTiles.empty(camera, PLANES, transmittance=0, median=1)
     count = len(tiles.open)
     found, left = [], np.full(count, MOST_ITEMS, np.int64)
     for batch in footprint_batches(splats, camera, tiles.open):
@@ -258,7 +258,7 @@ def _row(block, first, s, q_y, dx, lane):
         offset = dx + np.float32(column)
         q = q_y + precision * offset * offset
         before = block[LIGHT + i]
-        alpha = min(opacity * _exp_minus_half(q), MAX_ALPHA)
+        alpha = min(opacity * exp_minus_half(q), MAX_ALPHA)
         alpha = alpha if (q <= cutoff) & (before >= MIN_TRANSMITTANCE) else ZERO
         after = before * (ONE - alpha)
         lane[column] = before * alpha

@@ -7,14 +7,13 @@ for Real-Time Radiance Field Rendering, 2023).
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Floats, Indices, Integers, Mask, Points, Quaternions
+from ..base.arrays import Floats, Indices, Integers, Mask, Matrix3, Points, Quaternions, Vector
 from ..base.errors import InputError
 from ..base.threads import read_only, shared
 from ..splats.splats import Splats
@@ -45,10 +44,10 @@ Footprint: TypeAlias = Any
 class Camera(NamedTuple):
     """A View as the kernels read it; `guard` is the x/z and y/z range (x0, x1, y0, y1) of the Jacobian."""
 
-    rotation: np.ndarray
-    translation: np.ndarray
-    center: np.ndarray
-    guard: np.ndarray
+    rotation: Matrix3
+    translation: Vector
+    center: Vector
+    guard: NDArray[np.float64]
     fx: float
     fy: float
     cx: float
@@ -58,18 +57,27 @@ class Camera(NamedTuple):
     near: float
 
 
-@dataclass(frozen=True)
-class Batch:
+class Gaussians(NamedTuple):
+    """Splats as the kernels read them, read-only float32: the fields of Splats."""
+
+    means: Points
+    scales: Floats
+    quats: Quaternions
+    opacities: Floats
+    sh: Floats
+
+
+class Batch(NamedTuple):
     """Splats of a view that follow one another in depth.
 
     order: (M,) int64 indices of the splats, nearest first. footprints: (M,) FOOTPRINT, where they fall.
     starts, entries: tile t is touched by the footprints entries[starts[t] : starts[t + 1]], nearest first.
     """
 
-    order: np.ndarray
-    footprints: np.ndarray
-    starts: np.ndarray
-    entries: np.ndarray
+    order: Indices
+    footprints: NDArray[np.void]
+    starts: Indices
+    entries: NDArray[np.int32]
 
 
 def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Iterator[Batch]:
@@ -79,18 +87,17 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
         finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; whoever blends a batch clears
         the ones that let no more light through, and they get no more splats.
     """
-    means, scales, quats, opacities, sh = (
-        read_only(a) for a in (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
-    )
+    fields = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh
+    gaussians = Gaussians(*(read_only(field) for field in fields))
     tiles = len(open_tiles)
-    depth = np.empty(len(means), np.float32)
-    _cull(len(means), means, scales, opacities, camera, depth)
+    depth = np.empty(len(splats), np.float32)
+    _cull(len(splats), gaussians, camera, depth)
     order = _front_to_back(depth)
     for start in range(0, len(order), BATCH):
         batch = order[start : start + BATCH]
         footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((CHUNKS, tiles), np.int64)
-        _project(CHUNKS, means, scales, quats, opacities, sh, camera, batch, open_tiles, footprints, counts)
+        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
         cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, CHUNKS).T)
@@ -140,18 +147,17 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _cull(
-    begin: int, end: int, means: Points, scales: Floats, opacities: Floats, camera: Camera, depth: Floats
-) -> None:
+def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
     """Camera z of the splats that may touch the image, infinity for the others.
 
     A splat's image variance along x is at most (fx scale_max / z)^2 (1 + (x/z)^2) plus the dilation.
     """
     widest = 2 * math.log(1 / MIN_ALPHA)
+    scales = gaussians.scales
     for i in range(begin, end):
         depth[i] = np.inf
-        x, y, z = _camera_point(camera, means, i)
-        if not (z > camera.near and opacities[i] >= MIN_ALPHA):
+        x, y, z = _camera_point(camera, gaussians.means, i)
+        if not (z > camera.near and gaussians.opacities[i] >= MIN_ALPHA):
             continue
         u, v = x / z, y / z
         column, row = camera.fx * u + camera.cx, camera.fy * v + camera.cy
@@ -170,11 +176,7 @@ def _cull(
 def _project(
     begin: int,
     end: int,
-    means: Points,
-    scales: Floats,
-    quats: Quaternions,
-    opacities: Floats,
-    sh: Floats,
+    gaussians: Gaussians,
     camera: Camera,
     order: Indices,
     open_tiles: Mask,
@@ -187,9 +189,9 @@ def _project(
         basis, count_only = np.zeros(16), np.zeros(0, np.int32)
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             s = footprints[i]
-            _project_one(camera, means, scales, quats, opacities, order[i], s)
+            _project_one(camera, gaussians, order[i], s)
             if _bin_one(s, i, camera, open_tiles, counts[chunk], count_only):
-                _color_one(camera, means, sh, order[i], basis, s)
+                _color_one(camera, gaussians, order[i], basis, s)
 
 
 @shared
@@ -228,10 +230,9 @@ def _guarded(camera: Camera, u: float, v: float) -> tuple[float, float]:
 
 
 @_function
-def _project_one(
-    camera: Camera, means: Points, scales: Floats, quats: Quaternions, opacities: Floats, k: int, out: Footprint
-) -> None:
+def _project_one(camera: Camera, gaussians: Gaussians, k: int, out: Footprint) -> None:
     """Write splat k's footprint, all but its colour; with reach_y = -1 (no tiles) when it is not finite."""
+    means, scales, quats, opacities = gaussians.means, gaussians.scales, gaussians.quats, gaussians.opacities
     out.reach_y = -1.0
     x, y, z = _camera_point(camera, means, k)
     u, v = _guarded(camera, x / z, y / z)
@@ -281,7 +282,7 @@ def _half_chord(s: Footprint, dy: float) -> float:
 
 
 @_function
-def _pixels(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
+def pixel_range(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
     """Range (first, last + 1) of pixels in [start, stop) with centres in [low, high]; clamped as floats."""
     return int(min(max(np.ceil(low - 0.5), start), stop)), int(max(min(np.floor(high + 0.5), stop), start))
 
@@ -294,7 +295,7 @@ def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: In
     Returns whether any tile was.
     """
     tiles_x = (camera.width + TILE - 1) // TILE
-    first_row, last_row = _pixels(s.y - s.reach_y, s.y + s.reach_y, 0, camera.height)
+    first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, 0, camera.height)
     touched = False
     if first_row >= last_row:
         return touched
@@ -306,7 +307,7 @@ def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: In
         left_dy = min(max(-s.tip_y, top), bottom)
         left = s.x + s.slope * left_dy - _half_chord(s, left_dy)
         right = s.x + s.slope * right_dy + _half_chord(s, right_dy)
-        first, last = _pixels(left, right, 0, camera.width)
+        first, last = pixel_range(left, right, 0, camera.width)
         if first >= last:
             continue
         for tile in range(tile_row * tiles_x + first // TILE, tile_row * tiles_x + (last - 1) // TILE + 1):
@@ -319,9 +320,9 @@ def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: In
 
 
 @_function
-def _color_one(camera: Camera, means: Points, sh: Floats, k: int, basis: Floats, out: Footprint) -> None:
+def _color_one(camera: Camera, gaussians: Gaussians, k: int, basis: Floats, out: Footprint) -> None:
     """Write the sRGB colour towards the camera: max(0, 1/2 + sum of harmonics in the viewing direction)."""
-    center = camera.center
+    center, means, sh = camera.center, gaussians.means, gaussians.sh
     x, y, z = means[k, 0] - center[0], means[k, 1] - center[1], means[k, 2] - center[2]
     length = math.sqrt(x * x + y * y + z * z)
     _basis(x / length, y / length, z / length, sh.shape[1], basis)

@@ -11,7 +11,7 @@ import numpy as np
 from ..base.arrays import Floats, Integers
 from ..base.threads import shared
 from .footprints import TILE
-from .rasterize import _exp_minus_half
+from .rasterize import exp_minus_half
 
 SPREAD_FROM, SPREAD_TO = np.float32(0.2), np.float32(0.6)
 """Opacities between which the spread of the surface is measured."""
@@ -167,7 +167,7 @@ def _look(entries: Floats, longest: int, search: Floats) -> None:
             ahead = max(entries[start + PEAK + column] - search[AT + column], ZERO)
             steep = ahead * entries[start + PRECISION + column]
             q = ahead * steep
-            share = entries[start + ALPHA + column] * _exp_minus_half(min(q, FARTHEST_Q))
+            share = entries[start + ALPHA + column] * exp_minus_half(min(q, FARTHEST_Q))
             share = share if q < FARTHEST_Q else ZERO
             front, slope = search[FRONT + column], search[SLOPE + column]
             search[SLOPE + column] = slope * (ONE - share) + front * share * steep

@@ -11,18 +11,19 @@ Fields" (2024).
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Floats, Indices, Integers, Mask, Points, Quaternions
+from ..base.arrays import DepthMap, Floats, Indices, Integers, Mask, Points, Quaternions
 from ..base.errors import InputError
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Camera, Footprint, camera_of, footprint_batches
+from .footprints import NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
-from .rasterize import _exp_minus_half, _pixels
+from .rasterize import exp_minus_half
 from .view import View
 
 LEVEL = 0.45
@@ -50,11 +51,11 @@ class FieldDepth:
     color: (H, W, 3) float32 sRGB, not premultiplied. alpha: (H, W) float32 in [0, 1].
     """
 
-    depth: np.ndarray
-    normal: np.ndarray
-    spread: np.ndarray
-    color: np.ndarray
-    alpha: np.ndarray
+    depth: DepthMap
+    normal: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    color: NDArray[np.float32]
+    alpha: NDArray[np.float32]
 
 
 def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = LEVEL) -> FieldDepth:
@@ -70,20 +71,19 @@ def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = L
     height, width = camera.height, camera.width
     tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
     tiles = tiles_y * tiles_x
-    rows = np.zeros((tiles, TILE, PLANES * TILE), np.float32)
+    blank = np.zeros((tiles, TILE, PLANES * TILE), np.float32)
     inside = np.zeros((tiles_y * TILE, tiles_x * TILE), np.float32)
     inside[:height, :width] = 1  # what lies outside the image lets nothing through: finished from the start
-    rows[:, :, -TILE:] = inside.reshape(tiles_y, TILE, tiles_x, TILE).swapaxes(1, 2).reshape(-1, TILE, TILE)
-    pixels = rows.reshape(tiles, -1)
+    blank[:, :, -TILE:] = inside.reshape(tiles_y, TILE, tiles_x, TILE).swapaxes(1, 2).reshape(-1, TILE, TILE)
+    pixels = blank.reshape(tiles, -1)
     counts = np.zeros((tiles, TILE, TILE), np.int32)
     lists = np.empty((tiles, TILE, LIST, ENTRY, TILE), np.float32)
-    open_tiles = np.ones(tiles, np.bool_)
     dealt = np.random.default_rng(0).permutation(tiles)  # spreads the crowded tiles evenly over the threads
-    for batch in footprint_batches(splats, camera, open_tiles):
+    rows = FieldTiles(pixels, np.ones(tiles, np.bool_), dealt, counts, lists)
+    for batch in footprint_batches(splats, camera, rows.open):
         shapes = np.empty((len(batch.order), 13), np.float32)
         _shapes(len(shapes), splats.means, splats.scales, splats.quats_wxyz, batch.order, camera, shapes)
-        seen = batch.footprints, shapes, batch.starts, batch.entries
-        _gather(tiles, *seen, dealt, camera, open_tiles, pixels, counts, lists)
+        _gather(tiles, batch, shapes, camera, rows)
     found = np.empty((tiles, TILE, 2 * TILE), np.float32)
     search_level(tiles, lists.reshape(tiles, TILE, -1), counts, dealt, np.float32(level), found)
     depth, spread, alpha = (np.full((height, width), np.nan, np.float32) for _ in range(3))
@@ -144,46 +144,38 @@ def _shapes(
         out[i, 12] = 1 / (distance * distance)
 
 
+class FieldTiles(NamedTuple):
+    """T tiles of a view while Gaussians are blended into them.
+
+    pixels: (T, TILE * PLANES * TILE) float32, row after row of each tile. open: (T,) bool, which still let light
+    through. dealt: (T,) their order over the threads. counts: (T, TILE, TILE) int32 and lists: (T, TILE, LIST, ENTRY,
+    TILE) float32, the Gaussians kept for each pixel.
+    """
+
+    pixels: NDArray[np.float32]
+    open: Mask
+    dealt: Indices
+    counts: NDArray[np.int32]
+    lists: NDArray[np.float32]
+
+
 @shared
 @_function
-def _gather(
-    begin: int,
-    end: int,
-    footprints: NDArray[np.void],
-    shapes: Floats,
-    starts: Integers,
-    entries: Integers,
-    dealt: Integers,
-    camera: Camera,
-    open_tiles: Mask,
-    pixels: Floats,
-    counts: Integers,
-    lists: Floats,
-) -> None:
+def _gather(begin: int, end: int, batch: Batch, shapes: Floats, camera: Camera, tiles: FieldTiles) -> None:
     """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
     for deal in range(begin, end):
-        tile = dealt[deal]
-        if open_tiles[tile]:
-            _gather_tile(tile, footprints, shapes, starts, entries, camera, open_tiles, pixels, counts, lists)
+        tile = tiles.dealt[deal]
+        if tiles.open[tile]:
+            _gather_tile(tile, batch, shapes, camera, tiles)
 
 
 @_function
-def _gather_tile(
-    tile: int,
-    footprints: NDArray[np.void],
-    shapes: Floats,
-    starts: Integers,
-    entries: Integers,
-    camera: Camera,
-    open_tiles: Mask,
-    pixels: Floats,
-    counts: Integers,
-    lists: Floats,
-) -> None:
+def _gather_tile(tile: int, batch: Batch, shapes: Floats, camera: Camera, tiles: FieldTiles) -> None:
+    starts, entries, footprints = batch.starts, batch.entries, batch.footprints
     tiles_x = (camera.width + TILE - 1) // TILE
     top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
     u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
-    block, tile_counts, tile_lists = pixels[tile], counts[tile], lists[tile]
+    block, tile_counts, tile_lists = tiles.pixels[tile], tiles.counts[tile], tiles.lists[tile]
     sketch, open_rows, still_open = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_), 0
     for row in range(TILE):
         open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
@@ -192,7 +184,7 @@ def _gather_tile(
         if still_open == 0:
             break
         s = footprints[entries[e]]
-        first_row, last_row = _pixels(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
+        first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
         for row in range(first_row - top, last_row - top):
             if not open_rows[row]:
                 continue
@@ -207,7 +199,7 @@ def _gather_tile(
                 _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
                 open_rows[row] = _any_open(block, start)
                 still_open -= not open_rows[row]
-    open_tiles[tile] = still_open > 0
+    tiles.open[tile] = still_open > 0
 
 
 # The loops over a pixel row have no branch, no call and unsigned indices: the compiler makes them vector instructions.
@@ -235,7 +227,7 @@ def _weigh_row(
         offset = dx + np.float32(column)
         q = q_y + precision * offset * offset
         before = block[start + TRANSMITTANCE + column]
-        alpha = min(opacity * _exp_minus_half(min(q, FARTHEST_Q)), MAX_ALPHA)
+        alpha = min(opacity * exp_minus_half(min(q, FARTHEST_Q)), MAX_ALPHA)
         alpha = alpha if (q <= cutoff) & (before >= ENOUGH) else ZERO
         sketch[ALPHA + column], sketch[WEIGHT + column] = alpha, before * alpha
         block[start + TRANSMITTANCE + column] = before * (ONE - alpha)

@@ -5,7 +5,7 @@ that a ray which leaves the garden still meets the house behind it.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -40,8 +40,7 @@ STOPPED = -math.log(0.5)
 """Optical depth at which a ray counts as stopped: half of the light is."""
 
 
-@dataclass(frozen=True)
-class OpacityGrid:
+class OpacityGrid(NamedTuple):
     """Nested grids, innermost first. L levels.
 
     origins: (L, 3) float64 lowest corners. cells: (L,) float64 side of a cell. shapes: (L, 3) int64. starts: (L,)
@@ -50,16 +49,16 @@ class OpacityGrid:
     begin at `pixel_starts` (L,).
     """
 
-    origins: np.ndarray
-    cells: np.ndarray
-    shapes: np.ndarray
-    starts: np.ndarray
-    depth: np.ndarray
-    pixels: np.ndarray
-    pixel_starts: np.ndarray
+    origins: NDArray[np.float64]
+    cells: NDArray[np.float64]
+    shapes: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    depth: NDArray[np.float32]
+    pixels: NDArray[np.float32]
+    pixel_starts: NDArray[np.int64]
 
     @classmethod
-    def of(cls, splats: Splats, bounds: Bounds) -> "OpacityGrid":
+    def around(cls, splats: Splats, bounds: Bounds) -> "OpacityGrid":
         """The grids of `splats` around the box `bounds` (2, 3) of their foreground."""
         center, size = bounds.mean(axis=0), np.ptp(bounds, axis=0)
         solid = splats.means[splats.opacities > SOLID]
@@ -113,21 +112,8 @@ class OpacityGrid:
         size of the training pixel there (M, K), NaN where unknown; level of the grid in which it was (M, K) int8."""
         shape = len(points), len(directions)
         distance, pixel, level = np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.int8)
-        _march(
-            len(points),
-            np.ascontiguousarray(points, np.float64),
-            np.ascontiguousarray(directions, np.float64),
-            self.origins,
-            self.cells,
-            self.shapes,
-            self.starts,
-            self.depth,
-            self.pixels,
-            self.pixel_starts,
-            distance,
-            pixel,
-            level,
-        )
+        points, directions = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(directions, np.float64)
+        _march(len(points), points, directions, self, distance, pixel, level)
         return distance, pixel, level
 
 
@@ -213,40 +199,35 @@ def _march(
     end: int,
     points: Points,
     directions: Directions,
-    origins: Points,
-    cells: Floats,
-    shapes: Integers,
-    starts: Integers,
-    depth: Floats,
-    pixels: Floats,
-    pixel_starts: Integers,
+    grid: OpacityGrid,
     distance: Floats,
     pixel: Floats,
     level: Integers,
 ) -> None:
+    origins, cells, shapes, pixels = grid.origins, grid.cells, grid.shapes, grid.pixels
     for m in range(begin, end):
         for k in range(len(directions)):
             dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
             x, y, z = points[m, 0], points[m, 1], points[m, 2]
-            gone, passed, grid = 0.0, 0.0, 0
+            gone, passed, at = 0.0, 0.0, 0
             distance[m, k], pixel[m, k], level[m, k] = np.inf, np.nan, -1
             while True:
-                cell = cells[grid]
-                u = (x + gone * dx - origins[grid, 0]) / cell
-                v = (y + gone * dy - origins[grid, 1]) / cell
-                t = (z + gone * dz - origins[grid, 2]) / cell
-                if not (0 <= u < shapes[grid, 0] and 0 <= v < shapes[grid, 1] and 0 <= t < shapes[grid, 2]):
-                    grid += 1
-                    if grid == len(cells):
+                cell = cells[at]
+                u = (x + gone * dx - origins[at, 0]) / cell
+                v = (y + gone * dy - origins[at, 1]) / cell
+                t = (z + gone * dz - origins[at, 2]) / cell
+                if not (0 <= u < shapes[at, 0] and 0 <= v < shapes[at, 1] and 0 <= t < shapes[at, 2]):
+                    at += 1
+                    if at == len(cells):
                         break
                     continue
                 i, j, h = int(u), int(v), int(t)
-                passed += depth[starts[grid] + (i * shapes[grid, 1] + j) * shapes[grid, 2] + h]
+                passed += grid.depth[grid.starts[at] + (i * shapes[at, 1] + j) * shapes[at, 2] + h]
                 if passed > STOPPED:
-                    distance[m, k], level[m, k] = gone, grid
-                    by, bz = -(-shapes[grid, 1] // PIXEL_BLOCK), -(-shapes[grid, 2] // PIXEL_BLOCK)
+                    distance[m, k], level[m, k] = gone, at
+                    by, bz = -(-shapes[at, 1] // PIXEL_BLOCK), -(-shapes[at, 2] // PIXEL_BLOCK)
                     pixel[m, k] = pixels[
-                        pixel_starts[grid] + ((i // PIXEL_BLOCK) * by + j // PIXEL_BLOCK) * bz + h // PIXEL_BLOCK
+                        grid.pixel_starts[at] + ((i // PIXEL_BLOCK) * by + j // PIXEL_BLOCK) * bz + h // PIXEL_BLOCK
                     ]
                     break
                 gone += cell

@@ -12,11 +12,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Floats, Integers, Mask
+from ..base.arrays import DepthMap, Floats
 from ..base.threads import shared
 from ..splats.splats import Splats
-from .footprints import NEAR, TILE, Footprint, camera_of, footprint_batches
-from .tiles import AREA, Tiles
+from .footprints import NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
+from .screentiles import AREA, ScreenTiles
 from .view import View
 
 MAX_ALPHA = np.float32(0.99)  # one splat never hides everything behind it
@@ -43,10 +43,10 @@ class Rendering:
         0.5; NaN where it never does.
     """
 
-    color: np.ndarray
-    alpha: np.ndarray
-    depth_expected: np.ndarray
-    depth_median: np.ndarray
+    color: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    depth_expected: DepthMap
+    depth_median: DepthMap
 
 
 def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
@@ -60,10 +60,9 @@ def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
     Raises InputError when `near` is not positive.
     """
     camera = camera_of(view, near)
-    tiles = Tiles.of(camera, PLANES, transmittance=4, median=5)
+    tiles = ScreenTiles.empty(camera, PLANES, transmittance=4, median=5)
     for batch in footprint_batches(splats, camera, tiles.open):
-        lists = batch.footprints, batch.starts, batch.entries
-        _blend(len(tiles.open), *lists, tiles.dealt, tiles.open, tiles.across, tiles.pixels)
+        _blend(len(tiles.open), batch, tiles)
     images = tiles.images(camera)
     depth_sum, transmittance, depth_median = images[3:]
     alpha = 1 - transmittance
@@ -77,34 +76,24 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _blend(
-    begin: int,
-    end: int,
-    footprints: NDArray[np.void],
-    starts: Integers,
-    entries: Integers,
-    dealt: Integers,
-    open_tiles: Mask,
-    tiles_x: int,
-    pixels: Floats,
-) -> None:
+def _blend(begin: int, end: int, batch: Batch, tiles: ScreenTiles) -> None:
     """Blend each open tile's list into its pixels, and close the tiles that let no more light through."""
     for deal in range(begin, end):
-        tile = dealt[deal]
-        if not open_tiles[tile]:
+        tile = tiles.dealt[deal]
+        if not tiles.open[tile]:
             continue
-        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-        block = pixels[tile]
-        for e in range(starts[tile], starts[tile + 1]):
-            s = footprints[entries[e]]
-            first, last = _pixels(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
+        top, left = tile // tiles.across * TILE, tile % tiles.across * TILE
+        block = tiles.pixels[tile]
+        for e in range(batch.starts[tile], batch.starts[tile + 1]):
+            s = batch.footprints[batch.entries[e]]
+            first, last = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
             for row in range(first, last):
                 dy = row + 0.5 - s.y
                 q_y = np.float32(s.precision_y * dy * dy)
                 dx = np.float32(left + 0.5 - s.x - s.slope * dy)
                 _blend_row(block, np.uint64((row - top) * TILE), s, q_y, dx)
             if e % CLOSING_INTERVAL == 0 and not _any_open(block):
-                open_tiles[tile] = False
+                tiles.open[tile] = False
                 break
 
 
@@ -121,7 +110,7 @@ def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, d
         offset = dx + np.float32(column)
         q = q_y + precision * offset * offset
         before = block[TRANSMITTANCE + i]
-        alpha = min(opacity * _exp_minus_half(q), MAX_ALPHA)
+        alpha = min(opacity * exp_minus_half(q), MAX_ALPHA)
         alpha = alpha if (q <= cutoff) & (before >= MIN_TRANSMITTANCE) else ZERO
         weight, after = before * alpha, before * (ONE - alpha)
         block[RED + i] += weight * red
@@ -134,7 +123,7 @@ def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, d
 
 
 @_function
-def _exp_minus_half(q: np.float32) -> np.float32:
+def exp_minus_half(q: np.float32) -> np.float32:
     """exp(-q / 2) for 0 <= q <= 12 to 3e-6: the Taylor series of exp(-q / 64), squared five times."""
     t = q * np.float32(-1 / 64)
     e = np.float32(1 / 24) + t * np.float32(1 / 120)
@@ -155,9 +144,3 @@ def _any_open(block: Floats) -> bool:
     for i in range(np.uint64(AREA)):
         unfinished += block[TRANSMITTANCE + i] >= MIN_TRANSMITTANCE
     return unfinished > 0
-
-
-@_function
-def _pixels(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
-    """Range (first, last + 1) of pixels in [start, stop) with centres in [low, high]; clamped as floats."""
-    return int(min(max(np.ceil(low - 0.5), start), stop)), int(max(min(np.floor(high + 0.5), stop), start))

@@ -6,6 +6,7 @@ thick as it looks in each pixel, and what a view cannot see is passed over.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -15,7 +16,8 @@ from ..base.arrays import Faces, Floats, Integers, Points, Vector
 from ..base.threads import shared
 from ..render.opacityfield import FieldDepth
 from ..render.view import View
-from .octree import corners_of, dual_mesh, leaves_of, requested_cells
+from .dualmesh import dual_mesh
+from .octree import Corners, corners_of, leaves_of, requested_cells
 
 NARROW, WIDE = 2.0, 8.0
 """Cells within which the distance field is kept on either side of the surface: least, and most where it is thick."""
@@ -30,7 +32,7 @@ ENOUGH_WEIGHT = 0.003
 """Sum of weights that a corner needs before it takes part in the surface."""
 
 COARSE = 8
-"""Pixels along the side of the tiles by whose deepest pixel hidden points are told."""
+"""Pixels along the side of the squares by whose deepest pixel hidden points are told."""
 
 CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
 """Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
@@ -47,7 +49,7 @@ SLABS = 24
 
 
 @dataclass(frozen=True)
-class Sight:
+class FusionSight:
     """One view's surface, ready for fusion. H, W are the view's size.
 
     plane: (H, W, 4) float32: unit normal in the world towards the camera, and camera z (NaN where there is none).
@@ -56,13 +58,15 @@ class Sight:
     """
 
     view: View
-    plane: np.ndarray
-    weight: np.ndarray
-    spread: np.ndarray
-    step: np.ndarray
+    plane: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    step: NDArray[np.float32]
 
     @classmethod
-    def of(cls, view: View, seen: FieldDepth, thickness: Floats, distance: float, finest: float, fog: float) -> "Sight":
+    def from_depth(
+        cls, view: View, seen: FieldDepth, thickness: Floats, distance: float, finest: float, fog: float
+    ) -> "FusionSight":
         """From a FieldDepth and its thickness (H, W) along the normal.
 
         distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
@@ -82,7 +86,7 @@ class Sight:
 
 
 def fuse_adaptively(
-    sights: Sequence[Sight], origin: Vector, stage: Callable[[int], None] = lambda count: None
+    sights: Sequence[FusionSight], origin: Vector, stage: Callable[[int], None] = lambda count: None
 ) -> tuple[NDArray[np.float64], Faces, Floats]:
     """Fuse Sights: returns world vertices (V, 3) float64, faces (F, 3) int32 and the side of each vertex's cell (V,).
 
@@ -99,42 +103,73 @@ def fuse_adaptively(
     finest *= larger
     leaves = leaves_of(requested)
     corners = corners_of(leaves)
-    packed = _packed(sights, origin)
+    maps, truncation = packed(sights, origin), Truncation(finest, NARROW, WIDE, np.inf)
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     batches = -(-len(values) // BATCH)
     dealt = np.random.default_rng(0).permutation(batches)
     for part in np.array_split(dealt, SLABS):
-        points = corners.positions, corners.levels, part
-        _integrate(len(part), *points, finest, NARROW, WIDE, np.inf, *packed, values, weights)
+        integrate(len(part), corners, part, truncation, maps, values, weights)
         stage(1)
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     return vertices * finest + origin, faces, finest * 2.0**levels
 
 
-def _packed(sights: Sequence[Sight], origin: Vector) -> tuple[NDArray, ...]:
-    """All maps in one array each, for the kernel: poses, lenses, sizes, where each begins, pixels, deepest tiles."""
-    poses, lenses, tile_starts, tiles = [], [], [], []
+class Truncation(NamedTuple):
+    """Within what distance of a surface a view tells of space.
+
+    finest: side of the smallest cell, world units. narrow, wide: cells on either side of a surface, least and most.
+    carve: along z, world units, how far in front of a surface space counts as seen to be free.
+    """
+
+    finest: float
+    narrow: float
+    wide: float
+    carve: float
+
+
+class PackedSights(NamedTuple):
+    """All maps of M sights one after the other, as the kernels read them. P pixels, T squares of COARSE pixels.
+
+    poses: (M, 3, 4) float64 camera_from_world, of a world about the origin of the fusion. lenses: (M, 4) float64 fx,
+    fy, cx, cy. sizes: (M, 2) int64 height and width. starts: (M,) int64 first pixel of each. square_starts: (M,) int64
+    first square of each. pixels: (P, 7) float32 normal, camera z, weight, spread and step. deepest: (T,) float32
+    camera z behind which a square shows nothing.
+    """
+
+    poses: NDArray[np.float64]
+    lenses: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    square_starts: NDArray[np.int64]
+    pixels: NDArray[np.float32]
+    deepest: NDArray[np.float32]
+
+
+def packed(sights: Sequence[FusionSight], origin: Vector) -> PackedSights:
+    """All maps of some sights for the kernel; origin: (3,) world."""
+    poses, lenses, square_starts, squares = [], [], [], []
     sizes = np.array([[sight.view.height, sight.view.width] for sight in sights])
     ends = sizes.prod(axis=1).cumsum()
     pixels = np.empty((ends[-1], 7), np.float32)
-    tile_start = 0
+    square_start = 0
     for sight, end in zip(sights, ends, strict=True):
         view = sight.view
         pose = view.camera_from_world[:3].copy()
         pose[:, 3] += pose[:, :3] @ origin
         poses.append(pose)
         lenses.append([view.fx, view.fy, view.cx, view.cy])
-        tile_starts.append(tile_start)
+        square_starts.append(square_start)
         seen = sight.weight > 0
         row = np.concatenate([sight.plane, np.stack([sight.weight, sight.spread, sight.step], axis=-1)], axis=-1)
         pixels[end - seen.size : end] = np.where(seen[..., None], row, 0).reshape(-1, 7)
         rows, columns = -(-view.height // COARSE), -(-view.width // COARSE)
         deepest = np.zeros((rows * COARSE, columns * COARSE), np.float32)
         deepest[: view.height, : view.width] = np.where(seen, sight.plane[..., 3] + 3 * sight.spread, 0)
-        tiles.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
-        tile_start += rows * columns
+        squares.append(deepest.reshape(rows, COARSE, columns, COARSE).max(axis=(1, 3)).ravel())
+        square_start += rows * columns
     starts = ends - sizes.prod(axis=1)
-    return np.array(poses), np.array(lenses), sizes, starts, np.array(tile_starts), pixels, np.concatenate(tiles)
+    lists = np.array(poses), np.array(lenses), sizes, starts, np.array(square_starts)
+    return PackedSights(*lists, pixels, np.concatenate(squares))
 
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -142,28 +177,19 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 @shared
 @_function
-def _integrate(
+def integrate(
     begin: int,
     end: int,
-    positions: Integers,
-    levels: Integers,
+    corners: Corners,
     batches: Integers,
-    finest: float,
-    narrow: float,
-    wide: float,
-    carve: float,
-    poses: Floats,
-    lenses: Floats,
-    sizes: Integers,
-    starts: Integers,
-    tile_starts: Integers,
-    pixels: Floats,
-    tiles: Floats,
+    truncation: Truncation,
+    sights: PackedSights,
     values: Floats,
     weights: Floats,
 ) -> None:
-    """Blend every view into the points of some batches. The arrays are those of `_packed` and `Corners`; carve: of
-    `_blend`."""
+    """Blend every view into the corners of some batches: values (P,) and the sums of their weights (P,), float32."""
+    positions, levels = corners.positions, corners.levels
+    finest, narrow = truncation.finest, truncation.narrow
     for n in range(begin, end):
         first = batches[n] * BATCH
         last = min(first + BATCH, len(positions))
@@ -178,26 +204,22 @@ def _integrate(
         middle = (low + high) / 2
         ball = np.sqrt(((high - low) ** 2).sum()) / 2
         total, weight = values[first:last], weights[first:last]
-        for v in range(len(poses)):
-            camera = (lenses[v, 0], lenses[v, 1], lenses[v, 2], lenses[v, 3], sizes[v, 0], sizes[v, 1])
+        for v in range(len(sights.poses)):
+            pose, lens, size = sights.poses[v], sights.lenses[v], sights.sizes[v]
+            camera = (lens[0], lens[1], lens[2], lens[3], size[0], size[1])
             center = np.empty(3)
             for a in range(3):
-                center[a] = (
-                    poses[v, a, 0] * middle[0]
-                    + poses[v, a, 1] * middle[1]
-                    + poses[v, a, 2] * middle[2]
-                    + poses[v, a, 3]
-                )
-            if _unseen(center, ball, 3 * narrow * step, camera, tiles, tile_starts[v]):
+                center[a] = pose[a, 0] * middle[0] + pose[a, 1] * middle[1] + pose[a, 2] * middle[2] + pose[a, 3]
+            if _unseen(center, ball, 3 * narrow * step, camera, sights.deepest, sights.square_starts[v]):
                 continue
-            _blend(points, steps, narrow, wide, carve, poses[v], camera, starts[v], pixels, total, weight)
+            _blend(points, steps, truncation, pose, camera, sights.starts[v], sights.pixels, total, weight)
         for i in range(last - first):
             if weight[i] > 0:
                 total[i] *= steps[i] / weight[i]
 
 
 @_function
-def _unseen(center: Vector, ball: float, margin: float, camera: tuple, tiles: Floats, start: int) -> bool:
+def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...], deepest: Floats, start: int) -> bool:
     """Whether a ball at `center` (camera frame) lies outside a view's pyramid, or behind all that it sees there."""
     fx, fy, px, py, height, width = camera
     x, y, z = center
@@ -218,7 +240,7 @@ def _unseen(center: Vector, ball: float, margin: float, camera: tuple, tiles: Fl
     first, last = int(max(fx * u0 + px, 0)) // COARSE, int(min(max(fx * u1 + px, 0), width - 1)) // COARSE
     for row in range(int(max(fy * v0 + py, 0)) // COARSE, int(min(max(fy * v1 + py, 0), height - 1)) // COARSE + 1):
         for column in range(first, min(last, columns - 1) + 1):
-            if row < rows and tiles[start + row * columns + column] + margin > nearest:
+            if row < rows and deepest[start + row * columns + column] + margin > nearest:
                 return False
     return True
 
@@ -227,20 +249,16 @@ def _unseen(center: Vector, ball: float, margin: float, camera: tuple, tiles: Fl
 def _blend(
     points: Points,
     steps: Floats,
-    narrow: float,
-    wide: float,
-    carve: float,
+    truncation: Truncation,
     pose: Floats,
-    camera: tuple,
+    camera: tuple[Any, ...],
     start: int,
     pixels: Floats,
     values: Floats,
     weights: Floats,
 ) -> None:
-    """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,).
-
-    carve: along z, world units, how far in front of a surface space counts as seen to be free.
-    """
+    """Add one view's truncated distances, in units of the truncation, to points (M, 3) with cells of `steps` (M,)."""
+    narrow, wide, carve = truncation.narrow, truncation.wide, truncation.carve
     fx, fy, px, py, height, width = camera
     for i in range(len(points)):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

@@ -5,7 +5,7 @@ that surface is, and who looked from near counts far more than who looked from a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -17,7 +17,7 @@ from ..base.threads import shared
 from ..render.opacityfield import FieldDepth
 from ..render.view import View
 from ..scene.color import bytes_from_unit
-from .color import Picture
+from .color import RenderedPicture
 
 TOLERANCE = 0.02
 """How far from the rendered depth a point may lie and still count as seen, in units of that depth."""
@@ -40,8 +40,7 @@ ROUNDING = 1e-9
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-@dataclass(frozen=True)
-class Album:
+class Album(NamedTuple):
     """M pictures of P pixels in all, one after the other, row by row.
 
     poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
@@ -49,17 +48,17 @@ class Album:
     empty. spread: (P,) float32 along z, thickness: (P,) float32 along the normal, world units.
     """
 
-    poses: np.ndarray
-    lenses: np.ndarray
-    sizes: np.ndarray
-    starts: np.ndarray
-    colors: np.ndarray
-    depth: np.ndarray
-    spread: np.ndarray
-    thickness: np.ndarray
+    poses: NDArray[np.float64]
+    lenses: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    colors: ColorsSrgb
+    depth: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    thickness: NDArray[np.float32]
 
     @classmethod
-    def of(cls, views: Sequence[View], seen: Sequence[FieldDepth], thickness: Sequence[Floats]) -> "Album":
+    def from_depths(cls, views: Sequence[View], seen: Sequence[FieldDepth], thickness: Sequence[Floats]) -> "Album":
         """From lists of View, of what each sees (FieldDepth), and of the thickness (H, W) there."""
         sizes = np.array([[view.height, view.width] for view in views])
         return cls(
@@ -74,15 +73,15 @@ class Album:
         )
 
     @classmethod
-    def joined(cls, albums: Sequence["Album"]) -> "Album":
+    def joined(cls, albums: "Sequence[Album]") -> "Album":
         """The pictures of a list of albums, in order."""
-        parts = {each.name: np.concatenate([getattr(album, each.name) for album in albums]) for each in fields(cls)}
+        parts = {name: np.concatenate([getattr(album, name) for album in albums]) for name in cls._fields}
         pixels = parts["sizes"].prod(axis=1)
         return cls(**{**parts, "starts": pixels.cumsum() - pixels})
 
     @classmethod
-    def of_pictures(cls, pictures: Sequence[Picture]) -> "Album":
-        """From a list of color.Picture; how deep a surface reaches is taken from its thickness."""
+    def from_pictures(cls, pictures: Sequence[RenderedPicture]) -> "Album":
+        """From a list of color.RenderedPicture; how deep a surface reaches is taken from its thickness."""
         sizes = np.array([picture.depth.shape for picture in pictures])
         thickness = np.concatenate([picture.thickness.ravel() for picture in pictures])
         return cls(
@@ -107,11 +106,9 @@ class Album:
         """
         colors = np.full((len(points), 3), np.nan, np.float32)
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
-        pictures = self.poses, self.lenses, self.sizes, self.starts, self.colors, self.depth, self.spread
-        points, normals = points.astype(np.float64), normals.astype(np.float64)
-        order, groups = _groups(points)
-        arrays = points, normals, order, groups, *pictures, self.thickness
-        _look_up(len(groups) - 1, *arrays, self._deepest(), colors, thickness, pixel)
+        places = points.astype(np.float64)
+        asked = Asked(places, normals.astype(np.float64), *_groups(places))
+        _look_up(len(asked.groups) - 1, asked, self, self._deepest(), Shown(colors, thickness, pixel))
         return colors, thickness, pixel
 
     def _deepest(self) -> NDArray[np.float64]:
@@ -177,28 +174,29 @@ def _along(
     return at, reach, terms
 
 
+class Asked(NamedTuple):
+    """Points (N, 3) and normals (N, 3) float64, world, that are looked up: their order (N,) by groups that lie
+    together, and where each group begins in it, and the end, (G + 1,) int64."""
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    order: Indices
+    groups: Indices
+
+
+class Shown(NamedTuple):
+    """What is written of each point, as `Album.look_up` has it."""
+
+    colors: NDArray[np.float32]
+    thickness: NDArray[np.float32]
+    pixel: NDArray[np.float32]
+
+
 @shared
 @_function
-def _look_up(
-    begin: int,
-    end: int,
-    points: Points,
-    normals: Directions,
-    order: Integers,
-    groups: Integers,
-    poses: Floats,
-    lenses: Floats,
-    sizes: Integers,
-    starts: Integers,
-    colors: ColorsSrgb,
-    depth: Floats,
-    spread: Floats,
-    thickness: Floats,
-    deepest: Floats,
-    out_color: Floats,
-    out_thickness: Floats,
-    out_pixel: Floats,
-) -> None:
+def _look_up(begin: int, end: int, asked: Asked, album: Album, deepest: Floats, shown: Shown) -> None:
+    """Look the points of some groups up in the pictures that may show any of them. deepest: (M,) of `_deepest`."""
+    points, order, groups = asked.points, asked.order, asked.groups
     for g in range(begin, end):
         members = order[groups[g] : groups[g + 1]]
         low, high = points[members[0]].copy(), points[members[0]].copy()
@@ -206,52 +204,35 @@ def _look_up(
             for k in range(3):
                 low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
         middle, half = (low + high) / 2, (high - low) / 2
-        seers, count = np.empty(len(poses), np.int64), 0
-        for m in range(len(poses)):
-            if _may_see(poses[m], lenses[m], sizes[m], deepest[m], middle, half):
+        seers, count = np.empty(len(album.poses), np.int64), 0
+        for m in range(len(album.poses)):
+            if _may_see(album.poses[m], album.lenses[m], album.sizes[m], deepest[m], middle, half):
                 seers[count] = m
                 count += 1
         for i in members:
-            _look_up_one(
-                i, points, normals, seers[:count], poses, lenses, sizes, starts, colors, depth, spread, thickness,
-                deepest, out_color, out_thickness, out_pixel,
-            )  # fmt: skip
+            _look_up_one(i, asked, seers[:count], album, deepest, shown)
 
 
 @_function
-def _look_up_one(
-    i: int,
-    points: Points,
-    normals: Directions,
-    seers: Integers,
-    poses: Floats,
-    lenses: Floats,
-    sizes: Integers,
-    starts: Integers,
-    colors: ColorsSrgb,
-    depth: Floats,
-    spread: Floats,
-    thickness: Floats,
-    deepest: Floats,
-    out_color: Floats,
-    out_thickness: Floats,
-    out_pixel: Floats,
-) -> None:
+def _look_up_one(i: int, asked: Asked, seers: Indices, album: Album, deepest: Floats, shown: Shown) -> None:
+    """Look one point up in some pictures, `seers`."""
+    points, normals = asked.points, asked.normals
+    lenses, depth, colors, thickness = album.lenses, album.depth, album.colors, album.thickness
     x, y, z = points[i, 0], points[i, 1], points[i, 2]
     red = green = blue = weights = thick = trusts = 0.0
     for m in seers:
-        p = poses[m]
+        p = album.poses[m]
         cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
         if cz <= 0 or cz > deepest[m]:
             continue
         cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
         cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
         u, v = lenses[m, 0] * cx / cz + lenses[m, 2], lenses[m, 1] * cy / cz + lenses[m, 3]
-        height, width = sizes[m, 0], sizes[m, 1]
+        height, width = album.sizes[m, 0], album.sizes[m, 1]
         if not (0 <= u < width and 0 <= v < height):
             continue
-        at = starts[m] + int(v) * width + int(u)
-        allowed = max(TOLERANCE * depth[at], spread[at])
+        at = album.starts[m] + int(v) * width + int(u)
+        allowed = max(TOLERANCE * depth[at], album.spread[at])
         if not abs(depth[at] - cz) < allowed:
             continue
         # The cosine between the normal and the way back to the eye, both in the camera's frame.
@@ -261,7 +242,7 @@ def _look_up_one(
         cosine = -(nx * cx + ny * cy + nz * cz) / np.sqrt(cx * cx + cy * cy + cz * cz)
         if cosine < LEAST_COSINE:
             continue
-        out_pixel[i] = min(out_pixel[i], cz / lenses[m, 0])
+        shown.pixel[i] = min(shown.pixel[i], cz / lenses[m, 0])
         if thickness[at] == thickness[at]:
             trust = cosine * cosine / (thickness[at] + THINNEST * cz) ** 2
             thick += trust * thickness[at]
@@ -274,13 +255,13 @@ def _look_up_one(
             column, row = left + (q & 1), top + (q >> 1)
             share = (fu if q & 1 else 1 - fu) * (fv if q >> 1 else 1 - fv)
             if 0 <= column < width and 0 <= row < height:
-                k = starts[m] + row * width + column
+                k = album.starts[m] + row * width + column
                 if abs(depth[k] - cz) < 2 * allowed:
                     red += weight * share * colors[k, 0]
                     green += weight * share * colors[k, 1]
                     blue += weight * share * colors[k, 2]
                     weights += weight * share
     if weights > 0:
-        out_color[i, 0], out_color[i, 1], out_color[i, 2] = red / weights, green / weights, blue / weights
+        shown.colors[i, 0], shown.colors[i, 1], shown.colors[i, 2] = red / weights, green / weights, blue / weights
     if trusts > 0:
-        out_thickness[i] = thick / trusts
+        shown.thickness[i] = thick / trusts

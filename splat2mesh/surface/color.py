@@ -15,7 +15,7 @@ DEPTH_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
-class Picture:
+class RenderedPicture:
     """What is kept of a rendered view.
 
     color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera z, NaN where empty.
@@ -28,12 +28,12 @@ class Picture:
     thickness: np.ndarray
 
     @classmethod
-    def of(cls, view: View, color: Floats, depth: DepthMap, thickness: Floats) -> "Picture":
+    def from_render(cls, view: View, color: Floats, depth: DepthMap, thickness: Floats) -> "RenderedPicture":
         """Keep a view's color (H, W, 3), sRGB in [0, 1], depth and thickness."""
         return cls(view, bytes_from_unit(color), depth, thickness.astype(np.float32))
 
 
-def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Picture]) -> tuple[ColorsSrgb, int]:
+def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[RenderedPicture]) -> tuple[ColorsSrgb, int]:
     """Average the pictures over the vertices they see, in sRGB, weighted by how frontally they see them.
 
     vertices, normals: (V, 3) float32 in the frame of the pictures' views.
@@ -53,7 +53,9 @@ def vertex_colors(vertices: Points, normals: Directions, pictures: Sequence[Pict
     return colors, int((~seen).sum())
 
 
-def vertex_thickness(vertices: Points, normals: Directions, pictures: Sequence[Picture], pixel: float) -> Floats:
+def vertex_thickness(
+    vertices: Points, normals: Directions, pictures: Sequence[RenderedPicture], pixel: float
+) -> Floats:
     """Thickness of the surface at each vertex, (V,) float64 in world units, inf where no picture sees it.
 
     A mean over the pictures that trusts the thinnest most; `pixel`, the size of a training pixel, is its scale.
@@ -69,7 +71,7 @@ def vertex_thickness(vertices: Points, normals: Directions, pictures: Sequence[P
     return np.divide(total, weights, out=np.full(len(vertices), np.inf), where=weights > 0)
 
 
-def _sees(picture: Picture, vertices: Points, normals: Directions) -> tuple[Indices, Indices, Indices, Floats]:
+def _sees(picture: RenderedPicture, vertices: Points, normals: Directions) -> tuple[Indices, Indices, Indices, Floats]:
     """Vertices that a picture shows, their pixels (column, row), and the square of the cosine it sees them at."""
     if len(vertices) == 0:  # no extent either
         return np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0, np.intp), np.zeros(0)

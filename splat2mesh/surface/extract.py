@@ -16,7 +16,7 @@ from ..base.progress import Stages
 from ..render.view import View
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
-from .color import Picture
+from .color import RenderedPicture
 
 if TYPE_CHECKING:
     from ..render.opacityfield import FieldDepth
@@ -119,8 +119,9 @@ def thickness_of(seen: "FieldDepth", view: View) -> Floats:
 
 def extract(
     way: str, splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[Picture]]:
-    """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a list of Picture.
+) -> tuple[Any, list[RenderedPicture]]:
+    """The raw surface of `splats` (already dilated) as seen in `views`: an open3d TriangleMesh and a picture
+    of each view.
 
     way: one of WAYS. pixel: size of a training pixel at the surface. effort: Effort. vertices: size of the mesh
     that is wanted in the end. stages: Stages. Raises InputError when hardly any surface is found.
@@ -130,7 +131,7 @@ def extract(
 
 def _field(
     splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[Picture]]:
+) -> tuple[Any, list[RenderedPicture]]:
     from ..render.opacityfield import field_depth
     from .fusion import DepthMap, fuse
 
@@ -142,7 +143,7 @@ def _field(
         for view in views:
             seen = field_depth(splats, view, near, level)
             maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
-            pictures.append(Picture.of(view, seen.color, seen.depth, thickness_of(seen, view)))
+            pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, thickness_of(seen, view)))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))
     voxel = diagonal / effort.cells
@@ -158,7 +159,7 @@ def _field(
 
 def _sugar(
     splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
-) -> tuple[Any, list[Picture]]:
+) -> tuple[Any, list[RenderedPicture]]:
     from ..render.rasterize import rasterize
     from .sugar import DensityField, SurfacePoints, poisson, surface_points
 
@@ -171,7 +172,7 @@ def _sugar(
             found.append(surface_points(field, view, rendering, max(1, int(np.sqrt(covered / effort.points)))))
             color = rendering.color / np.maximum(rendering.alpha, 1e-3)[..., None]
             thickness = np.where(np.isfinite(rendering.depth_median), pixel, np.nan)  # unknown: alike everywhere
-            pictures.append(Picture.of(view, color, rendering.depth_median, thickness))
+            pictures.append(RenderedPicture.from_render(view, color, rendering.depth_median, thickness))
             advance()
     points, normals = (np.concatenate([getattr(part, name) for part in found]) for name in ("points", "normals"))
     _require_surface(len(points))

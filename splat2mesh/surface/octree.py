@@ -7,18 +7,17 @@ and there are none where no view saw a surface. Keys pack a level and three whol
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arrays import Faces, Floats, Indices, Integers, Vector
+from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
 
 if TYPE_CHECKING:
-    from .adaptive import Sight
+    from .adaptive import FusionSight
 
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""
@@ -52,7 +51,7 @@ def unpack(key: int) -> tuple[int, int, int, int]:
 
 
 @_function
-def _slot(table: Indices, key: int) -> np.int64:
+def slot(table: Indices, key: int) -> np.int64:
     """Where a key is in the table, or the empty slot where it belongs."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     at = np.int64(h >> np.uint64(20)) & (len(table) - 1)
@@ -65,7 +64,7 @@ def _slot(table: Indices, key: int) -> np.int64:
 def _insert_all(table: Indices, keys: Indices, count: int) -> int:
     """Put keys into a table; returns how many it holds then, or -1 when it is too full."""
     for key in keys:
-        at = _slot(table, key)
+        at = slot(table, key)
         if table[at] == EMPTY:
             table[at] = key
             count += 1
@@ -106,7 +105,7 @@ def _mark(
             if key == last:
                 continue
             last = key
-            at = _slot(table, key)
+            at = slot(table, key)
             if table[at] == EMPTY:
                 table[at] = key
                 count += 1
@@ -116,7 +115,7 @@ def _mark(
 
 
 def requested_cells(
-    sights: Sequence[Sight],
+    sights: Sequence[FusionSight],
     steps: Iterable[Floats],
     origin: Vector,
     finest: float,
@@ -126,7 +125,7 @@ def requested_cells(
 ) -> Indices | None:
     """Keys of the cells that the pixels of all views ask for: (C,) int64 sorted, or None for more than `most`.
 
-    sights: as `adaptive.Sight`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
+    sights: of `adaptive`. steps: list of (H, W), wanted sides of the cells, world units. origin: (3,) world.
     finest: side of the smallest cell. narrow, wide: cells to mark on either side of the surface, least and most.
     """
     largest = 1 << int(np.ceil(np.log2(2.1 * most)))
@@ -190,17 +189,16 @@ def _children(keys: Indices) -> Indices:
     return out
 
 
-@dataclass(frozen=True)
-class Corners:
+class Corners(NamedTuple):
     """The corners of leaves, each once, neighbours in space near one another.
 
     positions: (P, 3) int32 in units of the finest cell. levels: (P,) int8, of the smallest leaf at each.
     of_leaf: (L, 8) int32, corner c of a leaf lies at + (c >> 2, c >> 1 & 1, c & 1).
     """
 
-    positions: np.ndarray
-    levels: np.ndarray
-    of_leaf: np.ndarray
+    positions: NDArray[np.int32]
+    levels: NDArray[np.int8]
+    of_leaf: NDArray[np.int32]
 
 
 def corners_of(leaves: Indices) -> Corners:
@@ -217,7 +215,7 @@ def corners_of(leaves: Indices) -> Corners:
     return Corners(positions[order], levels[order], of_leaf)
 
 
-def _numbered(leaves: Indices, size: int) -> tuple[Integers, Integers, Integers] | None:
+def _numbered(leaves: Indices, size: int) -> tuple[NDArray[np.int32], NDArray[np.int8], NDArray[np.int32]] | None:
     """Corners in the order in which leaves have them: positions, levels, of_leaf; None where a table of `size` rows
     gets too full."""
     table, values = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
@@ -237,7 +235,7 @@ def _number_corners(
         for c in range(8):
             px, py, pz = (x + (c >> 2)) << level, (y + (c >> 1 & 1)) << level, (z + (c & 1)) << level
             key = pack(0, px, py, pz)
-            at = _slot(table, key)
+            at = slot(table, key)
             if table[at] == EMPTY:
                 if count == len(positions):
                     return -1
@@ -270,125 +268,3 @@ def _morton(positions: Integers) -> Indices:
             key |= spread << a
         out[i] = key
     return out
-
-
-def dual_mesh(
-    leaves: Indices, corners: Corners, values: Floats, weights: Floats, enough: float
-) -> tuple[NDArray[np.float64], Faces, NDArray[np.int8]]:
-    """The zero surface: a vertex in each leaf it passes, a face across each edge of the finest cells whose ends differ.
-
-    leaves: sorted keys. values, weights: (P,) at the corners; those of less weight than `enough` take no part.
-    Returns vertices (V, 3) float64 in units of the finest cell, faces (F, 3) int32, and the level of each vertex (V,).
-    Source: Ju et al., "Dual Contouring of Hermite Data" (2002), with the mean of the crossings as vertex.
-    """
-    size = 1 << int(np.ceil(np.log2(max(16, 2.2 * len(leaves)))))
-    table, index = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
-    _index_leaves(table, index, leaves)
-    present = np.bincount(leaves >> (3 * BITS), minlength=LEVELS) > 0
-    coarsest, finest = np.flatnonzero(present).max(), np.flatnonzero(present).min()
-    sums, counts = np.zeros((len(leaves), 3)), np.zeros(len(leaves), np.int32)
-    arrays = leaves, corners.of_leaf, corners.positions, values, weights, np.float32(enough), table, index
-    quads = np.zeros((len(leaves), 4), np.int32)  # more than there are crossings, but where surfaces lie like leaves
-    total = _cross(*arrays, finest, coarsest, quads, sums, counts)
-    if total > len(quads):
-        quads = np.zeros((total, 4), np.int32)
-        sums[:], counts[:] = 0, 0
-        _cross(*arrays, finest, coarsest, quads, sums, counts)
-    quads = quads[:total]
-    used = counts > 0
-    number = np.cumsum(used) - 1
-    vertices = sums[used] / counts[used, None]
-    quads = number[quads]
-    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return vertices, faces[proper].astype(np.int32), (leaves[used] >> (3 * BITS)).astype(np.int8)
-
-
-@_function
-def _index_leaves(table: Indices, index: Integers, leaves: Indices) -> None:
-    for i in range(len(leaves)):
-        at = _slot(table, leaves[i])
-        table[at], index[at] = leaves[i], i
-
-
-@_function
-def _leaf_at(table: Indices, index: Integers, level: int, finest: int, coarsest: int, x: int, y: int, z: int) -> int:
-    """The leaf that holds a point, given in half units of the finest cell, tried from `level` outwards; -1: none."""
-    for far in range(coarsest - finest + 1):
-        for sign in range(2):
-            tried = level + far if sign == 0 else level - far
-            if tried < finest or tried > coarsest or (sign == 1 and far == 0):
-                continue
-            shift = tried + 1
-            key = pack(tried, x >> shift, y >> shift, z >> shift)
-            at = _slot(table, key)
-            if table[at] == key:
-                return index[at]
-    return -1
-
-
-@_function
-def _cross(
-    leaves: Indices,
-    of_leaf: Integers,
-    positions: Integers,
-    values: Floats,
-    weights: Floats,
-    enough: float,
-    table: Indices,
-    index: Integers,
-    finest: int,
-    coarsest: int,
-    quads: Integers,
-    sums: Floats,
-    counts: Integers,
-) -> int:
-    """Find every edge across which the field changes its sign; returns their number. Writes where there is room."""
-    total, found, at = 0, np.zeros(4, np.int64), np.zeros(3, np.int64)
-    for i in range(len(leaves)):
-        signs = 0
-        for c in range(8):
-            signs += values[of_leaf[i, c]] < 0
-        if signs == 0 or signs == 8:
-            continue
-        level = leaves[i] >> (3 * BITS)
-        for axis in range(3):
-            step, u, v = 4 >> axis, (axis + 1) % 3, (axis + 2) % 3
-            for c in range(8):
-                if c & step:
-                    continue
-                a, b = of_leaf[i, c], of_leaf[i, c + step]
-                if (values[a] < 0) == (values[b] < 0) or weights[a] <= enough or weights[b] <= enough:
-                    continue
-                for k in range(3):
-                    at[k] = 2 * np.int64(positions[a, k])
-                at[axis] += np.int64(1) << level
-                owner, whole = i, True
-                for q in range(4):
-                    at[u] += 1 if q == 1 or q == 2 else -1
-                    at[v] += 1 if q >= 2 else -1
-                    other = _leaf_at(table, index, level, finest, coarsest, at[0], at[1], at[2])
-                    at[u] -= 1 if q == 1 or q == 2 else -1
-                    at[v] -= 1 if q >= 2 else -1
-                    found[q] = other
-                    if other < 0:
-                        whole = False
-                        break
-                    theirs = leaves[other] >> (3 * BITS)
-                    if theirs < level:
-                        whole = False
-                        break
-                    if theirs == level and other < owner:
-                        owner = other
-                if not whole or owner != i:
-                    continue
-                if total < len(quads):
-                    share = values[a] / (values[a] - values[b])
-                    for q in range(4):
-                        leaf = found[q]
-                        counts[leaf] += 1
-                        for k in range(3):
-                            sums[leaf, k] += positions[a, k] + share * (positions[b, k] - positions[a, k])
-                        quads[total, q if values[a] < 0 else 3 - q] = leaf
-                total += 1
-    return total

@@ -14,7 +14,7 @@ from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
-from .adaptive import SLABS, Sight, fuse_adaptively
+from .adaptive import SLABS, FusionSight, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
 from .decimate import decimate
@@ -81,10 +81,10 @@ def reconstruct_place(
     middle = np.median(centers, axis=0)
     thicknesses = [thickness_of(each, view) for view, each in zip(views, seen, strict=True)]
     sights = [
-        Sight.of(view, each, thick, distance, FINEST_CELL * pixel, fog)
+        FusionSight.from_depth(view, each, thick, distance, FINEST_CELL * pixel, fog)
         for view, each, thick in zip(views, seen, thicknesses, strict=True)
     ]
-    album = Album.of(views, seen, thicknesses)
+    album = Album.from_depths(views, seen, thicknesses)
     del seen, thicknesses
     with stages.stage("fusion", total=SLABS) as advance:
         points: Points

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Mask
 from ..base.distinct import distinct
-from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Sight, _integrate, _packed
-from ..surface.octree import BITS, HALF, MASK, corners_of, dual_mesh, leaves_of, requested_cells
+from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, FusionSight, Truncation, integrate, packed
+from ..surface.dualmesh import dual_mesh
+from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
 from .memory import give_back
 from .plan import LEVELS, RING, Plan
 
@@ -36,7 +37,7 @@ class Raw(NamedTuple):
     owner: NDArray[np.int64]
 
 
-def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw:
+def raw_surface(sights: list[FusionSight], plan: Plan, tile: int, carve: float) -> Raw:
     """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
 
     The list of sights is empty afterwards: what they show is a large part of a process's memory.
@@ -48,7 +49,7 @@ def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw
     origin = np.zeros(3)
     steps = (sight.step for sight in sights)
     requested = requested_cells(sights, steps, origin, plan.finest, NARROW, WIDE, MOST_CELLS)
-    packed = _packed(sights, origin)
+    maps = packed(sights, origin)
     sights.clear()
     give_back()
     if requested is None:
@@ -62,9 +63,9 @@ def raw_surface(sights: list[Sight], plan: Plan, tile: int, carve: float) -> Raw
     corners = corners_of(leaves)
     values, weights = np.zeros(len(corners.positions), np.float32), np.zeros(len(corners.positions), np.float32)
     dealt = np.random.default_rng(0).permutation(-(-len(values) // BATCH))
-    arrays = corners.positions, corners.levels, dealt, plan.finest, NARROW, WIDE, carve
-    _integrate(len(dealt), *arrays, *packed, values, weights)
-    del packed
+    truncation = Truncation(plan.finest, NARROW, WIDE, carve)
+    integrate(len(dealt), corners, dealt, truncation, maps, values, weights)
+    del maps
     vertices, faces, levels = dual_mesh(leaves, corners, values, weights, ENOUGH_WEIGHT)
     points = vertices * plan.finest
     a, b, c = (points[faces[:, corner]] for corner in range(3))

@@ -13,7 +13,7 @@ from ..base.arrays import DepthMap, Floats
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
-from ..surface.adaptive import Sight
+from ..surface.adaptive import FusionSight
 from ..surface.extract import dilated, thickness_of
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, Plan
@@ -141,17 +141,17 @@ def _bounds_of(view: View, depth: DepthMap) -> Floats:
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
-def sight_of(face: Face, plan: Plan, tile: int) -> Sight:
+def sight_of(face: Face, plan: Plan, tile: int) -> FusionSight:
     """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
     INFLUENCE, and pixels that cannot reach the ring are left out."""
-    sight = Sight.of(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
+    sight = FusionSight.from_depth(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
     low, high = _range(plan, tile)
     points = _ground_of(face.view, face.seen.depth)
     with np.errstate(invalid="ignore"):
         step = np.minimum(sight.step, np.float32(plan.block))
         spread = np.minimum(sight.spread, np.float32(plan.block))
         near = ((points >= low) & (points < high)).all(axis=-1)
-    return Sight(sight.view, sight.plane, np.where(near, sight.weight, np.float32(0)), spread, step)
+    return FusionSight(sight.view, sight.plane, np.where(near, sight.weight, np.float32(0)), spread, step)
 
 
 def _range(plan: Plan, tile: int) -> Floats:

@@ -34,7 +34,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     sights, pictures = [], []
     for face in faces_around(store, known, tile):
         sights.append(sight_of(face, known, tile))
-        pictures.append(Album.of([face.view], [face.seen], [face.thickness]))
+        pictures.append(Album.from_depths([face.view], [face.seen], [face.thickness]))
     album = Album.joined(pictures) if pictures else None
     pictures.clear()
     give_back()

@@ -86,7 +86,7 @@ def standpoints(
     """
     if choice == "outside":
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    grid = OpacityGrid.of(splats, bounds)
+    grid = OpacityGrid.around(splats, bounds)
     places = np.array(hints, np.float64).reshape(-1, 3)
     _check_hints(grid, places)
     points = free_places(grid, np.random.default_rng(seed))

@@ -19,7 +19,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import write_inria_ply
-from splat2mesh.surface.color import Picture
+from splat2mesh.surface.color import RenderedPicture
 from splat2mesh.surface.extract import EFFORTS, Effort
 from splat2mesh.views.upright import UP_CHOICES
 
@@ -246,7 +246,7 @@ def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch
         if kind == "unseen":
             mesh = o3d.geometry.TriangleMesh.create_sphere(1.0, 20)
             mesh.remove_triangles_by_index([100, 101])
-        return mesh, [Picture.of(view, np.zeros((8, 8, 3)), depth, depth)]
+        return mesh, [RenderedPicture.from_render(view, np.zeros((8, 8, 3)), depth, depth)]
 
     monkeypatch.setattr("splat2mesh.pipeline.extract", nothing)
     with pytest.raises(InputError, match="no surface is left"):

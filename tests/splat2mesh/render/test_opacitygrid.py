@@ -12,7 +12,7 @@ AXES = np.concatenate([np.eye(3), -np.eye(3)])
 @pytest.fixture(scope="module")
 def grid():
     splats = joined(box([-1, -1, -1], [1, 1, 1], 0.02), box([-12, -12, -12], [12, 12, 12], 0.6))
-    return OpacityGrid.of(splats, np.array([[-1.1, -1.1, -1.1], [1.1, 1.1, 1.1]]))
+    return OpacityGrid.around(splats, np.array([[-1.1, -1.1, -1.1], [1.1, 1.1, 1.1]]))
 
 
 def test_rays_stop_at_the_surface(grid):

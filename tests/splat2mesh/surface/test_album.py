@@ -31,7 +31,7 @@ def pictures():
 
 
 def of(pictures):
-    return Album.of(*(list(part) for part in zip(*pictures, strict=True)))
+    return Album.from_depths(*(list(part) for part in zip(*pictures, strict=True)))
 
 
 def test_groups_of_points_leave_out_no_picture_that_shows_one(pictures, monkeypatch):

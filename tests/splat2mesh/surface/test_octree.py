@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from splat2mesh.surface.octree import BITS, HALF, corners_of, dual_mesh, leaves_of
+from splat2mesh.surface.dualmesh import dual_mesh
+from splat2mesh.surface.octree import BITS, HALF, corners_of, leaves_of
 
 RADIUS = 20.3
 

@@ -17,7 +17,7 @@ def album():
     color = np.repeat((points[..., :1] < 0.11).astype(np.float32), 3, axis=-1)
     flat = np.ones((SIDE, SIDE), np.float32)
     seen = FieldDepth(flat, np.tile(np.float32([0, 1, 0]), (SIDE, SIDE, 1)), 0.01 * flat, color, flat)
-    return Album.of([view], [seen], [0.01 * flat])
+    return Album.from_depths([view], [seen], [0.01 * flat])
 
 
 def plane(count=9):

@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.surface.color import Picture, vertex_colors, vertex_thickness
+from splat2mesh.surface.color import RenderedPicture, vertex_colors, vertex_thickness
 
 RED, GREEN = np.array([200, 10, 30]), np.array([20, 180, 60])
 
@@ -28,7 +28,9 @@ def picture_of(view, depth, paint=None, thickness=0.1):
     """A picture with color paint(points) / 255, else black, and a thickness (broadcast) where depth is finite."""
     points = view.center + view.ray_directions() * np.nan_to_num(depth)[..., None]
     color = paint(points) / 255 if paint else np.zeros_like(points)
-    return Picture.of(view, color, depth.astype(np.float32), np.where(np.isfinite(depth), thickness, np.nan))
+    return RenderedPicture.from_render(
+        view, color, depth.astype(np.float32), np.where(np.isfinite(depth), thickness, np.nan)
+    )
 
 
 def halves(points):
@@ -132,7 +134,9 @@ def test_colours_do_not_depend_on_the_unit_of_length(scale):
 
 def test_a_picture_keeps_bytes_and_clips():
     view = around(1)[0]
-    picture = Picture.of(view, np.array([[[0.5, -1.0, 2.0]]]), np.zeros((1, 1), np.float32), np.full((1, 1), 0.25))
+    picture = RenderedPicture.from_render(
+        view, np.array([[[0.5, -1.0, 2.0]]]), np.zeros((1, 1), np.float32), np.full((1, 1), 0.25)
+    )
     assert picture.color.dtype == np.uint8 and picture.thickness.dtype == np.float32
     np.testing.assert_array_equal(picture.color, [[[128, 0, 255]]])
     np.testing.assert_array_equal(picture.thickness, [[0.25]])

@@ -1,30 +1,31 @@
-"""An image in square tiles, each of which one thread fills: its pixels while they are walked."""
+"""The screen in square tiles, each of which one thread fills: its pixels while they are walked."""
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..base.arrays import Floats
+from ..base.arrays import Floats, Indices, Mask
 from .footprints import TILE, Camera
 
 AREA = TILE * TILE
 
 
-class Tiles(NamedTuple):
+class ScreenTiles(NamedTuple):
     """T tiles of a view, row after row, of planes that hold a float32 for each pixel.
 
     pixels: (T, planes * AREA) float32, plane after plane of each tile. open: (T,) bool, which still let light through.
     dealt: (T,) order of the tiles that spreads the crowded ones evenly over the threads. across: tiles in a row.
     """
 
-    pixels: np.ndarray
-    open: np.ndarray
-    dealt: np.ndarray
+    pixels: NDArray[np.float32]
+    open: Mask
+    dealt: Indices
     across: int
 
     @classmethod
-    def of(cls, camera: Camera, planes: int, transmittance: int, median: int) -> "Tiles":
-        """Empty ones of a Camera: zeros but for the planes of the transmittance, 1, and of the median depth, NaN."""
+    def empty(cls, camera: Camera, planes: int, transmittance: int, median: int) -> "ScreenTiles":
+        """Those of a Camera, nothing drawn: zeros, but 1 for the transmittance and NaN for the median depth."""
         down, across = -(-camera.height // TILE), -(-camera.width // TILE)
         tiles = cls(
             np.zeros((down * across, planes * AREA), np.float32),
@@ -38,7 +39,7 @@ class Tiles(NamedTuple):
         whole[transmittance], whole[median] = inside.reshape(whole.shape[1:]), np.nan
         return tiles
 
-    def images(self, camera: Camera) -> np.ndarray:
+    def images(self, camera: Camera) -> Floats:
         """The planes as images, (planes, H, W) float32."""
         whole = self._planes()
         planes, down, _, across, _ = whole.shape
