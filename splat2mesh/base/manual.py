@@ -3,6 +3,8 @@
 import argparse
 import re
 import sys
+from collections.abc import Sequence
+from typing import Any
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -17,41 +19,62 @@ def add_manuals(parser: argparse.ArgumentParser) -> None:
 class _Printed(argparse.Action):
     """Print and end, as `--help` does."""
 
-    def __call__(self, parser, namespace, values, option_string=None):
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
         text = completion(parser, values) if isinstance(values, str) else manual(parser)
         parser._print_message(text, sys.stdout)
         parser.exit()
 
 
 def completion(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script, text, that tells a shell of SHELLS the options of a command; files complete everything else."""
-    name, function = parser.prog, re.sub(r"\W", "_", parser.prog)
-    options = [option for action in parser._actions for option in action.option_strings]
+    """Make the script that teaches a shell the options of a command and their choices; files complete everything else.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the command, whose `prog` is the name that is completed.
+    shell : str
+        One of `SHELLS`.
+
+    Returns
+    -------
+    str
+        The script, for the shell to source.
+    """
+    import shtab
+
     if shell == "bash":
-        return (
-            f"_{function}() {{\n"
-            '    local word="${COMP_WORDS[COMP_CWORD]}"\n'
-            f'    [[ $word == -* ]] && COMPREPLY=($(compgen -W "{" ".join(options)}" -- "$word"))\n'
-            "}\n"
-            f"complete -o default -F _{function} {name}\n"
-        )
-    if shell == "zsh":
-        lines = [f"#compdef {name}", "_arguments \\"]
-        lines += [f"    '{each}[{_plain(action, 'zsh')}]{_value(action)}' \\" for action, each in _each(parser)]
-        return "\n".join([*lines, "    '*:file:_files'"]) + "\n"
-    lines = []
+        # Values marked as files would hide, after an option that takes several, all other options: bash's own default
+        # offers files where nothing else fits.
+        function = re.sub(r"\W", "_", f"_shtab_{parser.prog}")
+        return f"{shtab.complete(parser, shell)}\ncomplete -o default -F {function} {parser.prog}\n"
     for action in parser._actions:
-        flags = " ".join(
-            f"-l {text[2:]}" if text.startswith("--") else f"-s {text[1:]}" for text in action.option_strings
-        )
-        if flags:
-            takes = "" if action.nargs == 0 else " -r"
-            lines.append(f"complete -c {name} {flags}{takes} -d '{_plain(action, 'fish')}'")
-    return "\n".join(lines) + "\n"
+        if action.nargs != 0 and not action.choices:
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+    return shtab.complete(parser, shell) + "\n"
 
 
 def manual(parser: argparse.ArgumentParser) -> str:
-    """The manual page of a command, in troff's man macros."""
+    """Make the manual page of a command, in troff's man macros.
+
+    argparse-manpage makes one too, but leaves a line that begins with a full stop, such as ".exr or .hdr file", to be
+    obeyed by troff, which drops it, and writes the day into it (`docs/decisions.md`).
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the command.
+
+    Returns
+    -------
+    str
+        The page; the same parser gives the same text.
+    """
     name = parser.prog
     usage = parser.format_usage().removeprefix("usage: ").strip()
     lines = [f'.TH {name.upper()} 1 "" "" "User commands"', ".SH NAME"]
@@ -67,26 +90,11 @@ def manual(parser: argparse.ArgumentParser) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _each(parser):
-    return [(action, option) for action in parser._actions for option in action.option_strings]
-
-
-def _help(parser, action):
+def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
     return parser._get_formatter()._expand_help(action) if action.help else ""
 
 
-def _plain(action, shell):
-    """The first words of an option's help, without what its shell would take for signs."""
-    text = re.split(r" \(default|;", (action.help or "").replace("%%", "%"))[0]
-    text = text.replace("'", "").replace("[", "(").replace("]", ")")
-    return text.replace(":", "\\:") if shell == "zsh" else text
-
-
-def _value(action):
-    return "" if action.nargs == 0 else f":{(action.metavar or action.dest).lower().replace(':', '-')}:_files"
-
-
-def _troff(text):
+def _troff(text: str) -> str:
     """Text whose backslashes, hyphens and leading dots mean themselves."""
     text = text.replace("\\", "\\e").replace("-", "\\-")
     return re.sub(r"(?m)^([.'])", r"\\&\1", text)
