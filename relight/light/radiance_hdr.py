@@ -4,6 +4,7 @@ Source: Ward, "Real Pixels", Graphics Gems II (1991); Radiance, src/common/color
 """
 
 import re
+from typing import Any
 
 import numba
 import numpy as np
@@ -19,9 +20,29 @@ _NEW_RUNS = 8, 32767  # widths that may be packed in the new way
 
 
 def decode(data: bytes, name: object) -> NDArray[np.float32]:
-    """(H, W, 3) linear radiance of a file, the top row first. Divided by the EXPOSURE that its header tells.
+    """Decode a radiance picture.
 
-    name: of the file, for messages. Raises InputError for a damaged file, and for one of CIE XYZ.
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    name : object
+        Of the file, for messages.
+
+    Returns
+    -------
+    ndarray of float32, (H, W, 3)
+        Linear radiance, the top row first, divided by the EXPOSURE and COLORCORR of the header.
+
+    Raises
+    ------
+    InputError
+        For a damaged file, for one of CIE XYZ, and for one that announces more pixels than its bytes can hold.
+
+    Notes
+    -----
+    imagecodecs decodes the usual order of rows alike, bit by bit, but ignores exposures and reads neither other orders
+    nor old run lengths (`docs/decisions.md`).
     """
     exposure, order, start = _header(data, name)
     (first_sign, first, rows), (second_sign, second, columns) = order
@@ -50,7 +71,7 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
         return (pixels[..., :3] * scale / exposure).astype(np.float32)
 
 
-def _header(data, name):
+def _header(data: bytes, name: object) -> tuple[NDArray[np.float64], list[tuple[bytes, bytes, int]], int]:
     """(exposures of (3,), [(sign, axis, count)] of rows and columns, where the pixels start)."""
     exposure, start = np.ones(3), 0
     while True:
@@ -78,12 +99,12 @@ def _header(data, name):
         raise InputError(
             f"{name} is a damaged or unusual Radiance HDR file: its picture has no size, such as -Y 512 +X 1024"
         )
-    parts = found.groups()
-    return exposure, [(*parts[:2], int(parts[2])), (*parts[3:5], int(parts[5]))], end + 1
+    first, second = (found.group(k, k + 1, k + 2) for k in (1, 4))
+    return exposure, [(sign, axis, int(count)) for sign, axis, count in (first, second)], end + 1
 
 
 @numba.njit(cache=True)
-def _unpack(data, at, pixels, may_be_new):
+def _unpack(data: NDArray[np.uint8], at: Any, pixels: NDArray[np.uint8], may_be_new: bool) -> int:
     """Fill the rows of pixels (H, W, 4), in the order of the file; how many are all there."""
     size = len(data)
     for row in range(pixels.shape[0]):
@@ -95,7 +116,7 @@ def _unpack(data, at, pixels, may_be_new):
                 return row
             at += 4
             for channel in range(4):
-                x = 0
+                x = np.int64(0)
                 while x < width:
                     if at >= size:
                         return row
@@ -116,7 +137,7 @@ def _unpack(data, at, pixels, may_be_new):
                         at += count
                     x += count
             continue
-        x, shift = 0, 0
+        x, shift = np.int64(0), 0
         while x < width:
             if at + 4 > size:
                 return row

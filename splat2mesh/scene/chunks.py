@@ -1,6 +1,7 @@
 """Cutting a mesh into sub-meshes that stay below a vertex limit, which is what bounds a model's tensors."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.choices import DEFAULT_MAX_VERTICES
 from ..base.distinct import distinct
@@ -25,7 +26,7 @@ def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:
     return [_extract(mesh, faces) for faces in _bisect(mesh.faces, centroids, max_vertices)]
 
 
-def _bisect(faces, centroids, max_vertices):
+def _bisect(faces: NDArray[np.int32], centroids: NDArray[np.float32], max_vertices: int) -> list[NDArray[np.intp]]:
     pending, parts = [np.arange(len(faces))], []
     while pending:
         part = pending.pop()
@@ -41,7 +42,7 @@ def _bisect(faces, centroids, max_vertices):
     return parts
 
 
-def _extract(mesh, face_indices):
+def _extract(mesh: Mesh, face_indices: NDArray[np.intp]) -> Mesh:
     used, corners = np.unique(mesh.faces[face_indices], return_inverse=True)
     faces = corners.reshape(-1, 3).astype(np.int32)
     return Mesh(mesh.vertices[used], mesh.normals[used], faces, mesh.colors_srgb[used])

@@ -124,7 +124,7 @@ class GltfData:
             values = np.maximum(values.astype(np.float32) / np.float32(np.iinfo(dtype).max), np.float32(-1.0))
         return values[:, 0] if width == 1 else values
 
-    def vectors(self, index, count: int, width: int, what: str) -> NDArray:
+    def vectors(self, index: Any, count: int, width: int, what: str) -> NDArray:
         """Accessor `index` as (count, width) float32. Raises InputError for another shape, and unless it is finite."""
         values = self.array(index, what)
         if values.shape != (count, width):
@@ -134,14 +134,14 @@ class GltfData:
             raise InputError(f"{self.path}: {what} is not finite; repair the file first")
         return values
 
-    def _sparse(self, sparse, values):
+    def _sparse(self, sparse: Any, values: NDArray) -> NDArray:
         index, new = sparse["indices"], sparse["values"]
         dtype = np.dtype(COMPONENTS[index.componentType])
         rows = self._view(index.bufferView, index.byteOffset or 0, dtype, sparse.count, 1)[:, 0]
         values[rows] = self._view(new.bufferView, new.byteOffset or 0, values.dtype, sparse.count, values.shape[1])
         return values
 
-    def _view(self, index, offset, dtype, count, width):
+    def _view(self, index: Any, offset: int, dtype: np.dtype, count: int, width: int) -> NDArray:
         view = entry(self.document.bufferViews, index)
         start = (view.byteOffset or 0) + offset
         stride = view.byteStride or dtype.itemsize * width
@@ -153,7 +153,7 @@ class GltfData:
             raise ValueError(f"{end} bytes of {len(data)}")
         return np.ndarray((count, width), dtype, data, start, (stride, dtype.itemsize))
 
-    def _buffer(self, index):
+    def _buffer(self, index: Any) -> bytes:
         if index not in self._buffers:
             buffer = entry(self.document.buffers, index)
             if buffer.uri is None:

@@ -15,7 +15,7 @@ from ..base.errors import InputError
 from ..base.inputs import reading
 from .color import srgb_from_linear
 from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, global_matrices, triangles, warn_skipped
-from .surfaces import Surface, centred, joined
+from .surfaces import UncheckedMesh, centred, joined
 
 
 class _Piece(NamedTuple):
@@ -28,8 +28,8 @@ class _Piece(NamedTuple):
     mirrored: bool
 
 
-def read_gltf(path: str | os.PathLike[str]) -> Surface:
-    """The Surface of a .glb or .gltf. Raises InputError for one that is broken or packed, or that holds no triangles.
+def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
+    """Read a .glb or .gltf. Raises InputError for one that is broken or packed, or that holds no triangles.
 
     A DataWarning counts points and lines, which are left out.
     """
@@ -38,7 +38,7 @@ def read_gltf(path: str | os.PathLike[str]) -> Surface:
         return _joined_pieces(_pieces(data), _materials(data))
 
 
-def _joined_pieces(pieces: list[_Piece], materials: list[int | None]) -> Surface:
+def _joined_pieces(pieces: list[_Piece], materials: list[int | None]) -> UncheckedMesh:
     points, faces, normals, colors, first = [], [], [], [], 0
     every, moved = centred(np.concatenate([piece.points for piece in pieces]))
     ends = np.cumsum([len(piece.points) for piece in pieces])
@@ -66,7 +66,7 @@ def _joined_pieces(pieces: list[_Piece], materials: list[int | None]) -> Surface
             color = held["COLOR_0"][row, :3] if "COLOR_0" in held else np.ones((len(row), 3))
             colors.append(srgb_from_linear(np.clip(color, 0.0, 1.0)))
         first += len(row)
-    return Surface(
+    return UncheckedMesh(
         np.concatenate(points),
         np.concatenate(faces),
         np.concatenate(normals) if named else None,

@@ -3,9 +3,11 @@
 Kept beside scene.json in one compressed file, `measured.npz`.
 """
 
-from typing import NamedTuple
+import os
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.inputs import load_arrays
@@ -36,13 +38,13 @@ class CapturedSky(NamedTuple):
     clipped: np.ndarray
 
     @property
-    def coverage(self):
+    def coverage(self) -> float:
         """Part of the sphere that was seen, in [0, 1]."""
         height, width = self.bound.shape[:2]
         return float(((self.bound + self.clipped).mean(axis=2) * row_solid_angles(height, width)).sum() / (4.0 * np.pi))
 
     @property
-    def clipped_share(self):
+    def clipped_share(self) -> float:
         """Part of what was seen that was clipped, in [0, 1]."""
         areas = row_solid_angles(*self.bound.shape[:2])
         seen = ((self.bound + self.clipped).mean(axis=2) * areas).sum()
@@ -60,15 +62,15 @@ class Measured(NamedTuple):
     depth: OpticalDepth | None = None
 
     @property
-    def foliage(self):
+    def foliage(self) -> NDArray[np.float32]:
         """(V,) float32: how far each vertex is of leaves or grass. All 0 for a scene that has no sky and is no thicket:
         splats of an object's contacts and gloss lie as leaves do, and a tabletop has a mean volume of 0.29."""
         thicket = len(self.vertex_volume) and self.vertex_volume.mean() > THICKET
         return self.vertex_volume if self.sky is not None or thicket else np.zeros_like(self.vertex_volume)
 
-    def save(self, path):
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write it as one file; the same contents give the same bytes."""
-        arrays = {
+        arrays: dict[str, Any] = {
             "splat_volume": _bytes(self.splat_volume),
             "vertex_volume": _bytes(self.vertex_volume),
         }
@@ -80,17 +82,17 @@ class Measured(NamedTuple):
         with open(path, "wb") as file:
             np.savez_compressed(file, **arrays)
 
-    def described(self):
+    def described(self) -> dict[str, Any]:
         """Dict for scene.json: the file and the figures of what is in it."""
-        told = {"file": FILE, "sky": None}
-        told["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
+        found: dict[str, Any] = {"file": FILE, "sky": None}
+        found["volume_share"] = round(float(self.vertex_volume.mean()), 4) if len(self.vertex_volume) else 0.0
         if self.sky is not None:
             coverage, clipped = self.sky.coverage, self.sky.clipped_share
-            told["sky"] = {"coverage": round(coverage, 4), "clipped_share": round(clipped, 4)}
-        return told
+            found["sky"] = {"coverage": round(coverage, 4), "clipped_share": round(clipped, 4)}
+        return found
 
     @classmethod
-    def load(cls, path, vertices):
+    def load(cls, path: str | os.PathLike[str], vertices: int) -> "Measured":
         """Raises InputError for a file that is damaged, or of another number of vertices."""
         try:
             arrays = load_arrays(path, LARGEST)
@@ -111,7 +113,7 @@ class Measured(NamedTuple):
             raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
 
 
-def texel_directions(height, width):
+def texel_directions(height: int, width: int) -> NDArray[np.float64]:
     """(H, W, 3) float64 unit directions of a lat-long picture's texels, scene frame."""
     latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
     longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
@@ -120,15 +122,15 @@ def texel_directions(height, width):
     return np.stack(parts, axis=-1)
 
 
-def row_solid_angles(height, width):
+def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
     """(H, 1) float64: solid angle of a texel of each row, in steradians."""
     edges = np.sin(np.pi * (0.5 - np.arange(height + 1) / height))
     return ((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None]
 
 
-def _bytes(values):
+def _bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
-def _shares(values):
+def _shares(values: NDArray[Any]) -> NDArray[np.float32]:
     return values.astype(np.float32) / np.float32(255.0)

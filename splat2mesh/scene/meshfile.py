@@ -19,9 +19,9 @@ from .mesh import Mesh, vertex_normals
 from .objmesh import read_obj, read_off
 from .plymesh import read_ply
 from .stlmesh import read_stl
-from .surfaces import Surface, centred, check_corners
+from .surfaces import UncheckedMesh, centred, check_corners
 
-READERS: dict[str, Callable[[Path], Surface]] = {
+READERS: dict[str, Callable[[Path], UncheckedMesh]] = {
     ".ply": read_ply,
     ".obj": read_obj,
     ".glb": read_gltf,
@@ -60,8 +60,8 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         return checked_mesh(reader(path), path)
 
 
-def checked_mesh(surface: Surface, path: str | os.PathLike[str]) -> Mesh:
-    """A Surface as a Mesh, all of it checked. Raises InputError for what cannot be lit."""
+def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
+    """An UncheckedMesh as a Mesh, all of it checked. Raises InputError for what cannot be lit."""
     points, faces, normals, colors, moved = surface
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")

@@ -8,14 +8,15 @@ import os
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.inputs import LARGEST_SMALL_FILE, file_size, inside
-from .surfaces import Surface, centred, fans, joined
+from .surfaces import UncheckedMesh, centred, fans, joined
 
 
-def read_obj(path: str | os.PathLike[str]) -> Surface:
-    """The Surface of an OBJ. Raises InputError for a line that makes no sense and for a corner that names nothing."""
+def read_obj(path: str | os.PathLike[str]) -> UncheckedMesh:
+    """Read an OBJ. Raises InputError for a line that makes no sense and for a corner that names nothing."""
     path = Path(path)
     parsed = _Parsed(path)
     corners, counts = np.array(parsed.corners, np.int64).reshape(-1, 3), np.array(parsed.counts, np.int64)
@@ -30,11 +31,20 @@ def read_obj(path: str | os.PathLike[str]) -> Surface:
     return _assembled(path, corners, counts, faces, mesh, formats, places, parsed)
 
 
-def _assembled(path, corners, counts, face_of_corner, mesh, formats, places, parsed):
+def _assembled(
+    path: Path,
+    corners: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    face_of_corner: NDArray[np.int64],
+    mesh: NDArray[np.int64],
+    formats: NDArray[np.int64],
+    places: tuple[NDArray[np.float64], NDArray[np.float64] | None],
+    parsed: "_Parsed",
+) -> UncheckedMesh:
     """Join the corners of each mesh that hold the same, mesh after mesh."""
     points, colors = places
     points, moved = centred(points)
-    texels, normals = (_padded(_loose(path, rows)) for rows in (parsed.texels, parsed.normals))
+    texels, normals = (_padded(_loose(rows)) for rows in (parsed.texels, parsed.normals))
     groups = np.zeros(len(counts), np.int64)
     groups[face_of_corner] = mesh
     # A mesh of one material is one for each kind of vertex in it: without normals first, as its pieces are.
@@ -61,11 +71,11 @@ def _assembled(path, corners, counts, face_of_corner, mesh, formats, places, par
         faces.append(fans(corner, each, path) + first)
         first += len(row)
     if not rows:
-        return Surface(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
+        return UncheckedMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
     row = np.concatenate(rows)
     named = normals[row[:, 2]] if parsed.normals else None
     colors = colors[row[:, 0]] if colors is not None else None
-    return Surface(points[row[:, 0]], np.concatenate(faces), named, colors, moved)
+    return UncheckedMesh(points[row[:, 0]], np.concatenate(faces), named, colors, moved)
 
 
 class _Parsed:
@@ -179,7 +189,7 @@ class _Parsed:
         return corner
 
 
-def _materials(path, parsed):
+def _materials(path: Path, parsed: _Parsed) -> NDArray[np.int64]:
     """For each face, the place of its material among those of the libraries, then those that no library has, in the
     order of their use. In a file with larger polygons all count as one."""
     if max(parsed.counts, default=3) > 3 or all(name is None for name in parsed.materials):
@@ -195,7 +205,7 @@ def _materials(path, parsed):
     return number[np.array(parsed.pieces, np.int64)]
 
 
-def _names_in(path, library):
+def _names_in(path: Path, library: str) -> list[str]:
     """Names of the materials of a library beside the file; none where it cannot be read, as it is not needed."""
     try:
         file = inside(path.parent, library, path)
@@ -208,7 +218,9 @@ def _names_in(path, library):
     return [" ".join(each[1:]) for each in words if each[:1] == ["newmtl"]]
 
 
-def _rows(path, rows, widths, kind):
+def _rows(
+    path: Path, rows: list[list[float]], widths: tuple[int, ...], kind: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
     """(N, 3) points of lines of 3 numbers, 4 with a weight, 6 or 7 with a colour; (N, 3) colours or None."""
     found = {len(row) for row in rows}
     if found - set(widths):
@@ -224,18 +236,18 @@ def _rows(path, rows, widths, kind):
     return points, colors / 255.0 if colors.max() > 1.0 else colors
 
 
-def _loose(path, rows):
+def _loose(rows: list[list[float]]) -> NDArray[np.float64]:
     """(N, 3) of rows of 1 to 3 numbers, the missing ones 0."""
     return np.array([[*row, 0.0, 0.0, 0.0][:3] for row in rows], np.float64).reshape(-1, 3)
 
 
-def _padded(rows):
+def _padded(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rows with one of zeros after the last, which is row -1."""
     return np.concatenate([rows, np.zeros((1, 3))])
 
 
-def read_off(path: str | os.PathLike[str]) -> Surface:
-    """The Surface of an OFF file, also with colours (COFF) or normals (NOFF, CNOFF), row by row."""
+def read_off(path: str | os.PathLike[str]) -> UncheckedMesh:
+    """The UncheckedMesh of an OFF file, also with colours (COFF) or normals (NOFF, CNOFF), row by row."""
     with open(path, encoding="latin-1") as file:
         lines = (line.partition("#")[0].split() for line in file)
         words = [line for line in lines if line]
@@ -262,4 +274,4 @@ def read_off(path: str | os.PathLike[str]) -> Surface:
     colors = table[:, -4:-1] if "C" in head else None
     if colors is not None and colors.max(initial=0.0) > 1.0:
         colors = colors / 255.0
-    return Surface(table[:, :3], triangles, normals, colors)
+    return UncheckedMesh(table[:, :3], triangles, normals, colors)

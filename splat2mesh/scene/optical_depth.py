@@ -1,8 +1,10 @@
 """How much of a ray's light leaves, grass and everything else take in a coarse cell of space: nested grids."""
 
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 MOST = 8.0
 """Optical depth of a cell that counts as opaque: 0.03% of the light is left."""
@@ -22,14 +24,14 @@ class OpticalDepth(NamedTuple):
     depth: np.ndarray
 
     @classmethod
-    def of_levels(cls, origins, cells, levels):
+    def of_levels(cls, origins: ArrayLike, cells: ArrayLike, levels: Sequence[NDArray[Any]]) -> "OpticalDepth":
         """From L lowest corners, sides of cells, and arrays (X, Y, Z), rounded as they are kept."""
         shapes = np.array([level.shape for level in levels], np.int64)
         starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int64)
         kept = _bytes(np.concatenate([level.ravel() for level in levels]))
         return cls(np.asarray(origins, np.float64), np.asarray(cells, np.float64), shapes, starts, _depths(kept))
 
-    def arrays(self):
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays to keep, small ones."""
         return {
             "depth_origins": self.origins,
@@ -39,7 +41,7 @@ class OpticalDepth(NamedTuple):
         }
 
     @classmethod
-    def restored(cls, arrays):
+    def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "OpticalDepth | None":
         """From what `arrays` gave, None where it is not among them. Raises ValueError for parts that do not fit."""
         if "depth_bytes" not in arrays:
             return None
@@ -52,10 +54,10 @@ class OpticalDepth(NamedTuple):
         return cls(origins, cells, shapes, starts, _depths(kept))
 
 
-def _bytes(depth):
+def _bytes(depth: NDArray[Any]) -> NDArray[np.uint8]:
     """By the square root: thin cells, of which a ray meets many, need the finer steps."""
     return np.rint(np.sqrt(np.clip(depth, 0.0, MOST) / MOST) * 255.0).astype(np.uint8)
 
 
-def _depths(kept):
+def _depths(kept: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.square(kept.astype(np.float32) / np.float32(255.0)) * np.float32(MOST)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..splats.formats.ply import Element, Ply
-from .surfaces import Surface, fans
+from .surfaces import UncheckedMesh, fans
 
 LISTS = ("vertex_indices", "vertex_index")
 
 
-def read_ply(path: str | os.PathLike[str]) -> Surface:
-    """The Surface of a PLY, row by row. Raises InputError for one that is damaged, cut short, or no mesh."""
+def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
+    """The UncheckedMesh of a PLY, row by row. Raises InputError for one that is damaged, cut short, or no mesh."""
     ply = Ply.open(path)
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     if not {"x", "y", "z"} <= names.keys() or "list" in names.values():
@@ -37,7 +37,7 @@ def read_ply(path: str | os.PathLike[str]) -> Surface:
     normals = columns("nx", "ny", "nz")
     if colors is not None:  # bytes by custom, 0 to 1 where they are not whole numbers
         colors = colors.astype(np.float64) / (1.0 if colors.dtype.kind == "f" else 255.0)
-    return Surface(np.asarray(points, np.float64), fans(corners, counts, path), normals, colors)
+    return UncheckedMesh(np.asarray(points, np.float64), fans(corners, counts, path), normals, colors)
 
 
 def _check(ply: Ply) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -76,7 +76,9 @@ def _numbers(body: NDArray[np.uint8]) -> NDArray[np.float64]:
             return np.zeros(0)
 
 
-def _ascii_lists(path, name, element, numbers, start, wanted):
+def _ascii_lists(
+    path: Path, name: str, element: Element, numbers: NDArray[np.float64], start: int, wanted: str | None
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
     kinds = np.array([kind == "list" for kind in element.properties.values()])
     which = list(element.properties).index(wanted) if wanted else -1
     # Every list takes a number at least, so that no header can announce more rows than could be there.
@@ -87,7 +89,7 @@ def _ascii_lists(path, name, element, numbers, start, wanted):
     if row < element.count:
         _cut_short(path, name, element, row)
     if wanted is None:
-        return None, None, end
+        return places[:0], counts[:0], end
     values = numbers[_spread(places, counts)]
     with np.errstate(invalid="ignore"):
         corners = values.astype(np.int64)
@@ -96,15 +98,17 @@ def _ascii_lists(path, name, element, numbers, start, wanted):
     return corners, counts, end
 
 
-def _binary_lists(ply, name, element, body, start, wanted):
-    layout = []
+def _binary_lists(
+    ply: Ply, name: str, element: Element, body: NDArray[np.uint8], start: int, wanted: str | None
+) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+    columns = []
     for key, kind in element.properties.items():
         length, item = element.lists.get(key, (None, kind))
         signed = length is not None and length[0] == "i"
         if length is not None and length[0] == "f":
             raise InputError(f"{ply.path}: a list of '{name}' counts its items in {length}: expected whole numbers")
-        layout.append((np.dtype(length).itemsize if length else 0, signed, np.dtype(item).itemsize))
-    layout = np.array(layout, np.int64)
+        columns.append((np.dtype(length).itemsize if length else 0, signed, np.dtype(item).itemsize))
+    layout = np.array(columns, np.int64)
     which = list(element.properties).index(wanted) if wanted else -1
     least = int(np.where(layout[:, 0] > 0, layout[:, 0], layout[:, 2]).sum())
     if element.count * least > len(body) - start:
@@ -114,19 +118,19 @@ def _binary_lists(ply, name, element, body, start, wanted):
     if row < element.count:
         _cut_short(ply.path, name, element, row)
     if wanted is None:
-        return None, None, end
-    item = np.dtype(ply.byte_order + element.lists[wanted][1])
-    each = _spread(places, counts, item.itemsize)
-    packed = body[(each[:, None] + np.arange(item.itemsize)).ravel()] if len(each) else np.zeros(0, np.uint8)
-    values = packed.view(item)
+        return places[:0], counts[:0], end
+    stored = np.dtype(ply.byte_order + element.lists[wanted][1])
+    each = _spread(places, counts, stored.itemsize)
+    packed = body[(each[:, None] + np.arange(stored.itemsize)).ravel()] if len(each) else np.zeros(0, np.uint8)
+    values = packed.view(stored)
     with np.errstate(invalid="ignore"):
         corners = values.astype(np.int64)
-    if item.kind == "f" and (corners != values).any():
+    if stored.kind == "f" and (corners != values).any():
         raise InputError(f"{ply.path}: a face names a vertex by a number that is not whole: export the mesh again")
     return corners, counts, end
 
 
-def _spread(places, counts, step=1):
+def _spread(places: NDArray[np.int64], counts: NDArray[np.int64], step: int = 1) -> NDArray[np.int64]:
     """Where each item of lists stands that begin at `places`: (sum of counts,) int64."""
     ends = np.cumsum(counts)
     within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
@@ -134,7 +138,14 @@ def _spread(places, counts, step=1):
 
 
 @numba.njit(cache=True)
-def _walk_numbers(numbers, start, kinds, which, places, counts):
+def _walk_numbers(
+    numbers: NDArray[np.float64],
+    start: int,
+    kinds: NDArray[np.bool_],
+    which: int,
+    places: NDArray[np.int64],
+    counts: NDArray[np.int64],
+) -> tuple[int, int]:
     """Rows that are all there, and where the last one ends."""
     for row in range(len(places)):
         for k in range(len(kinds)):
@@ -154,7 +165,15 @@ def _walk_numbers(numbers, start, kinds, which, places, counts):
 
 
 @numba.njit(cache=True)
-def _walk_bytes(body, start, layout, which, big, places, counts):
+def _walk_bytes(
+    body: NDArray[np.uint8],
+    start: int,
+    layout: NDArray[np.int64],
+    which: int,
+    big: bool,
+    places: NDArray[np.int64],
+    counts: NDArray[np.int64],
+) -> tuple[int, int]:
     """The same in bytes. layout: (properties, 3), bytes of a list's length (0: no list), its sign, bytes of an item."""
     for row in range(len(places)):
         for k in range(len(layout)):

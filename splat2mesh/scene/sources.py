@@ -101,7 +101,7 @@ def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
     return digest.hexdigest()
 
 
-def _entries(scene):
+def _entries(scene: Scene) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """What the scene keeps of its source, and of each object of its layout: dict, list (empty without a layout)."""
     source = scene.source
     if "sha256" not in source:
@@ -117,7 +117,7 @@ def _entries(scene):
     return own, entries
 
 
-def _entry(entry, chunks):
+def _entry(entry: dict[str, Any], chunks: int) -> dict[str, Any]:
     first, last = (int(end) for end in entry["chunks"])
     if not 0 <= first <= last <= chunks:
         raise ValueError(f"chunks {first} to {last} of {chunks}")
@@ -126,7 +126,7 @@ def _entry(entry, chunks):
     return {**texts, "lod": entry.get("lod", "auto"), "chunks": (first, last), "scene_from_splat": matrix}
 
 
-def _usual_places(entry, scene):
+def _usual_places(entry: dict[str, Any], scene: Scene) -> list[Path]:
     """Where the file may be when nobody names it, best first."""
     name = _own_name(entry)
     places = [Path(entry["path"])] if "path" in entry else []
@@ -135,20 +135,20 @@ def _usual_places(entry, scene):
     return [*places, Path.cwd() / name]
 
 
-def _in_folder(entry, folder, layout):
+def _in_folder(entry: dict[str, Any], folder: Path, layout: dict[str, Any]) -> list[Path]:
     """Where the file of an object may be below a folder that takes the place of the layout's, best first."""
     from_layout = os.path.relpath(entry["path"], Path(layout["path"]).parent)
     return [Path(os.path.normpath(folder / from_layout)), folder / _own_name(entry)]
 
 
-def _own_name(entry):
+def _own_name(entry: dict[str, Any]) -> Path:
     """A relative path that tells the file from others: with its folder where every SOG has the same name."""
     if entry["file"] in _SOG_METAS and "path" in entry:
         return Path(Path(entry["path"]).parent.name, entry["file"])
     return Path(entry["file"])
 
 
-def _find(entry, candidates, given):
+def _find(entry: dict[str, Any], candidates: list[Path], given: str | os.PathLike[str] | None) -> Path:
     """The first candidate that is the file of `entry`; InputError where none is."""
     existing, unreadable = [path for path in candidates if path.exists()], None
     for path in existing:
@@ -167,5 +167,5 @@ def _find(entry, candidates, given):
     raise InputError(f"{candidates[0]}, which this scene was made from, does not exist: {_advice(given)}")
 
 
-def _advice(given):
+def _advice(given: str | os.PathLike[str] | None) -> str:
     return "name the right one by `splat`" if given is None else "`splat` must name the unchanged one"

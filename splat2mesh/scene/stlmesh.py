@@ -4,11 +4,13 @@ same are joined, in the order of first use. Source: 3D Systems, "StereoLithograp
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
-from .surfaces import Surface, centred, joined
+from .surfaces import UncheckedMesh, centred, joined
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("color", "<u2")])
 _HEADER_BYTES, _COUNT_BYTES = 80, 4
@@ -20,8 +22,8 @@ _FACET_TEXT = re.compile(
 )
 
 
-def read_stl(path: str | os.PathLike[str]) -> Surface:
-    """The Surface of an STL. Raises InputError for one that is cut short or damaged."""
+def read_stl(path: str | os.PathLike[str]) -> UncheckedMesh:
+    """The UncheckedMesh of an STL. Raises InputError for one that is cut short or damaged."""
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES + _COUNT_BYTES)
@@ -36,7 +38,7 @@ def read_stl(path: str | os.PathLike[str]) -> Surface:
     raise InputError(f"{path}: broken or cut short: it announces {max(count, 0)} facets, there is room for {room}")
 
 
-def _binary(path, head, count):
+def _binary(path: str | os.PathLike[str], head: bytes, count: int) -> UncheckedMesh:
     facets = np.fromfile(path, _FACET, count, offset=len(head))
     valid = (facets["color"] & 0x8000) > 0
     colors = None
@@ -47,7 +49,7 @@ def _binary(path, head, count):
     return _joined(facets["corners"].reshape(-1, 3), np.repeat(facets["normal"], 3, axis=0), colors)
 
 
-def _ascii(path):
+def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
     data = Path(path).read_bytes()
     found = _FACET_TEXT.findall(data)
     told = len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
@@ -60,8 +62,8 @@ def _ascii(path):
     return _joined(numbers[:, 1:].reshape(-1, 3), np.repeat(numbers[:, 0], 3, axis=0), None)
 
 
-def _joined(points, normals, colors):
+def _joined(points: NDArray[Any], normals: NDArray[Any], colors: NDArray[Any] | None) -> UncheckedMesh:
     points, moved = centred(points.astype(np.float64))
     row, corner = joined(np.arange(len(points)), points, normals, colors)
     colors = None if colors is None else colors[row]
-    return Surface(points[row], corner.reshape(-1, 3), normals[row], colors, moved)
+    return UncheckedMesh(points[row], corner.reshape(-1, 3), normals[row], colors, moved)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.errors import DataWarning, InputError
 
 
-class Surface(NamedTuple):
+class UncheckedMesh(NamedTuple):
     """points: (V, 3) float64. faces: (F, 3) int64, each corner known to name a point. normals: (V, 3), or None; rows
     that are 0 or not finite are missing. colors: (V, 3) sRGB in [0, 1], or None."""
 

@@ -5,7 +5,7 @@ import numpy as np
 from .splats import Splats
 
 
-def joined(parts):
+def joined(parts: list[Splats]) -> Splats:
     """One Splats of all rows of several, part after part; lower degrees get harmonics of zero.
 
     parts: list of Splats, at least one. It is emptied on the way, so that the memory of a part which nobody else
@@ -17,16 +17,16 @@ def joined(parts):
     starts = np.cumsum([0, *map(len, parts)])
     total, coefficients = int(starts[-1]), max(part.sh.shape[1] for part in parts)
     # Pages of zeros are taken as they are written to: the whole grows while the parts go.
-    whole = Splats(
-        *(np.zeros((total, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (coefficients, 3))),
-        np.zeros(total, bool) if any(part.environment is not None for part in parts) else None,
-    )
+    shapes = {"means": (3,), "scales": (3,), "quats_wxyz": (4,), "opacities": (), "sh": (coefficients, 3)}
+    environment = np.zeros(total, bool) if any(part.environment is not None for part in parts) else None
+    arrays = (np.zeros((total, *shape), np.float32) for shape in shapes.values())
+    whole = Splats(**dict(zip(shapes, arrays, strict=True)), environment=environment)
     while parts:
         part = parts.pop()
         rows = slice(int(starts[len(parts)]), int(starts[len(parts) + 1]))
         for name in ("means", "scales", "quats_wxyz", "opacities"):
             getattr(whole, name)[rows] = getattr(part, name)
         whole.sh[rows, : part.sh.shape[1]] = part.sh
-        if part.environment is not None:
+        if whole.environment is not None and part.environment is not None:
             whole.environment[rows] = part.environment
     return whole

@@ -1,6 +1,9 @@
 """Splats made fewer: neighbours become one that has their mean, spread, colour and cover."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from .splats import FLATTEST, Splats
 
@@ -20,7 +23,7 @@ def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     starts = np.arange(0, len(splats), together)
     group = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, len(splats))))
 
-    def sums(values):
+    def sums(values: NDArray[Any]) -> NDArray[Any]:
         return np.add.reduceat(values, starts, axis=0)
 
     area = np.sort(splats.scales.astype(np.float64), axis=1)[:, 1:].prod(axis=1)

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
-from .splats import sh_basis_3dgs
+from .splats import Splats, sh_basis_3dgs
 
 SAME = 1e-6
 """Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
@@ -14,7 +16,11 @@ SAME = 1e-6
 _BLOCK = 65536
 
 
-def similarity(scale=1.0, rotation=None, translation=(0.0, 0.0, 0.0)):
+def similarity(
+    scale: float = 1.0,
+    rotation: ArrayLike | None = None,  # (3, 3)
+    translation: ArrayLike = (0.0, 0.0, 0.0),
+) -> NDArray[np.float64]:
     """The (4, 4) float64 matrix of p -> scale * rotation @ p + translation; rotation: (3, 3), none by default."""
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
@@ -22,7 +28,7 @@ def similarity(scale=1.0, rotation=None, translation=(0.0, 0.0, 0.0)):
     return matrix
 
 
-def parts_of(matrix):
+def parts_of(matrix: ArrayLike) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Scale, (3, 3) rotation and (3,) translation, float64, of a (4, 4) similarity transform.
 
     Raises InputError for a matrix that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat
@@ -46,7 +52,7 @@ def parts_of(matrix):
     return float(scale), linear / scale, matrix[:3, 3]
 
 
-def placed(splats, matrix):
+def placed(splats: Splats, matrix: ArrayLike) -> Splats:
     """Splats seen in another frame, row by row: each looks there from everywhere as it did before.
 
     matrix: (4, 4) similarity, new_from_old. Rows that are not finite stay so.
@@ -66,7 +72,7 @@ def placed(splats, matrix):
         )
 
 
-def placed_mesh(mesh, matrix):
+def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
     """A Mesh in another frame: matrix (4, 4) similarity, new_from_old. Raises InputError for any other."""
     scale, rotation, translation = parts_of(matrix)
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
@@ -74,7 +80,7 @@ def placed_mesh(mesh, matrix):
     return replace(mesh, vertices=vertices.astype(np.float32), normals=normals.astype(np.float32))
 
 
-def sh_rotation_3dgs(rotation, degree):
+def sh_rotation_3dgs(rotation: ArrayLike, degree: int) -> NDArray[np.float64]:
     """The (K, K) float64 matrix M that turns coefficients with the signs of 3DGS by a (3, 3) rotation R.
 
     M c are the coefficients of f(R^-1 d) when c are those of f(d). M_ij is the integral of Y_i(R d) Y_j(d), which
@@ -90,7 +96,7 @@ def sh_rotation_3dgs(rotation, degree):
 
 
 @lru_cache
-def _quadrature(degree):
+def _quadrature(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (N, 3) and weights (N,) that integrate products of two functions of the degree."""
     z, weight = np.polynomial.legendre.leggauss(degree + 1)
     steps = 2 * degree + 1
@@ -101,7 +107,7 @@ def _quadrature(degree):
     return directions, np.repeat(weight * (2 * np.pi / steps), steps)
 
 
-def _turned(sh, matrix):
+def _turned(sh: NDArray[np.float32], matrix: NDArray[np.float64]) -> NDArray[np.float32]:
     """(N, K, 3) coefficients turned; the constant ones keep every bit."""
     turned = sh.copy()
     for start in range(0, len(sh), _BLOCK):
@@ -110,18 +116,18 @@ def _turned(sh, matrix):
     return turned
 
 
-def _quat_wxyz(rotation):
+def _quat_wxyz(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(rotation).as_quat()[[3, 0, 1, 2]]
 
 
-def _times(first, second):
+def _times(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quaternion products: first (4,), second (N, 4), wxyz -> (N, 4)."""
     w, x, y, z = first
     matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return second @ matrix.T
 
 
-def _text(values):
+def _text(values: ArrayLike) -> str:
     return " ".join(f"{value:g}" for value in np.ravel(values))

@@ -1,9 +1,12 @@
 """Gaussian splats as arrays, their colours, and the removal of those that cannot be used."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import DataWarning, InputError
 
@@ -49,7 +52,7 @@ class Splats:
     sh: np.ndarray
     environment: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in NUMBERS:
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
         n = self.opacities.shape[0] if self.opacities.ndim == 1 else "N"
@@ -70,26 +73,27 @@ class Splats:
             )
         object.__setattr__(self, "quats_wxyz", _unit(self.quats_wxyz))
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.means)
 
     @property
-    def degree(self):
+    def degree(self) -> int:
         """Degree of the colour's spherical harmonics: 0 to 3."""
         return DEGREE_OF_COEFFICIENTS[self.sh.shape[1]]
 
-    def take(self, rows):
+    def take(self, rows: slice | NDArray[Any]) -> "Splats":
         """The splats at `rows`: indices, a slice, or an (N,) boolean mask."""
-        return Splats(*(None if value is None else value[rows] for value in self._values()))
+        values: list[Any] = [None if value is None else value[rows] for value in self._values()]
+        return Splats(*values)
 
-    def _values(self):
+    def _values(self) -> list[Any]:
         return [getattr(self, field.name) for field in fields(self)]
 
-    def in_spatial_order(self):
+    def in_spatial_order(self) -> "Splats":
         """The same splats along a Z-order curve: neighbours in space are neighbours in memory. Needs finite means."""
         return self.take(self.spatial_order())
 
-    def spatial_order(self):
+    def spatial_order(self) -> NDArray[np.int64]:
         """Rows along a Z-order curve, (N,) int64.
 
         Training leaves splats in no order at all, and whoever then picks them by depth waits for memory: in millions
@@ -102,7 +106,7 @@ class Splats:
         keys.sort()
         return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
 
-    def rotation_matrices(self):
+    def rotation_matrices(self) -> NDArray[np.float32]:
         """(N, 3, 3) float32 world_from_splat; column i is the world direction of the splat's axis i."""
         w, x, y, z = self.quats_wxyz.T
         rows = (
@@ -112,17 +116,17 @@ class Splats:
         )
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
-    def covariances(self):
+    def covariances(self) -> NDArray[np.float32]:
         """(N, 3, 3) float32 world covariances R diag(scales^2) R^T, exactly symmetric."""
         half = self.rotation_matrices() * self.scales[:, None, :]
         return np.einsum("nik,njk->nij", half, half)
 
     @property
-    def colors_diffuse(self):
+    def colors_diffuse(self) -> NDArray[Any]:
         """(N, 3) float32 sRGB without view dependence: C0 dc + 1/2, not clipped."""
         return SH_C0 * self.sh[:, 0] + np.float32(0.5)
 
-    def colors_toward(self, eye):
+    def colors_toward(self, eye: ArrayLike) -> NDArray[Any]:
         """Colours as seen from a point: (3,) world -> (N, 3) float32 sRGB, at least 0.
 
         The harmonics are evaluated in the direction from the eye to each centre, as the 3DGS rasteriser does.
@@ -139,7 +143,7 @@ class Splats:
         return np.maximum(colors, 0, out=colors)
 
 
-def sh_basis_3dgs(directions, degree):
+def sh_basis_3dgs(directions: NDArray[Any], degree: int) -> NDArray[Any]:
     """Real orthonormal spherical harmonics with the signs of 3DGS files, (-1)^m.
 
     directions: (N, 3) unit vectors. degree: 0 to 3. Returns (N, (degree + 1)^2) in the dtype of `directions`,
@@ -160,7 +164,7 @@ def sh_basis_3dgs(directions, degree):
     return np.stack(basis, axis=-1)
 
 
-def usable(splats):
+def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Which splats `clean` keeps, (N,) bool, and the dict of its counts."""
     values = [getattr(splats, name).reshape(len(splats), -1) for name in NUMBERS]
     finite = np.logical_and.reduce([np.isfinite(value).all(axis=1) for value in values])
@@ -180,7 +184,7 @@ def usable(splats):
     return keep, counts
 
 
-def clean(splats):
+def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:
     """Drop the splats that cannot be used: returns (Splats, dict of counts).
 
     Dropped, each counted once: `non_finite` (a NaN or an infinity in any field), `absurd` (a coordinate or
@@ -207,7 +211,7 @@ def clean(splats):
     return _thickened(kept), counts
 
 
-def _thickened(splats):
+def _thickened(splats: Splats) -> Splats:
     flat = (splats.scales == 0).any(axis=1)
     if not flat.any():
         return splats
@@ -216,7 +220,7 @@ def _thickened(splats):
     return replace(splats, scales=scales)
 
 
-def _unit(vectors):
+def _unit(vectors: NDArray[Any]) -> NDArray[Any]:
     """Rows at unit length; zero rows stay zero, rows already unit to float32 rounding keep every bit."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
@@ -226,12 +230,12 @@ def _unit(vectors):
         return vectors / np.where(off & (length > 0), length, np.float32(1))[:, None]
 
 
-def _bits_apart(values):
+def _bits_apart(values: NDArray[Any]) -> NDArray[Any]:
     """Ten-bit integers with two zeros before each bit: any shape uint64, 0b11 becomes 0b1001."""
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         values = (values | values << shift) & mask
     return values
 
 
-def _text(shape):
+def _text(shape: Sequence[int | str]) -> str:
     return "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"

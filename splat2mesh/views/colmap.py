@@ -1,16 +1,23 @@
 """Cameras of a COLMAP model, the frame that INRIA's training keeps. Source: colmap.github.io, "Output Format".
 
-Read here rather than by COLMAP's own library, which ends the process over a damaged file.
+Read here rather than by COLMAP's own library, which does not return from a file that is cut short, and takes 140 MB
+(`docs/decisions.md`).
 """
 
+import os
 import struct
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.inputs import file_size, reading
 from ..render.view import View
+
+_Camera: TypeAlias = tuple[int, int, int, tuple[float, ...]]  # focal lengths, width, height, numbers
+_Image: TypeAlias = tuple[int, list[float], list[float]]  # camera, quaternion w x y z, translation
 
 _MODELS = {
     **{0: ("SIMPLE_PINHOLE", 1, 3), 1: ("PINHOLE", 2, 4), 2: ("SIMPLE_RADIAL", 1, 4), 3: ("RADIAL", 1, 5)},
@@ -23,23 +30,36 @@ _BY_NAME = {name: (focals, count) for name, focals, count in _MODELS.values()}
 _POINT_BYTES = 24  # of a keypoint: x, y, and the point that it shows
 
 
-def is_colmap(folder):
-    """Whether a folder holds a COLMAP model."""
+def is_colmap(folder: Path) -> bool:
+    """Tell whether a folder holds a COLMAP model."""
     return any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin"))
 
 
-def read_colmap(folder):
-    """Views of a COLMAP model (text or binary), in the order of their image ids.
+def read_colmap(folder: str | os.PathLike[str]) -> list[View]:
+    """Read the cameras of a COLMAP model, text or binary.
 
-    folder: holds files of cameras and images. Lens distortion is ignored: the focal lengths and the principal point of
-    each camera are kept. Raises InputError for a folder whose files are damaged or that holds no posed image.
+    Parameters
+    ----------
+    folder : path
+        Holds the files of cameras and images. What else a model holds is not read.
+
+    Returns
+    -------
+    list of View
+        In the order of their image ids, in the frame of the model. Lens distortion is ignored: the focal lengths and
+        the principal point of each camera are kept.
+
+    Raises
+    ------
+    InputError
+        For a folder whose files are damaged or that holds no posed image.
     """
     folder = Path(folder)
     if not is_colmap(folder):
         raise InputError(f"{folder}: not a COLMAP model; expected cameras.bin or cameras.txt, as in sparse/0")
     binary = (folder / "cameras.bin").is_file()
     suffix, cameras_of, images_of = (".bin", _cameras, _images) if binary else (".txt", _text_cameras, _text_images)
-    found = []
+    found: list[Any] = []
     for name, parse in (("cameras", cameras_of), ("images", images_of)):
         file = folder / f"{name}{suffix}"
         file_size(file, "part of the COLMAP model")
@@ -61,7 +81,9 @@ def read_colmap(folder):
     return views
 
 
-def _picture(folder, number, focals, width, height, numbers):
+def _picture(
+    folder: Path, number: int, focals: int, width: int, height: int, numbers: tuple[float, ...]
+) -> tuple[int, int, float, float, float, float]:
     """(width, height, fx, fy, cx, cy). Raises InputError for a camera that takes no picture."""
     fx, fy, (cx, cy) = numbers[0], numbers[focals - 1], numbers[focals : focals + 2]
     if not (0 < width < 2**31 and 0 < height < 2**31 and np.isfinite(numbers[: focals + 2]).all() and min(fx, fy) > 0):
@@ -70,7 +92,7 @@ def _picture(folder, number, focals, width, height, numbers):
     return width, height, fx, fy, cx, cy
 
 
-def _pose(quat_wxyz, place):
+def _pose(quat_wxyz: list[float], place: list[float]) -> NDArray[np.float64]:
     w, x, y, z = np.array(quat_wxyz) / np.linalg.norm(quat_wxyz)
     matrix = np.eye(4)
     matrix[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
@@ -80,9 +102,9 @@ def _pose(quat_wxyz, place):
     return matrix
 
 
-def _cameras(data):
-    """id -> (focal lengths, width, height, numbers)."""
-    (count,), at, found = struct.unpack_from("<Q", data), 8, {}
+def _cameras(data: bytes) -> dict[int, _Camera]:
+    (count,), at = struct.unpack_from("<Q", data), 8
+    found: dict[int, _Camera] = {}
     for _ in range(count):  # ends with an error where the data does
         number, model, width, height = struct.unpack_from("<IiQQ", data, at)
         _, focals, numbers = _MODELS[model]
@@ -91,9 +113,9 @@ def _cameras(data):
     return found
 
 
-def _images(data):
-    """id -> (id of the camera, quaternion w x y z, translation), camera from world."""
-    (count,), at, found = struct.unpack_from("<Q", data), 8, {}
+def _images(data: bytes) -> dict[int, _Image]:
+    (count,), at = struct.unpack_from("<Q", data), 8
+    found: dict[int, _Image] = {}
     for _ in range(count):
         number, *pose, camera = struct.unpack_from("<I7dI", data, at)
         at = data.index(b"\0", at + 64) + 1
@@ -105,7 +127,7 @@ def _images(data):
     return found
 
 
-def _text_cameras(data):
+def _text_cameras(data: bytes) -> dict[int, _Camera]:
     found = {}
     for line in data.decode().splitlines():
         words = line.split()
@@ -118,8 +140,9 @@ def _text_cameras(data):
     return found
 
 
-def _text_images(data):
-    found, lines = {}, iter(data.decode().splitlines())
+def _text_images(data: bytes) -> dict[int, _Image]:
+    found: dict[int, _Image] = {}
+    lines = iter(data.decode().splitlines())
     for line in lines:
         words = line.split()
         if words and words[0][0] != "#":

@@ -6,13 +6,19 @@ which then are 0 and 1.
 Source: PlayCanvas engine, gsplat-compressed-data.
 """
 
+import os
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.outputs import staged_file
 from ..splats import Splats
 from .encoding import color_from_sh, hide_unusable, levels, restore_largest, sh_from_color, smallest_three, warn_clipped
 from .inria import coefficients, gather, rest_columns
+from .ply import Ply
 
 CHUNK_SPLATS = 256
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
@@ -21,14 +27,14 @@ _LARGEST_SH = 4.0  # the harmonics' bytes are 256 cells over [-4, 4]
 _LARGEST_SCALE_LOG = 20.0  # PlayCanvas clips there, lest one flat splat coarsen the scales of its whole chunk
 
 
-def read(ply):
+def read(ply: Ply) -> Splats:
     """Splats of an opened Ply with a `chunk` element. Raises InputError when parts are missing or short."""
     chunk, vertex = ply.elements["chunk"], ply.elements.get("vertex")
     color_bounded = "min_r" in chunk.properties
     bounded = [f"{end}_{a}" for end in ("min", "max") for a in _POSITION + _SCALE + _COLOR * color_bounded]
     missing = [name for name in bounded if name not in chunk.properties]
     missing += [name for name in _PACKED if vertex is None or vertex.properties.get(name) != "u4"]
-    if missing:
+    if vertex is None or missing:
         raise InputError(f"{ply.path} is no compressed splat PLY: it lacks {', '.join(missing)}")
     if vertex.count == 0:
         raise InputError(f"{ply.path} holds no splats: its vertex element has 0 rows")
@@ -51,7 +57,7 @@ def read(ply):
     )
 
 
-def write(path, splats):
+def write(path: str | os.PathLike[str], splats: Splats) -> None:
     """Write a compressed PLY (little-endian), row i being splat i; the file appears only once it is complete.
 
     A chunk takes 256 successive rows, so steps are as fine as these are close together: a file that was one keeps its
@@ -65,7 +71,8 @@ def write(path, splats):
         (_SCALE, np.minimum(scale_log, _LARGEST_SCALE_LOG), (11, 10, 11)),
         (_COLOR, color_from_sh(splats.sh[:, 0]), (8, 8, 8)),
     ]
-    bounds, fields = {}, []
+    bounds: dict[str, NDArray[np.float32]] = {}
+    fields = []
     for names, values, bits in groups:
         low, high = _chunk_bounds(values, usable)
         for end, corner in (("min", low), ("max", high)):
@@ -80,7 +87,7 @@ def write(path, splats):
         _packed(scale, (11, 10, 11)),
         _packed([*color, levels(splats.opacities, 8)], (8, 8, 8, 8)),
     )
-    parts = [
+    parts: list[tuple[str, str, Sequence[str], NDArray[Any]]] = [
         ("chunk", "float", list(bounds), np.stack(list(bounds.values()), axis=1).astype("<f4")),
         ("vertex", "uint", _PACKED, np.stack(packed, axis=1).astype("<u4")),
     ]
@@ -90,22 +97,23 @@ def write(path, splats):
         cells = np.clip(np.floor((rest + _LARGEST_SH) * (128 / _LARGEST_SH)), 0, 255).astype("u1")
         parts.append(("sh", "uchar", [f"f_rest_{i}" for i in range(cells.shape[1])], cells))
     header = ["ply", "format binary_little_endian 1.0"]
-    for element, kind, names, rows in parts:
-        header += [f"element {element} {len(rows)}", *(f"property {kind} {name}" for name in names)]
+    for element, kind, properties, rows in parts:
+        header += [f"element {element} {len(rows)}", *(f"property {kind} {name}" for name in properties)]
     with staged_file(path) as staging, open(staging, "wb") as file:
         file.write("\n".join([*header, "end_header\n"]).encode())
         for _, _, _, rows in parts:
             file.write(rows.tobytes())
 
 
-def _chunk_bounds(values, usable):
+def _chunk_bounds(values: NDArray[Any], usable: NDArray[np.bool_]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Lowest and highest corners of the usable rows of each chunk: (N, 3) -> two (chunks, 3) float32, 0 where none."""
     values = np.where(usable[:, None], values, np.nan).astype(np.float32)
     starts = np.arange(0, len(values), CHUNK_SPLATS)
-    return tuple(np.nan_to_num(pick.reduceat(values, starts), nan=0.0) for pick in (np.fmin, np.fmax))
+    low, high = (np.nan_to_num(pick.reduceat(values, starts), nan=0.0) for pick in (np.fmin, np.fmax))
+    return low, high
 
 
-def _shares(values, low, high):
+def _shares(values: NDArray[Any], low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float64]:
     """Where rows lie between the corners of their chunks: (N, 3) float64, 0 where a chunk has no extent."""
     chunk = np.arange(len(values)) // CHUNK_SPLATS
     low, high = low.astype(np.float64), high.astype(np.float64)
@@ -113,7 +121,7 @@ def _shares(values, low, high):
     return (values - low[chunk]) / extent[chunk]
 
 
-def _packed(fields, bits):
+def _packed(fields: Sequence[NDArray[np.uint32]], bits: Sequence[int]) -> NDArray[np.uint32]:
     """Bit fields, highest first, in one number a row: the inverse of `_fractions`, (N,) uint32."""
     packed = np.zeros_like(fields[0])
     for field, width in zip(fields, bits, strict=True):
@@ -121,7 +129,7 @@ def _packed(fields, bits):
     return packed
 
 
-def _stretch(fractions, bounds, names):
+def _stretch(fractions: NDArray[np.float32], bounds: NDArray[Any], names: Sequence[str]) -> NDArray[np.float32]:
     """Turn (N, 3) fractions, in place, into values between the bounds of the chunk of each row."""
     chunk = np.arange(len(fractions)) // CHUNK_SPLATS
     for column, name in zip(fractions.T, names, strict=True):
@@ -131,7 +139,7 @@ def _stretch(fractions, bounds, names):
     return fractions
 
 
-def _fractions(packed, bits):
+def _fractions(packed: NDArray[np.uint32], bits: Sequence[int]) -> NDArray[np.float32]:
     """Bit fields, highest first, as shares of their maxima: (N,) uint32 -> (N, fields) float32."""
     fractions, shift = np.zeros((len(packed), len(bits)), np.float32), 32
     for i, width in enumerate(bits):
@@ -141,12 +149,12 @@ def _fractions(packed, bits):
     return fractions
 
 
-def _quats_wxyz(packed):
+def _quats_wxyz(packed: NDArray[np.uint32]) -> NDArray[np.float32]:
     small = (_fractions(packed, (2, 10, 10, 10))[:, 1:] - 0.5) * np.float32(np.sqrt(2))
     return restore_largest(small, packed >> 30)
 
 
-def _with_rest(ply, dc):
+def _with_rest(ply: Ply, dc: NDArray[np.float32]) -> NDArray[np.float32]:
     """Join the constant coefficients and those of the `sh` element: (N, 3) -> (N, K, 3)."""
     if "sh" not in ply.elements:
         return dc[:, None]

@@ -15,7 +15,7 @@ from .encoding import sh_from_color
 _RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat_wxyz", "u1", 4)])
 
 
-def read(path):
+def read(path: str | os.PathLike[str]) -> Splats:
     """Splats of a `.splat` file. Raises InputError when it cannot be one; warns about half a record."""
     count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
     if count == 0:

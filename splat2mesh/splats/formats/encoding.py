@@ -1,8 +1,11 @@
 """Encodings that several formats share: opacity logits, colours as coefficients, packed quaternions."""
 
+import os
 import warnings
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import DataWarning
 from ..splats import ABSURD_LENGTH, SH_C0, Splats
@@ -10,29 +13,29 @@ from ..splats import ABSURD_LENGTH, SH_C0, Splats
 _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 
 
-def sigmoid(logits):
+def sigmoid(logits: NDArray[Any]) -> NDArray[Any]:
     """Opacities in [0, 1] of logits, any shape; infinite logits give exactly 0 and 1, NaN stays NaN."""
     return 1 / (1 + np.exp(-logits))
 
 
-def logit(opacities):
+def logit(opacities: ArrayLike) -> NDArray[np.float64]:
     """Finite float64 logits of opacities in [0, 1], any shape; 0 and 1 count as their neighbours."""
     info = np.finfo(np.float32)
     p = np.clip(np.asarray(opacities, np.float64), info.tiny, 1 - info.epsneg)
     return np.log(p) - np.log1p(-p)
 
 
-def sh_from_color(color_srgb):
+def sh_from_color(color_srgb: NDArray[Any]) -> NDArray[np.float32]:
     """The constant coefficient whose colour is `color_srgb`: any shape in, same shape float32 out."""
     return ((color_srgb - 0.5) / SH_C0).astype(np.float32)
 
 
-def color_from_sh(dc):
+def color_from_sh(dc: ArrayLike) -> NDArray[np.float64]:
     """The colour of a constant coefficient, sRGB and not clipped: any shape in, same shape float64 out."""
     return np.asarray(dc, np.float64) * SH_C0 + 0.5
 
 
-def restore_largest(small, largest):
+def restore_largest(small: NDArray[Any], largest: NDArray[Any]) -> NDArray[np.float32]:
     """Unit quaternions from their three smaller components ("smallest three").
 
     small: (N, 3) the components that are left, in their order. largest: (N,) integer 0..3, the place of the
@@ -46,7 +49,7 @@ def restore_largest(small, largest):
     return quats
 
 
-def smallest_three(quats):
+def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
     """What `restore_largest` takes, of unit quaternions: (N, 4) -> small (N, 3), largest (N,).
 
     The sign is chosen such that the component left out is positive; of equal ones the first is left out.
@@ -57,13 +60,13 @@ def smallest_three(quats):
     return sign * np.take_along_axis(quats, places, axis=1), largest
 
 
-def levels(fractions, bits):
+def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
     """Shares of a range, any shape, as the nearest of 2^bits levels: uint32; those outside [0, 1] count as its ends."""
     limit = (1 << bits) - 1
     return np.rint(np.clip(fractions, 0, 1) * limit).astype(np.uint32)
 
 
-def hide_unusable(splats, path):
+def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats, NDArray[np.bool_]]:
     """Splats of the same number whose every value a quantised format can hold, and which rows were usable: (N,) bool.
 
     Rows that no renderer draws (a value that is not finite, a length beyond ABSURD_LENGTH, no extent, a zero
@@ -88,7 +91,7 @@ def hide_unusable(splats, path):
     return Splats(means, scales, np.where(usable[:, None], splats.quats_wxyz, _IDENTITY_WXYZ), opacities, sh), usable
 
 
-def warn_clipped(clipped, path, what):
+def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what: str) -> None:
     """Count, in one DataWarning, the rows of `clipped`, (N, ...) bool, whose values a format cannot hold."""
     rows = np.count_nonzero(clipped.reshape(len(clipped), -1).any(axis=1))
     if rows:

@@ -5,13 +5,18 @@ length). f_rest is channel-major: all of red, then green, then blue. A 2DGS file
 Source: Kerbl et al., "3D Gaussian Splatting for Real-Time Radiance Field Rendering" (2023), code release.
 """
 
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.outputs import staged_file
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import logit, sigmoid
-from .ply import blocks
+from .ply import Ply, blocks
 
 # A 2DGS surfel has no thickness. This share of its shorter axis looks flat and keeps its covariance well
 # inside float32: the variances differ by a factor of 1e-4, the rounding is 6e-8.
@@ -22,7 +27,7 @@ _REQUIRED += ["rot_0", "rot_1", "rot_2", "rot_3"]
 _BLOCK = 8192
 
 
-def read(ply, part=None):
+def read(ply: Ply, part: slice | None = None) -> Splats:
     """Splats of an opened Ply, all or a slice of its rows. Raises InputError when it is a mesh, a point cloud, empty or
     cut short."""
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
@@ -48,7 +53,7 @@ def read(ply, part=None):
     return Splats(means, scales, quats, sigmoid(opacity_logit), sh)
 
 
-def write_inria_ply(path, splats, normals=None):
+def write_inria_ply(path: str | os.PathLike[str], splats: Splats, normals: NDArray[Any] | None = None) -> None:
     """Write an INRIA PLY (little-endian float32); the file appears under its name only once it is complete.
 
     normals: (N, 3) for `nx ny nz`, which mean nothing to most programs; zeros without.
@@ -59,12 +64,12 @@ def write_inria_ply(path, splats, normals=None):
             file.write(block)
 
 
-def inria_ply_bytes(splats):
+def inria_ply_bytes(splats: Splats) -> bytes:
     """The file that `write_inria_ply` writes."""
     return b"".join(_blocks(splats))
 
 
-def _blocks(splats, normals=None):
+def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[bytes]:
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += [f"f_rest_{i}" for i in range(3 * (splats.sh.shape[1] - 1))]
     names += ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
@@ -76,7 +81,7 @@ def _blocks(splats, normals=None):
         yield _packed(splats.take(rows), None if normals is None else normals[rows]).tobytes()
 
 
-def coefficients(path, names):
+def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> int:
     """Coefficients per channel, K, that the f_rest_* among `names` make up; InputError if none fits."""
     rest = {name for name in names if name.startswith("f_rest_")}
     k = 1 + len(rest) // 3
@@ -85,13 +90,13 @@ def coefficients(path, names):
     return k
 
 
-def rest_columns(sh):
+def rest_columns(sh: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
     """Where each f_rest_* belongs: dict of name -> (N,) view into sh (N, K, 3)."""
     rest = sh.shape[1] - 1
     return {f"f_rest_{c * rest + j}": sh[:, 1 + j, c] for c in range(3) for j in range(rest)}
 
 
-def gather(rows, columns):
+def gather(rows: NDArray[Any], columns: Mapping[str, NDArray[np.float32]]) -> None:
     """Copy fields of a structured array into float32 columns, block by block.
 
     rows: (N,) structured, as `Ply.rows` gives them. columns: dict of field name -> (N,) array to fill.
@@ -101,7 +106,7 @@ def gather(rows, columns):
             column[start : start + len(block)] = block[name]
 
 
-def _packed(splats, normals):
+def _packed(splats: Splats, normals: NDArray[Any] | None) -> NDArray[np.float32]:
     n = len(splats)
     rest = splats.sh[:, 1:].swapaxes(1, 2).reshape(n, -1)
     scale_log = np.log(np.maximum(splats.scales, np.finfo(np.float32).tiny))
@@ -110,7 +115,7 @@ def _packed(splats, normals):
     return np.hstack(columns).astype("<f4")
 
 
-def _explain(ply, names, missing):
+def _explain(ply: Ply, names: Mapping[str, str], missing: list[str]) -> str:
     faces = sum(ply.elements[name].count for name in ("face", "tristrips") if name in ply.elements)
     if faces:
         return f"{ply.path} is a mesh ({faces} faces), not a Gaussian splat: relight takes mesh files directly"

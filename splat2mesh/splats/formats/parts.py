@@ -1,5 +1,6 @@
 """What a splat path stands for: one file, a folder of tiles, or one level of a streamed SOG."""
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,21 +25,21 @@ class Parts:
     the splats of every level; None and () where there are no levels.
     """
 
-    tiles: tuple
-    counts: tuple
+    tiles: tuple[Path, ...]
+    counts: tuple[int | None, ...]
     environment: Path | None = None
     described_by: Path | None = None
     level: int | None = None
-    level_counts: tuple = ()
+    level_counts: tuple[int, ...] = ()
 
     @property
-    def files(self):
+    def files(self) -> tuple[Path, ...]:
         """Everything that is read, in its order."""
         described, surroundings = (() if path is None else (path,) for path in (self.described_by, self.environment))
         return (*described, *self.tiles, *surroundings)
 
 
-def parts_of(path, lod="auto"):
+def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
     """The Parts of a splat path.
 
     path: a splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, or of tiles, which are its
@@ -53,15 +54,15 @@ def parts_of(path, lod="auto"):
         capture = streamed.open_streamed(path)
         level = capture.level(lod)
         capture.check_tiles(level)
-        tiles = capture.tiles[level]
-        return Parts(tuple(tiles), tuple(tiles.values()), capture.environment, path, level, capture.counts)
+        counted = capture.tiles[level]
+        return Parts(tuple(counted), tuple(counted.values()), capture.environment, path, level, capture.counts)
     if lod != "auto":
         raise InputError(f"`lod` {lod}: {path} has no levels of detail, which only a streamed SOG has")
     tiles = (path,) if not path.is_dir() or (path / sog.META).is_file() else _tiles_in(path)
     return Parts(tiles, (None,) * len(tiles))
 
 
-def _tiles_in(folder):
+def _tiles_in(folder: Path) -> tuple[Path, ...]:
     found = sorted(folder.iterdir(), key=lambda entry: entry.name)
     tiles = [entry for entry in found if entry.suffix.lower() in SUFFIXES and entry.is_file()]
     bundles = [entry for entry in found if entry.is_dir() and (entry / sog.META).is_file()]

@@ -8,10 +8,13 @@ import itertools
 import os
 import sys
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import DataWarning, InputError
 from ...base.inputs import file_size
@@ -33,15 +36,15 @@ class Element:
     """
 
     count: int
-    properties: dict
-    lists: dict = field(default_factory=dict)
+    properties: dict[str, str]
+    lists: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     @property
-    def has_lists(self):
+    def has_lists(self) -> bool:
         return "list" in self.properties.values()
 
     @property
-    def row_bytes(self):
+    def row_bytes(self) -> int:
         return sum(np.dtype(code).itemsize for code in self.properties.values())
 
 
@@ -52,13 +55,16 @@ class Ply:
     elements: dict of name -> Element, in file order. body: byte offset of the first row.
     """
 
-    def __init__(self, path, format, elements, body):
+    def __init__(self, path: Path, format: str, elements: dict[str, Element], body: int) -> None:
         self.path, self.format, self.elements, self.body = path, format, elements, body
 
     @classmethod
-    def open(cls, path):
+    def open(cls, path: str | os.PathLike[str]) -> "Ply":
         """Read the header of `path`. Raises InputError for a header that is malformed or cut short."""
-        path, format, elements, element = Path(path), None, {}, None
+        path = Path(path)
+        format: str | None = None
+        elements: dict[str, Element] = {}
+        element: Element | None = None
         file_size(path, "PLY file")
         with open(path, "rb") as file:
             if file.readline(16).strip() != b"ply":
@@ -92,11 +98,11 @@ class Ply:
             return cls(path, format, elements, file.tell())
 
     @property
-    def byte_order(self):
+    def byte_order(self) -> str:
         """That of the rows, as NumPy writes it; "=" for ascii."""
         return _BYTE_ORDERS[self.format]
 
-    def rows(self, name):
+    def rows(self, name: str) -> NDArray[Any]:
         """The rows of element `name`: structured array (count,), memory-mapped when the file is binary.
 
         Raises InputError when the file is shorter than its header says; warns when bytes follow the last row.
@@ -113,7 +119,7 @@ class Ply:
             return self._ascii_rows(name, sum(self.elements[other].count for other in before), dtype)
         return self._binary_rows(name, [self.elements[other] for other in before], dtype)
 
-    def _binary_rows(self, name, before, dtype):
+    def _binary_rows(self, name: str, before: list[Element], dtype: np.dtype) -> NDArray[Any]:
         if any(element.has_lists for element in before):
             raise InputError(f"{self.path}: a PLY element with lists stands before '{name}': write '{name}' first")
         start = self.body + sum(element.count * element.row_bytes for element in before)
@@ -124,9 +130,9 @@ class Ply:
             warnings.warn(f"{self.path}: ignored {extra} bytes after the last PLY row", DataWarning, stacklevel=2)
         return np.memmap(self.path, dtype, "r", start, (count,))
 
-    def _ascii_rows(self, name, skip, dtype):
+    def _ascii_rows(self, name: str, skip: int, dtype: np.dtype) -> NDArray[Any]:
         # A value takes a digit and a separator, so that no header can announce more rows than could be there.
-        most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype))
+        most = (os.path.getsize(self.path) - self.body + 1) // (2 * len(dtype.names or ()))
         self._check_count(name, most)
         with open(self.path, encoding="latin-1") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # "no data", which the count below reports
@@ -140,7 +146,7 @@ class Ply:
         self._check_count(name, len(rows))
         return rows
 
-    def _check_count(self, name, found):
+    def _check_count(self, name: str, found: int) -> None:
         promised = self.elements[name].count
         if found < promised:
             raise InputError(
@@ -149,7 +155,7 @@ class Ply:
             )
 
 
-def blocks(rows, size):
+def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:
     """Rows of a Ply, at most `size` at a time: yields the index of the first and a structured array.
 
     Mapped rows are read from their file instead: a file of many gigabytes would count as memory once gone through.
@@ -157,7 +163,7 @@ def blocks(rows, size):
     if not isinstance(rows, np.memmap):
         yield from ((start, rows[start : start + size]) for start in range(0, len(rows), size))
         return
-    with open(rows.filename, "rb") as file:
+    with open(str(rows.filename), "rb") as file:
         file.seek(rows.offset)
         for start in range(0, len(rows), size):
             yield start, np.fromfile(file, rows.dtype, min(size, len(rows) - start))

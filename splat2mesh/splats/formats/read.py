@@ -1,5 +1,6 @@
 """Which reader a splat file needs, decided by what the file holds rather than by its name."""
 
+import os
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 from ...base.errors import DataWarning, InputError
 from ...base.inputs import check_special, quiet_numbers, reading
 from ..joining import joined
+from ..splats import Splats
 from . import compressed_ply, dotsplat, inria, sog, spz, streamed
 from .parts import parts_of
 from .ply import Ply
@@ -20,7 +22,7 @@ KINDS = (
 _ZIP = b"PK\x03\x04"
 
 
-def read_splats(path, lod="auto"):
+def read_splats(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     """Read any supported splat: INRIA PLY (also 2DGS), PlayCanvas compressed PLY, .splat, .spz, .sog, or many tiles.
 
     path: a file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG,
@@ -38,10 +40,10 @@ def read_splats(path, lod="auto"):
         with quiet_numbers():
             found, splats = parts_of(path, lod), []
             if lod == "auto" and found.level:
-                _say_coarser(path, found)
+                _say_coarser(path, found.level, found.level_counts)
             for tile, count in zip(found.tiles, found.counts, strict=True):
                 splats.append(_read(tile, _kind(tile)))
-                if count is not None:
+                if count is not None and found.described_by is not None:
                     streamed.check_count(tile, len(splats[-1]), count, found.described_by)
             if found.environment is not None:
                 far = _read(found.environment, _kind(found.environment))
@@ -49,8 +51,7 @@ def read_splats(path, lod="auto"):
             return joined(splats)
 
 
-def _say_coarser(path, found):
-    counts, level = found.level_counts, found.level
+def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:
     warnings.warn(
         f"{path}: took level {level} with {counts[level]:,} splats; level 0 holds {counts[0]:,}, "
         f"over the {streamed.SPLAT_BUDGET:,} that auto takes: `lod` 0 reads it",
@@ -59,7 +60,7 @@ def _say_coarser(path, found):
     )
 
 
-def kind_of(path):
+def kind_of(path: str | os.PathLike[str]) -> str:
     """What a splat is, by what it holds: "ply" (INRIA, 2DGS), "compressed.ply", "splat", "spz", "sog" or "tiles".
 
     Raises InputError for what is none of them.
@@ -71,7 +72,7 @@ def kind_of(path):
         return "tiles" if found.described_by or found.tiles != (path,) else _kind(path)
 
 
-def _read(path, kind):
+def _read(path: Path, kind: str) -> Splats:
     if kind == "sog":
         if path.is_dir():
             return sog.read_folder(path)
@@ -83,7 +84,7 @@ def _read(path, kind):
     return {"spz": spz, "splat": dotsplat}[kind].read(path)
 
 
-def _kind(path):
+def _kind(path: Path) -> str:
     if not path.exists():
         raise InputError(f"{path} does not exist: expected {KINDS}")
     if path.is_dir():

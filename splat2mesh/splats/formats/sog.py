@@ -6,17 +6,23 @@ Source: developer.playcanvas.com, "The SOG format".
 """
 
 import lzma
+import os
 import struct
 import zipfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.inputs import LARGEST_JSON, check_count, file_size, inside, loads
 from ..splats import DEGREE_OF_COEFFICIENTS, Splats
 from .encoding import restore_largest, sigmoid
+
+AnyPath: TypeAlias = str | os.PathLike[str]
 
 META = "meta.json"
 LARGEST_IMAGE = 1 << 30
@@ -29,12 +35,12 @@ _PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
 _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of the largest component, wxyz
 
 
-def read_folder(folder, meta_name=META):
+def read_folder(folder: Path, meta_name: str = META) -> Splats:
     """Splats of a folder with meta.json and its images. Raises InputError when one is missing or unusable."""
     if not (folder / meta_name).is_file():
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
-    def load(name):
+    def load(name: object) -> bytes:
         file = inside(folder, name, folder / meta_name)
         if not file.exists():
             raise InputError(f"{file} is missing: {META} names it, copy the whole SOG folder")
@@ -45,7 +51,7 @@ def read_folder(folder, meta_name=META):
     return _read(folder / meta_name, load, meta_name)
 
 
-def read_bundle(path):
+def read_bundle(path: AnyPath) -> Splats:
     """Splats of a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
     size = file_size(path, "splat file")
     try:
@@ -55,7 +61,7 @@ def read_bundle(path):
                 raise InputError(f"{path} is a zip without {META}: expected a .sog bundle")
             prefix = min(metas, key=len).removesuffix(META)
 
-            def load(name):
+            def load(name: object) -> bytes:
                 if not isinstance(name, str) or prefix + name not in bundle.namelist():
                     raise InputError(f"{path} lacks {name}, which its {META} names: export it again")
                 announced = bundle.getinfo(prefix + name).file_size
@@ -69,7 +75,7 @@ def read_bundle(path):
         raise InputError(f"{path} is a damaged zip ({error}): copy or export it again") from error
 
 
-def _read(path, load, meta_name):
+def _read(path: AnyPath, load: Callable[[object], bytes], meta_name: str) -> Splats:
     try:
         meta = loads(load(meta_name))
         version = meta.get("version", 1)
@@ -85,7 +91,7 @@ def _read(path, load, meta_name):
 class _Images:
     """The images that a meta.json names, decoded and checked: RGBA rows of the first `count` pixels."""
 
-    def __init__(self, path, load, meta):
+    def __init__(self, path: AnyPath, load: Callable[[object], bytes], meta: dict[str, Any]) -> None:
         self.path, self.load, self.meta = path, load, meta
         self.count = int(meta["count"] if "count" in meta else meta["means"]["shape"][0])
         if self.count <= 0:
@@ -94,7 +100,7 @@ class _Images:
         self._loaded = {name: load(name) for name in sorted(names)}
         check_count(path, self.count, sum(map(len, self._loaded.values())))
 
-    def image(self, part, index=0):
+    def image(self, part: str, index: int = 0) -> NDArray[np.uint8]:
         """(H, W, 4) uint8."""
         import imagecodecs
 
@@ -109,7 +115,7 @@ class _Images:
         except imagecodecs.WebpError as error:
             raise InputError(f"{self.path}: {name} is no readable WebP image ({error})") from error
 
-    def texels(self, part, index=0):
+    def texels(self, part: str, index: int = 0) -> NDArray[np.uint8]:
         """(count, 4) uint8, one row a splat."""
         pixels = self.image(part, index).reshape(-1, 4)
         if len(pixels) < self.count:
@@ -120,7 +126,7 @@ class _Images:
         return pixels[: self.count]
 
 
-def _size(path, name, data):
+def _size(path: AnyPath, name: str, data: bytes) -> tuple[int, int]:
     """Width and height of a WebP image, by its header: before its pixels are made. Source: RFC 9649."""
     kind = data[12:16]
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP" and len(data) >= 30:
@@ -130,11 +136,12 @@ def _size(path, name, data):
             (bits,) = struct.unpack_from("<I", data, 21)
             return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
         if kind == b"VP8 ":
-            return tuple(side & 0x3FFF for side in struct.unpack_from("<HH", data, 26))
+            width, height = struct.unpack_from("<HH", data, 26)
+            return width & 0x3FFF, height & 0x3FFF
     raise InputError(f"{path}: {name} is no readable WebP image (it starts with {data[:16]!r})")
 
 
-def _decode(images, meta, version):
+def _decode(images: _Images, meta: dict[str, Any], version: int) -> Splats:
     low, high = images.texels("means", 0)[:, :3], images.texels("means", 1)[:, :3]
     mean_log = _between(meta["means"], (low | high.astype(np.uint16) << 8) / np.float32(65535))
     color = images.texels("sh0")
@@ -152,12 +159,12 @@ def _decode(images, meta, version):
     )
 
 
-def _between(part, unit):
+def _between(part: dict[str, Any], unit: NDArray[Any]) -> NDArray[Any]:
     low, high = (np.asarray(part[key], np.float32) for key in ("mins", "maxs"))
     return low + unit * (high - low)
 
 
-def _values(part, texels):
+def _values(part: dict[str, Any], texels: NDArray[np.uint8]) -> NDArray[Any]:
     """Numbers that bytes stand for: (..., C) uint8 -> float32 of the same shape."""
     if "codebook" not in part:
         return _between(part, texels / np.float32(255))
@@ -169,7 +176,7 @@ def _values(part, texels):
     return codebook[texels]
 
 
-def _quats_wxyz(images):
+def _quats_wxyz(images: _Images) -> NDArray[np.float32]:
     texels = images.texels("quats")
     tags = texels[:, 3]
     if tags.min() < _FIRST_QUAT_TAG:
@@ -177,7 +184,7 @@ def _quats_wxyz(images):
     return restore_largest((texels[:, :3] / np.float32(127.5) - 1) / np.float32(np.sqrt(2)), tags - _FIRST_QUAT_TAG)
 
 
-def _with_rest(images, meta, dc):
+def _with_rest(images: _Images, meta: dict[str, Any], dc: NDArray[np.float32]) -> NDArray[np.float32]:
     """Join the constant coefficients and those of the palette: (N, 3) -> (N, K, 3)."""
     if "shN" not in meta:
         return dc[:, None]

@@ -6,8 +6,10 @@ Source: developer.playcanvas.com, "The SOG format".
 import json
 import math
 import warnings
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import DataWarning
 from ...base.version import VERSION
@@ -60,7 +62,7 @@ def sog_files(splats: Splats, path: str = "splats") -> dict[str, bytes]:
     return {name: _webp(values) for name, values in images.items()} | {"meta.json": json.dumps(meta).encode()}
 
 
-def _coded(values):
+def _coded(values: NDArray[np.float64]) -> tuple[list[float], NDArray[np.uint8]]:
     """A codebook of ENTRIES ascending numbers, and the entry nearest to each value: list, uint8 of the same shape."""
     low, high = float(values.min()), float(values.max())
     step = max(high - low, 1e-9) / BINS
@@ -78,7 +80,7 @@ def _coded(values):
     return book.tolist(), np.searchsorted((book[1:] + book[:-1]) / 2, values).astype(np.uint8)
 
 
-def _webp(values):
+def _webp(values: NDArray[Any]) -> bytes:
     """(N, 3 or 4) integers to 255 as an image without loss, a row of pixels after the other; the rest is black."""
     import imagecodecs
 
@@ -86,4 +88,4 @@ def _webp(values):
     image = np.zeros((4 * math.ceil(len(values) / width / 4) * width, 4), np.uint8)
     image[:, 3] = 255
     image[: len(values), : values.shape[1]] = values
-    return imagecodecs.webp_encode(image.reshape(-1, width, 4), lossless=True)
+    return bytes(imagecodecs.webp_encode(image.reshape(-1, width, 4), lossless=True))

@@ -7,17 +7,22 @@ Source: github.com/nianticlabs/spz, load-spz.cc.
 """
 
 import itertools
+import os
 import struct
 import zlib
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.errors import InputError
 from ...base.inputs import check_count, file_size
 from ...base.outputs import staged_file
 from ..splats import Splats
 from .encoding import hide_unusable, levels, restore_largest, smallest_three, warn_clipped
+
+AnyPath: TypeAlias = str | os.PathLike[str]
 
 MAGIC = b"NGSP"
 _HEADER = struct.Struct("<4sIIBBBB")
@@ -34,7 +39,7 @@ _FAR_SHARE = 0.001  # of the splats, which may be clipped rather than coarsen al
 _GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name and no date in its header
 
 
-def read(path):
+def read(path: AnyPath) -> Splats:
     """Splats of an `.spz` file. Raises InputError when it is no SPZ, too new, damaged or cut short."""
     file_size(path, "splat file")
     data = Path(path).read_bytes()
@@ -45,7 +50,7 @@ def read(path):
     return _decode(header, sections)
 
 
-def write(path, splats):
+def write(path: AnyPath, splats: Splats) -> None:
     """Write an SPZ of version 3, row i being splat i, given in the frame of a PLY; it appears only once complete.
 
     Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
@@ -79,7 +84,7 @@ def write(path, splats):
         file.write(deflate.flush())
 
 
-def _fraction_bits(reach):
+def _fraction_bits(reach: NDArray[np.float32]) -> int:
     """Bits after the point of positions whose largest coordinates are `reach`: (N,) -> int."""
     bits = _bits_for(reach.max())
     if bits < _USUAL_FRACTION_BITS:
@@ -88,12 +93,12 @@ def _fraction_bits(reach):
     return bits
 
 
-def _bits_for(largest):
+def _bits_for(largest: np.floating[Any]) -> int:
     with np.errstate(divide="ignore"):
         return int(np.clip(np.floor(np.log2(_LARGEST_INT24 / np.float64(largest))), 0, _MOST_FRACTION_BITS))
 
 
-def _packed_rotations(quats_xyzw):
+def _packed_rotations(quats_xyzw: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Version 3, as `_quats_xyzw` reads it: (N, 4) -> (N, 4) uint8."""
     small, largest = smallest_three(quats_xyzw)
     packed = largest.astype("<u4")
@@ -103,7 +108,7 @@ def _packed_rotations(quats_xyzw):
 
 
 class _Header:
-    def __init__(self, path, data, versions):
+    def __init__(self, path: AnyPath, data: bytes, versions: tuple[int, ...]) -> None:
         magic, self.version, self.count, degree, self.fraction_bits, _, self.last = _HEADER.unpack_from(data)
         if magic != MAGIC:
             raise InputError(f"{path} is compressed, but holds no SPZ data: expected the mark {MAGIC!r}")
@@ -121,7 +126,7 @@ class _Header:
         self.widths = [9, 1, 3, 3, 3 if self.version == 2 else 4, 3 * (self.k - 1)]
 
 
-def _open_gzip(path, data):
+def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
     inflate = zlib.decompressobj(wbits=_GZIP)
     header = _Header(path, inflate.decompress(data, _HEADER.size), (2, 3))
     check_count(path, header.count, len(data))
@@ -137,7 +142,7 @@ def _open_gzip(path, data):
     return header, [body[a:b] for a, b in itertools.pairwise(ends)]
 
 
-def _open_v4(path, data):
+def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
     import imagecodecs
 
     header = _Header(path, data, (4,))
@@ -146,14 +151,15 @@ def _open_v4(path, data):
     if header.last != len(widths):
         raise InputError(f"{path}: expected {len(widths)} SPZ streams, found {header.last}")
     (table,) = _V4_STREAMS_AT.unpack_from(data, _HEADER.size)
-    start, sections = table + len(widths) * _V4_STREAM.size, []
+    start = table + len(widths) * _V4_STREAM.size
+    sections: list[bytes] = []
     for i, width in enumerate(widths):
         packed_size, size = _V4_STREAM.unpack_from(data, table + i * _V4_STREAM.size)
         _check_size(path, f"stream {i}", size, header.count * width)
         packed = data[start : start + packed_size]
         _check_size(path, f"stream {i}", len(packed), packed_size)
         try:
-            sections.append(imagecodecs.zstd_decode(packed, out=size))
+            sections.append(bytes(imagecodecs.zstd_decode(packed, out=size)))
         except imagecodecs.ZstdError as error:
             raise InputError(f"{path}: an SPZ stream is damaged ({error}): copy or export it again") from error
         _check_size(path, f"stream {i}", len(sections[-1]), size)
@@ -165,12 +171,12 @@ def _open_v4(path, data):
     return header, sections + [b""] * (6 - len(sections))
 
 
-def _check_size(path, what, found, expected):
+def _check_size(path: AnyPath, what: str, found: int, expected: int) -> None:
     if found != expected:
         raise InputError(f"{path} is damaged: its SPZ {what} should take {expected} bytes, found {found}")
 
 
-def _decode(header, sections):
+def _decode(header: _Header, sections: list[bytes]) -> Splats:
     n = header.count
     positions, alphas, colors, scales, rotations, rest = (
         np.frombuffer(section, np.uint8).reshape(n, width)
@@ -185,13 +191,13 @@ def _decode(header, sections):
     return Splats(means, np.exp(scales / np.float32(16) - 10), quats_wxyz, alphas[:, 0] / np.float32(255), sh)
 
 
-def _int24(data):
+def _int24(data: NDArray[np.uint8]) -> NDArray[np.int32]:
     """Signed little-endian 24-bit integers: (N, 9) bytes -> (N, 3) int32."""
     low, middle, high = (data[:, i::3].astype(np.int32) for i in range(3))
     return (low << 8 | middle << 16 | high << 24) >> 8  # the last shift carries the sign down
 
 
-def _quats_xyzw(data):
+def _quats_xyzw(data: NDArray[np.uint8]) -> NDArray[np.float32]:
     if data.shape[1] == 3:  # version 2: x, y, z as bytes, w >= 0 follows from unit length
         return restore_largest(data / np.float32(127.5) - 1, np.full(len(data), 3))
     packed = np.ascontiguousarray(data).view("<u4")[:, 0]

@@ -8,9 +8,11 @@ far surroundings, is drawn with every level. Files before version 1 have no `ver
 Source: playcanvas/splat-transform, src/lib/writers/write-lod.ts and src/lib/readers/read-lod.ts.
 """
 
+import os
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ...base.errors import InputError
 from ...base.inputs import inside, read_json
@@ -33,11 +35,11 @@ class Streamed:
     """
 
     path: Path
-    counts: tuple
-    tiles: tuple
+    counts: tuple[int, ...]
+    tiles: tuple[dict[Path, int], ...]
     environment: Path | None
 
-    def level(self, lod="auto"):
+    def level(self, lod: int | str = "auto") -> int:
         """The level that `lod` names: its number, or "auto", the finest of at most SPLAT_BUDGET splats.
 
         Where every level is over the budget, "auto" is the coarsest. Raises InputError for a level without splats.
@@ -50,7 +52,7 @@ class Streamed:
             raise InputError(f"`lod` {lod}: {self.path} has the levels {sizes}")
         return lod
 
-    def check_tiles(self, level):
+    def check_tiles(self, level: int) -> None:
         """Raise InputError unless every tile of a level is there and says that it holds the splats it should."""
         tiles = self.tiles[level]
         lost = [path for path in [*tiles, *([self.environment] if self.environment else [])] if not path.is_file()]
@@ -61,7 +63,7 @@ class Streamed:
             check_count(path, _announced(path), count, self.path)
 
 
-def check_count(path, found, expected, meta_path):
+def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -> None:
     """Raise InputError when a tile holds another number of splats than its lod-meta.json says; None: not known yet."""
     if found is not None and found != expected:
         raise InputError(
@@ -69,7 +71,7 @@ def check_count(path, found, expected, meta_path):
         )
 
 
-def is_streamed(path):
+def is_streamed(path: Path) -> bool:
     """Whether a path is the lod-meta.json of a streamed SOG, by what it holds."""
     try:
         content = read_json(path)
@@ -78,7 +80,7 @@ def is_streamed(path):
     return isinstance(content, dict) and ("lodLevels" in content or Path(path).name == META)
 
 
-def open_streamed(path):
+def open_streamed(path: str | os.PathLike[str]) -> Streamed:
     """The Streamed of a lod-meta.json. Raises InputError where it is damaged or contradicts itself."""
     path = Path(path)
     try:
@@ -104,7 +106,7 @@ def open_streamed(path):
     return Streamed(path, counts, tiles, environment)
 
 
-def _tiles(path, tree, levels, names):
+def _tiles(path: Path, tree: Any, levels: int, names: list[Path]) -> tuple[dict[Path, int], ...]:
     """For each level, a dict of tile -> count; the leaves must cover every tile once, without gaps."""
     ranges, nodes = defaultdict(list), [tree]
     while nodes:
@@ -117,7 +119,7 @@ def _tiles(path, tree, levels, names):
                 raise ValueError(f"a leaf names level {key} and file {file} of {levels} and {len(names)}")
             if count:
                 ranges[level, file].append((start, start + count))
-    tiles = [{} for _ in range(levels)]
+    tiles: list[dict[Path, int]] = [{} for _ in range(levels)]
     for level, file in sorted(ranges):
         end = 0
         for start, stop in sorted(ranges[level, file]):
@@ -129,13 +131,13 @@ def _tiles(path, tree, levels, names):
     return tuple(tiles)
 
 
-def _whole(value):
+def _whole(value: Any) -> int:
     if type(value) is not int or value < 0:
         raise ValueError(f"expected a whole number, found {value!r}")
     return value
 
 
-def _announced(path):
+def _announced(path: Path) -> int | None:
     """How many splats an unbundled SOG tile says it holds; None for any other tile, and where it does not say."""
     if path.suffix.lower() != ".json":
         return None
