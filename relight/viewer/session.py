@@ -50,12 +50,13 @@ class Session:
         worker=Process,
         cache=None,  # as of Relighter
         lamps=None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
+        clock=time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
         **wishes,  # fields of LightingOptions, such as tolerance
     ):
         """Start the worker. Raises InputError for albedos and options that do not fit."""
         options = LightingOptions.of(options, **wishes)
         tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
-        self.scene = scene
+        self.scene, self.clock = scene, clock
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
         self.lamps = dict(lamps or {})
@@ -90,7 +91,7 @@ class Session:
         if set(changes) - {"angle_deg"}:
             self.message = ""
         if set(changes) <= {"angle_deg", "tolerance"}:
-            self._moved = time.perf_counter()
+            self._moved = self.clock()
         else:
             self._ask()
 
@@ -103,7 +104,7 @@ class Session:
         for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"
-        if not self.state.turning and time.perf_counter() - self._moved > REST_SECONDS:
+        if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
     def hurry(self):
@@ -141,7 +142,7 @@ class Session:
 
     @property
     def settled(self):
-        """Whether the worker has answered the present state in full."""
+        """Whether the worker has answered the present state in full, and nothing newer has come in since."""
         return self._answered == (self.wish, "")
 
     @property
@@ -239,7 +240,7 @@ class Session:
     def _ask(self):
         wish = self.wish
         if wish != self._asked:
-            self._asked = wish
+            self._asked, self._answered = wish, None  # an older answer to the same wish says nothing of what comes now
             self._worker.submit(wish)
 
     def _take_progress(self, label, fraction):
@@ -249,6 +250,7 @@ class Session:
         if kind == "bounced":
             payload = np.ascontiguousarray(np.moveaxis(payload, 2, 0))  # a colour's coefficients beside each other
         self._found[kind] = key, payload
+        self._answered = None  # what follows an answer belongs to another wish
         if kind == "light" and payload.warning:
             self.message = payload.warning
 

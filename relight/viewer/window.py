@@ -81,7 +81,7 @@ class Window:
     def frames_per_second(self):
         """Of the last pictures while something moves, else None."""
         times = self._times
-        if len(times) < 3 or time.perf_counter() - times[-1] > 0.5:
+        if len(times) < 3 or self.session.clock() - times[-1] > 0.5:
             return None
         return (len(times) - 1) / (times[-1] - times[0])
 
@@ -101,7 +101,7 @@ class Window:
 
         Returns whether it drew one.
         """
-        session, now = self.session, time.perf_counter()
+        session, now = self.session, self.session.clock()
         session.poll()
         if session.state.turning and self._recording is None:
             elapsed = min(now - self._ticked, 0.5) if np.isfinite(self._ticked) else 0.0
