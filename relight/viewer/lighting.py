@@ -19,6 +19,7 @@ from ..light.environment import Environment
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, SHADOWS, SUN, VOLUME
 from ..sh import harmonics
+from ..sh.sphere import fibonacci_sphere
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
 from ..transfer.settings import Settings
@@ -120,6 +121,7 @@ class Lighting:
         self.step = None
         self._options, self._relighters, self._converged = LightingOptions.of(options), {}, None
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
+        self._foliage = self._relighter.precomputed.foliage
         self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
 
     def answers(self, wish):
@@ -211,10 +213,10 @@ class Lighting:
         rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
         key = wish.environment, wish.angle_deg
         if self._sample[0] != key:
-            self._sample = key, reference(occluder, rows, environment, foliage=self._relighter.precomputed.foliage)
+            self._sample = key, reference(occluder, rows, environment, foliage=self._foliage)
         expected = self._sample[1]
         if albedo is not None:
-            expected = albedo[rows] * (expected + _gathered(occluder, rows, whole))
+            expected = albedo[rows] * (expected + _gathered(occluder, rows, whole, self._foliage))
         return float(np.linalg.norm(shown[rows] - expected) / max(np.linalg.norm(expected), 1e-30))
 
     def _planned(self, wish):
@@ -280,10 +282,11 @@ def check_albedos(scene, albedos):
     return checked
 
 
-def _gathered(occluder, rows, radiance):
+def _gathered(occluder, rows, radiance, foliage=None):
     """Light (R, 3) float32 that white vertices `rows` receive from a scene whose exit radiance is `radiance` (V, 3).
 
-    Like rows of `relight.transfer.bounces` but with many more rays. Backs of faces are black.
+    Like rows of `relight.transfer.bounces` but with many more rays. Backs of faces are black. What is a volume of a
+    Foliage has more of the sky hidden from it than a surface has: all that is hidden sends what the rays meet.
     """
     from ..transfer import sampling
 
@@ -296,7 +299,13 @@ def _gathered(occluder, rows, radiance):
     facing = np.einsum("rsi,rsi->rs", normals, rays[..., 3:])
     front = (faces >= 0) & (np.where(outward >= 0.0, facing, -facing) < 0.0)
     weights = np.concatenate([1.0 - uv.sum(axis=2, keepdims=True), uv], axis=2) * front[..., None]
-    return np.einsum("rsk,rskc->rc", weights, radiance[corners]).astype(np.float32) / SAMPLE_RAYS
+    light = np.einsum("rsk,rskc->rc", weights, radiance[corners]).astype(np.float32) / SAMPLE_RAYS
+    if foliage is None:
+        return light
+    share, free, _ = foliage.seen(rows, fibonacci_sphere(SAMPLE_RAYS))
+    met = (faces >= 0).mean(axis=1)
+    hidden = met + share * (1.0 - free.mean(axis=1) - met)
+    return light * (hidden / np.maximum(met, 1.0 / SAMPLE_RAYS)).astype(np.float32)[:, None]
 
 
 def _pooled(image, step):

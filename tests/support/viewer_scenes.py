@@ -4,6 +4,7 @@ import numpy as np
 import open3d as o3d
 
 from relight import Environment
+from relight.viewer.lighting import Lit, keys
 from relight.viewer.session import Session
 from relight.viewer.state import choices_of
 from relight.viewer.worker import Inline
@@ -32,9 +33,45 @@ def as_scene(mesh, color=None, max_chunk_vertices=300):
     return Scene.from_mesh(Mesh(vertices, normals, faces, colors), max_chunk_vertices)
 
 
+class ByHand:
+    """A worker that says what a test has it say, and nothing else. asked: the wishes so far."""
+
+    def __init__(self, *_):
+        self.asked, self._said = [], []
+
+    def submit(self, wish):
+        self.asked.append(wish)
+
+    def poll(self):
+        said, self._said = self._said, []
+        return said
+
+    def shade(self, wish):
+        """Give the light of a wish: black."""
+        radiance = np.zeros((1, 3), np.float32)
+        lit = Lit(radiance, 0, [], "", frozenset(), None, 0.0)
+        self._said.append(("result", "shading", keys(wish)["shading"], lit))
+
+    def say(self, *message):
+        self._said.append(message)
+
+    def close(self):
+        """Nothing to end."""
+
+
+class Clock:
+    """Seconds that pass when a test says so."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
 def session_of(scene, environment="noon", **options):
-    """A Session whose worker works within `poll`."""
-    options = {"worker": Inline, "tolerance": 0.05} | options
+    """A Session whose worker works within `poll`, and for which no time passes: a light that is moved never rests."""
+    options = {"worker": Inline, "tolerance": 0.05, "clock": Clock()} | options
     return Session(scene, choices_of(environment), **options)
 
 

@@ -1,26 +1,27 @@
 """The interactive session without its window: state, light, worker, controls."""
 
-import time
-
 import numpy as np
 import open3d as o3d
 import pytest
-from viewer_scenes import as_scene, ball_on_plate, constant, session_of
+from viewer_scenes import ByHand, as_scene, ball_on_plate, constant, session_of
 
 from relight import Environment, Relighter
 from relight.light.tonemap import tone_map
 from relight.transfer.occluder import Occluder
+from relight.transfer.reference import reference
+from relight.transfer.volume import Foliage
 from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, Lighting, _gathered, keys
 from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
-from relight.viewer.session import Session
+from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
 from relight.viewer.worker import Inline, Process
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb
+from splat2mesh.scene.optical_depth import OpticalDepth
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,9 @@ def test_a_turned_light_shows_at_once_and_the_rest_follows(scene):
     quick_one = session.radiance()
     session.poll()  # too early: the hand may still move
     assert session.radiance() is quick_one
+    session.clock.now += REST_SECONDS / 2
+    session.poll()
+    assert session.radiance() is quick_one
     session.finish()
     assert session.complete and not session.waiting_for
     full = session.radiance()
@@ -147,6 +151,24 @@ def test_what_the_stated_error_gathers_is_what_surrounds_a_vertex():
     assert np.abs(_gathered(inward, rows, sent) - sent[rows]).max() < 1e-5  # a thousand float32 summed
     outward = Occluder(vertices, np.asarray(hollow.vertex_normals, np.float32), faces)
     assert _gathered(outward, rows, sent).max() == 0.0  # nothing but sky before them
+
+
+@pytest.mark.parametrize("per_cell", [0.0, 0.02, 0.5])
+def test_what_leaves_do_not_see_of_a_white_sky_they_gather(per_cell):
+    """In a white hollow under a white sky all light is 1: what no direct light is told of, bounces bring."""
+    hollow = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
+    hollow.compute_vertex_normals()
+    vertices, faces = np.asarray(hollow.vertices, np.float32), np.asarray(hollow.triangles)
+    occluder = Occluder(vertices, -np.asarray(hollow.vertex_normals, np.float32), faces)
+    cells = np.full((20, 20, 20), per_cell, np.float32)
+    depth = OpticalDepth.of_levels([np.full(3, -1.0)], [0.1], [cells])
+    foliage = Foliage(vertices, np.linspace(0.0, 1.0, len(vertices)), depth)
+    rows = np.arange(0, len(vertices), 5)
+    direct = reference(occluder, rows, constant(), foliage=foliage)
+    whole = direct + _gathered(occluder, rows, np.ones((len(vertices), 3), np.float32), foliage)
+    # The directions of both differ: of 8192 and 1024, through a grid of cells.
+    assert np.abs(whole - 1.0).max() < 0.02
+    assert per_cell == 0.0 or direct[-1].max() < 0.9
 
 
 def test_exposure_is_in_stops_and_does_not_breathe(scene):
@@ -245,23 +267,75 @@ def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tm
         with pytest.raises(InputError, match=r"broken\.hdr"):
             session.finish()
         assert "broken.hdr" in session.message and session.light_name == "noon"
-        session.change(tolerance=0.003, mode="error")  # seconds of work, of no use once the next wish is there
-        time.sleep(0.3)
-        session.change(tolerance=0.05, mode="relit", environment="noon", angle_deg=10.0)
+        session.change(
+            environment="noon", tolerance=0.003, mode="error"
+        )  # seconds of work, of no use once the next wish is there
+        while session.progress is None and not session.settled:  # the worker has not begun
+            session.poll()
+        session.change(tolerance=0.05, mode="relit", angle_deg=10.0)
         session.finish()
         assert session.message == "" and session.complete
         session._worker._process.kill()
-        deadline = time.perf_counter() + 20.0
-        while "ended" not in session.message and time.perf_counter() < deadline:
+        while "ended" not in session.message:
             session.poll()
-            time.sleep(0.01)
-        assert "ended" in session.message
         session.change(angle_deg=200.0)
         assert session.radiance() is not None and not session.complete  # by harmonics, without the worker
         with pytest.raises(InputError, match="ended"):
-            session.finish(5.0)
+            session.finish()
     finally:
         session.close()
+
+
+@pytest.mark.parametrize("polled", [True, False])
+def test_a_light_that_is_asked_for_again_is_complete_when_it_is_answered_again(scene, polled):
+    """Once answered, then left for another whose light has come in: what shows is the other's."""
+    session = session_of(scene, worker=ByHand)
+    worker, first = session._worker, session.wish
+    worker.shade(first)
+    worker.say("done", first)
+    session.poll()
+    assert session.settled and session.complete
+    session.change(effects=())
+    second = session.wish
+    assert not session.settled
+    worker.shade(second)
+    if polled:
+        session.poll()
+        assert session.complete and not session.settled
+    session.reset()
+    assert session.wish == first and worker.asked == [first, second, first]
+    session.poll()
+    assert not session.complete and not session.settled
+    worker.shade(first)
+    session.poll()
+    assert session.complete and not session.settled  # errors may follow
+    worker.say("done", first)
+    session.poll()
+    assert session.complete and session.settled
+
+
+def test_an_answer_that_was_under_way_does_not_hide_what_came_after_it(scene):
+    session = session_of(scene, worker=ByHand)
+    worker, first = session._worker, session.wish
+    worker.shade(first)
+    worker.say("done", first)
+    session.change(effects=())
+    worker.shade(session.wish)
+    session.reset()
+    session.poll()  # takes in all of it at once
+    assert session.wish == first and not session.complete and not session.settled
+
+
+def test_a_light_that_failed_is_tried_again(scene):
+    session = session_of(scene, worker=ByHand)
+    worker, first = session._worker, session.wish
+    worker.say("failed", first, "it is dark")
+    session.poll()
+    assert session.failure == session.message == "it is dark"
+    session.change(effects=())
+    assert session.failure == ""
+    session.reset()
+    assert session.failure == ""
 
 
 def test_only_work_that_a_newer_wish_makes_pointless_ends_early(scene):
