@@ -101,7 +101,7 @@ def lights_of(request: RelightRequest) -> list[AnyLight]:
     env = request.env
     if isinstance(env, Environment) or not Path(env).is_dir():
         return [env]
-    found: list[AnyLight] = sorted(str(path) for path in Path(env).iterdir() if path.suffix.lower() in LIGHTS)
+    found: list[AnyLight] = [str(path) for path in sorted(Path(env).iterdir()) if path.suffix.lower() in LIGHTS]
     if not found:
         raise InputError(f"`env` {env}: the folder holds no .exr and no .hdr file")
     if request.animated and len(found) > 1:

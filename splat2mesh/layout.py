@@ -11,6 +11,7 @@ import os
 import sys
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,12 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from .base.arrays import Matrix3, Matrix4
 from .base.errors import DataWarning, InputError
 from .base.inputs import read_json, reading
 from .base.progress import Stages
 from .options import ConvertOptions
 from .pipeline import DEFAULT_VERTICES, convert, plan
 from .proxy import add_proxy, check_proxy
+from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.placing import placed_mesh, similarity
@@ -48,14 +51,14 @@ class Placement:
 
     name: str
     splat: Path
-    scene_from_upright: np.ndarray
+    scene_from_upright: Matrix4
     up: str | None
     vertices: int | None
     cameras: Path | None
     lod: int | str
 
 
-def is_layout(path):
+def is_layout(path: str | os.PathLike[str]) -> bool:
     """Whether a path is meant as a layout: a .json file that does not describe a SOG."""
     path = Path(path)
     if path.suffix.lower() != ".json" or path.name in _SOG_METAS or not path.is_file():
@@ -102,8 +105,12 @@ def convert_layout(
     placements = _placements(path, shared)
     # All are checked before the first takes minutes.
     each_asked = [_own_options(placement, shared) for placement in placements]
-    stages, made = stages or Stages(), {}
-    chunks, objects, object_settings, statistics = [], [], {}, Counter()
+    stages = stages or Stages()
+    made: dict[tuple[Path, ConvertOptions], Scene] = {}
+    chunks: list[Mesh] = []
+    objects: list[dict[str, Any]] = []
+    object_settings: dict[str, dict[str, Any]] = {}
+    statistics: Counter[str] = Counter()
     for placement, asked in zip(placements, each_asked, strict=True):
         key = (placement.splat, asked)
         if key not in made:  # the same splat may stand in several places
@@ -143,8 +150,8 @@ def plan_layout(path: str | os.PathLike[str], options: ConvertOptions | None = N
     return {"splats": sum(result["splats"] for result in plans.values()), "objects": plans}
 
 
-def read_layout(path):
-    """The objects of a layout file: a list of Placement, at least one.
+def read_layout(path: str | os.PathLike[str]) -> list[Placement]:
+    """Return the objects of a layout file, at least one.
 
     Paths in it are relative to the file. Keys of an object, all but the first optional: `splat`, its file; `name`,
     by default that of the file; `scale`, a factor; `rotation_deg`, an angle about +y, counter-clockwise from above,
@@ -170,14 +177,14 @@ def read_layout(path):
         raise InputError(f"{path}: unknown key '{unknown[0]}' beside 'objects'")
     if len(entries) > MOST_OBJECTS:
         raise InputError(f"{path}: places {len(entries)} objects, expected at most {MOST_OBJECTS}")
-    placements = []
+    placements: list[Placement] = []
     with reading(path):
         for number, entry in enumerate(entries, 1):
             placements.append(_placement(path, f"{path}: object {number}", entry, {other.name for other in placements}))
     return placements
 
 
-def _placements(path, shared):
+def _placements(path: str | os.PathLike[str], shared: ConvertOptions) -> list[Placement]:
     if shared.cameras:
         raise InputError(f'`cameras` {shared.cameras}: in a layout, give each object its own: "cameras": PATH')
     if shared.lod != "auto":
@@ -185,7 +192,7 @@ def _placements(path, shared):
     return read_layout(path)
 
 
-def _placement(path, where, entry, taken):
+def _placement(path: Path, where: str, entry: Any, taken: set[str]) -> Placement:
     if not isinstance(entry, dict):
         raise InputError(f'{where}: expected {{"splat": FILE, ...}}, found {json.dumps(entry)}')
     unknown = [key for key in entry if key not in _KEYS]
@@ -223,14 +230,14 @@ def _placement(path, where, entry, taken):
     )
 
 
-def _lod(where, entry):
+def _lod(where: str, entry: dict[str, Any]) -> int | str:
     lod = entry.get("lod", "auto")
     if lod != "auto" and (type(lod) is not int or lod < 0):
         raise InputError(f'{where}: lod must be "auto" or the number of a level, found {json.dumps(lod)}')
     return lod
 
 
-def _rotation(where, entry):
+def _rotation(where: str, entry: dict[str, Any]) -> Matrix3:
     from scipy.spatial.transform import Rotation
 
     if "quat_wxyz" in entry:
@@ -246,7 +253,7 @@ def _rotation(where, entry):
     return np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])
 
 
-def _numbers(where, key, values, count):
+def _numbers(where: str, key: str, values: Any, count: int) -> list[float]:
     """`count` finite floats, or InputError."""
     plain = isinstance(values, list) and len(values) == count
     if not plain or not all(type(value) in (int, float) and abs(value) <= sys.float_info.max for value in values):
@@ -256,7 +263,7 @@ def _numbers(where, key, values, count):
     return [float(value) for value in values]
 
 
-def _file(path, where, entry, key):
+def _file(path: Path, where: str, entry: dict[str, Any], key: str) -> Path | None:
     """The absolute path of an entry's file or folder, or None."""
     name = entry.get(key)
     if name is None:
@@ -269,26 +276,26 @@ def _file(path, where, entry, key):
     return found
 
 
-def _stem(splat):
+def _stem(splat: Path) -> str:
     splat = splat.parent if splat.name in _SOG_METAS else splat
     return splat.name.split(".")[0] or splat.name
 
 
-def _numbered(name, taken):
+def _numbered(name: str, taken: set[str]) -> str:
     number = 2
     while f"{name}-{number}" in taken:
         number += 1
     return f"{name}-{number}"
 
 
-def _once(path, pairs):
+def _once(path: Path, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     twice = [key for key, count in Counter(key for key, _ in pairs).items() if count > 1]
     if twice:
         raise InputError(f"{path}: key '{twice[0]}' stands twice in one object")
     return dict(pairs)
 
 
-def _own_options(placement, shared, planned=False):
+def _own_options(placement: Placement, shared: ConvertOptions, planned: bool = False) -> ConvertOptions:
     """The ConvertOptions of one object; the proxy is of the whole layout."""
     vertices = DEFAULT_VERTICES if shared.vertices is None else shared.vertices
     return replace(
@@ -302,7 +309,7 @@ def _own_options(placement, shared, planned=False):
 
 
 @contextmanager
-def _about(name):
+def _about(name: str) -> Iterator[None]:
     """Within it, errors and DataWarnings say which object they are about."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")

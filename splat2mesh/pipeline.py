@@ -6,26 +6,29 @@ from typing import Any
 
 import numpy as np
 
+from .base.arrays import Floats, Matrix4, Vector
 from .base.errors import DataWarning, InputError
 from .base.progress import Stages
 from .options import ConvertOptions
 from .proxy import add_proxy, check_proxy
 from .render.beside import beside
+from .render.view import View
 from .scene.chunks import split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.extent import check_extent
 from .splats.formats import read_splats
-from .splats.splats import clean, usable
+from .splats.splats import Splats, clean, usable
 from .surface.background import far_background, foreground_ball, views_from_within
-from .surface.extract import EFFORTS, as_trained, dilated, extract, training_pixel
+from .surface.extract import EFFORTS, Effort, as_trained, dilated, training_pixel
 from .surface.measure import measured_of
 from .surface.place import parted, reconstruct_place
+from .surface.solid import reconstruct_object
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
 from .views.picture import place_view
-from .views.standpoints import ROOM_SHARE, standpoints
+from .views.standpoints import ROOM_SHARE, Standpoints, standpoints
 from .views.upright import upright
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
@@ -40,12 +43,6 @@ AROUND = 40
 
 TRAINED = 2
 """Trained views for one virtual one, of a place: each of them shows a small part."""
-
-BACKGROUND_SHARE = 0.15
-"""Of the vertices, for a background that is kept: it is far away from everyone who looks."""
-
-LONGEST_HOLE = 0.5
-"""Border of the largest hole that is closed, in units of the scene's diagonal."""
 
 
 def convert(
@@ -101,13 +98,12 @@ def convert(
             parts.append(as_trained(splats.take(np.flatnonzero(far))))
             views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
         most = GROUND_VERTICES if asked.vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
-        mesh = _object(
-            parts, views, asked.surface, effort, asked.vertices or DEFAULT_VERTICES, most, stages, statistics
-        )
+        wanted = asked.vertices or DEFAULT_VERTICES
+        mesh = reconstruct_object(parts, views, asked.surface, effort, wanted, most, stages, statistics)
         seen_from = sum(map(len, views))
     else:
-        views, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
-        mesh, seen_from = reconstruct_place(splats, views, near, asked.vertices, stages, statistics), len(views)
+        seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
+        mesh, seen_from = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics), len(seen)
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)
     if far.any() and asked.background == "cut":
@@ -169,38 +165,19 @@ def convert(
     return scene
 
 
-def _standing(foreground, splats, asked):
+def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions) -> Standpoints:
     """The Standpoints of a capture; the sugar way knows objects only."""
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
     return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed)
 
 
-def _object(parts, views, surface, effort, vertices, most, stages, statistics):
-    """The Mesh of an object, parts[0] (Trained), and of its far background where it is among the parts.
-
-    most: vertices up to which colours may ask for more, 0 for none.
-    """
-    shares = [vertices]
-    if len(parts) > 1:
-        shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
-    meshes = []
-    for part, seen_from, share in zip(parts, views, shares, strict=True):
-        try:
-            meshes.append(_reconstruct(part, seen_from, surface, effort, share, most, stages, statistics))
-        except InputError:
-            if part is parts[0]:
-                raise
-            warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=3)
-    return _joined(meshes)
-
-
-def _turned(mesh, rotation):
+def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:
     turn = rotation[:3, :3].astype(np.float32)
     return Mesh(mesh.vertices @ turn.T, mesh.normals @ turn.T, mesh.faces, mesh.colors_srgb)
 
 
-def _capture(standing, rotation):
+def _capture(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
     """What scene.json keeps of Standpoints: `from`, and of a place `eyes` in the scene frame and `focal_px`."""
     if not standing.eyes:
         return {"from": standing.kind}
@@ -208,61 +185,29 @@ def _capture(standing, rotation):
     return {"from": standing.kind, "eyes": eyes, "focal_px": standing.focal}
 
 
-def _reconstruct(part, views, surface, effort, vertices, most, stages, statistics):
-    """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
-    from .scene.mesh import vertex_normals
-    from .surface.album import Album
-    from .surface.clean import drop_small_components, fill_holes, trim_borders
-    from .surface.color import vertex_colors, vertex_thickness
-    from .surface.decimate import decimate
-    from .surface.fair import fair
-    from .surface.refine import refine_by_color
-
-    splats, pixel = part
-    raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)
-    with stages.stage("clean"):
-        statistics["components_dropped"] += drop_small_components(raw)
-    with stages.stage("decimate"):
-        points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
-    with stages.stage("fair"):
-        thickness = vertex_thickness(points, vertex_normals(points, faces), pictures, pixel)
-        used, faces = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
-        points, faces = points[used], faces.reshape(-1, 3).astype(np.int32)
-        longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
-        points, faces, filled = fill_holes(points, faces, longest)
-        statistics["holes_filled"] += filled
-        thickness = np.append(thickness[used], np.full(filled, np.inf))
-        if len(faces):
-            points = fair(points, faces, thickness / pixel, pixel)
-        points, normals = points.astype(np.float32), vertex_normals(points, faces)
-    with stages.stage("color"):
-        if most and len(faces):
-            points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
-            normals = vertex_normals(points, faces)
-        colors, unseen = vertex_colors(points, normals, pictures)
-        statistics["vertices_unseen"] += unseen
-    return Mesh(points, normals, faces, colors)
-
-
-def _joined(meshes):
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    return Mesh(
-        *(np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in ("vertices", "normals")),
-        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
-        np.concatenate([mesh.colors_srgb for mesh in meshes]),
-    )
-
-
-def choose_views(splats, trained, up, effort, seed, stages):
-    """The views to look from: trained ones where given, else virtual ones."""
+def choose_views(
+    splats: Splats, trained: list[View], up: Vector, effort: Effort, seed: int, stages: Stages
+) -> list[View]:
+    """Return the views to look from: trained ones where given, else virtual ones."""
     with stages.stage("views"):
         if trained:
             return [view.resized(effort.pixels) for view in spread_out(trained, effort.views)]
         return virtual_views(splats, effort.views, effort.pixels, up, seed)
 
 
-def place_views(standing, foreground, trained, up, effort, seed, stages):
-    """The views of a place and their near planes: trained ones, or from its standpoints and, in the open, around it."""
+def place_views(
+    standing: Standpoints,
+    foreground: Splats,
+    trained: list[View],
+    up: Vector,
+    effort: Effort,
+    seed: int,
+    stages: Stages,
+) -> tuple[list[View], Floats]:
+    """Return the views of a place and their near planes.
+
+    They are trained ones, or look from its standpoints and, in the open, from around it.
+    """
     plane = near_plane(bounds_of(foreground))
     with stages.stage("views"):
         if trained:
@@ -275,8 +220,8 @@ def place_views(standing, foreground, trained, up, effort, seed, stages):
         return views, near
 
 
-def preview_camera(view, middle, rotation):
-    """The camera of the scene's pictures, as scene.json keeps it: eye, target, up in the scene frame and fov_deg.
+def preview_camera(view: View, middle: Vector, rotation: Matrix4) -> dict[str, Any]:
+    """Return the camera of the scene's pictures, as scene.json keeps it: eye, target, up in its frame and fov_deg.
 
     view: View in the splat's frame. middle: (3,) of what it shows; the target lies as far away.
     """

@@ -26,8 +26,10 @@ ALBEDOS = ("estimated", "captured", "white")
 
 DEFAULT_FORMATS = ("glb", "splat")
 
-KNOWN = ("scene", "env", "lighting", "angles_deg", "albedo", "exposure_ev", "formats", "sky", "harmonics", "tiling")
-KNOWN += ("live_mesh", "fps", "texture_size", "clear_cache", "overwrite")
+KNOWN = (
+    *("scene", "env", "lighting", "angles_deg", "albedo", "exposure_ev", "formats", "sky", "tiling", "overwrite"),
+    *("harmonics", "live_mesh", "fps", "texture_size", "clear_cache"),
+)
 """Fields of RelightRequest that a city takes, or that say nothing without another that it does not take."""
 
 KNOWN_LIGHTING = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")

@@ -11,6 +11,7 @@ city.json            all tiles; tileset.json: 3D Tiles
 import hashlib
 import json
 import os
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from .look import DILATION, FOGS, LEVELS, look, probe
-from .pieces import is_url, pieces_of, size_of
+from .pieces import Piece, is_url, pieces_of, size_of
 from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
@@ -81,7 +82,15 @@ def convert_city(
     return _convert(source, output, options, tiling, engine, overwrite, stages)
 
 
-def _convert(source, output, options, tiling, engine, overwrite, stages) -> dict[str, Any]:
+def _convert(
+    source: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    options: ConvertOptions,
+    tiling: TilingOptions,
+    engine: Any,
+    overwrite: bool,
+    stages: Stages,
+) -> dict[str, Any]:
     store, resume = Store(output), tiling.resume
     asked: dict[str, Any] = {
         "up": options.up,
@@ -111,7 +120,9 @@ class _Steps:
         self.store, self.engine, self.stages = store, engine, stages
         self.took: dict[str, Done] = {}
 
-    def run(self, label: str, tasks: list[Task], arrived=lambda done: None) -> dict[str, Done]:
+    def run(
+        self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None
+    ) -> dict[str, Done]:
         """What became of all tasks, by name."""
         found = {}
         with self.stages.stage(label, total=len(tasks)) as advance:
@@ -148,7 +159,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     return False
 
 
-def _surveyed(steps: _Steps, pieces, asked) -> None:
+def _surveyed(steps: _Steps, pieces: list[Piece], asked: dict[str, Any]) -> None:
     most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
     tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
     found = steps.run("survey", tasks)
@@ -184,7 +195,7 @@ def _near(plan: Plan, sources: dict[int, list[int]], tile: int) -> dict[int, lis
     return {other: sources[other] for other in plan.near(tile, plan.reach)}
 
 
-def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
+def _probed(steps: _Steps, plan: Plan, key: str, sources: dict[int, list[int]]) -> tuple[str, Plan]:
     """The plan with the thickness of surfaces, measured in a few of the fullest tiles."""
     fullest = np.argsort(-np.array(plan.counts), kind="stable")
     chosen = sorted(fullest[np.linspace(0, (len(fullest) - 1) / 2, PROBED).astype(int)].tolist())
@@ -198,7 +209,7 @@ def _probed(steps: _Steps, plan: Plan, key: str, sources) -> tuple[str, Plan]:
     return key, Plan.kept(steps.store, key)
 
 
-def _meshed(steps: _Steps, plan: Plan, key: str, sources, resumed: bool) -> list[dict[str, Any]]:
+def _meshed(steps: _Steps, plan: Plan, key: str, sources: dict[int, list[int]], resumed: bool) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
     store, count = steps.store, len(plan.tiles)
     records: list[dict[str, Any] | None] = [None] * count
@@ -239,7 +250,9 @@ def _meshed(steps: _Steps, plan: Plan, key: str, sources, resumed: bool) -> list
     return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
 
 
-def _finished(steps: _Steps, plan: Plan, records, source) -> dict[str, Any]:
+def _finished(
+    steps: _Steps, plan: Plan, records: list[dict[str, Any]], source: str | os.PathLike[str]
+) -> dict[str, Any]:
     store, tiles = steps.store, []
     for tile, record in enumerate(records):
         tiles.append({"name": folder_of(tile), "core": plan.core(tile).ravel().tolist(), **record})

@@ -39,7 +39,7 @@ def outlook(
     refuse_in_cities(options, KNOWN)
     pieces = pieces_of(os.fspath(source), options.lod)
     most, stages = max(LEAST_SAMPLE, SAMPLE // len(pieces)), stages or Stages()
-    settings = {"up": options.up, "detail": options.detail, "vertices": None}
+    settings: dict[str, Any] = {"up": options.up, "detail": options.detail, "vertices": None}
     settings |= {"memory": tiling.memory, "tile_splats": tiling.tile_splats}
     with tempfile.TemporaryDirectory() as folder:
         store, counts = Store(folder), []

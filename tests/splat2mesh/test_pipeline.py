@@ -248,7 +248,7 @@ def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch
             mesh.remove_triangles_by_index([100, 101])
         return mesh, [RenderedPicture.from_render(view, np.zeros((8, 8, 3)), depth, depth)]
 
-    monkeypatch.setattr("splat2mesh.pipeline.extract", nothing)
+    monkeypatch.setattr("splat2mesh.surface.solid.extract", nothing)
     with pytest.raises(InputError, match="no surface is left"):
         convert(files / "small.ply", detail="draft")
 

@@ -10,11 +10,12 @@ from scipy.spatial import cKDTree
 from scenes.cameras import FLIP
 from splat2mesh import convert
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.pipeline import BACKGROUND_SHARE, plan
+from splat2mesh.pipeline import plan
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.splats.splats import Splats
 from splat2mesh.surface.background import COARSER, EYES, LEAST_SHARE, REACH, SOLID, far_background, views_from_within
 from splat2mesh.surface.extract import EFFORTS, Effort, extract
+from splat2mesh.surface.solid import BACKGROUND_SHARE
 from splat2mesh.views.viewpoints import bounds_of, fibonacci_sphere
 
 VERTICES, DOME, RADIUS, COLOR = 2000, 600, 8.0, 0.75
@@ -213,7 +214,7 @@ def quietly_emptied(way, splats, views, pixel, effort, vertices, stages):
 
 def test_a_background_without_a_surface_leaves_the_foreground_as_it_is(files, converted, monkeypatch):
     monkeypatch.setitem(EFFORTS, "draft", Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
-    monkeypatch.setattr("splat2mesh.pipeline.extract", quietly_emptied)
+    monkeypatch.setattr("splat2mesh.surface.solid.extract", quietly_emptied)
     found = convert(files / "dome.ply", detail="draft", vertices=VERTICES, background="keep")
     np.testing.assert_array_equal(np.unique(found.faces), np.arange(len(found.vertices)))
     assert np.linalg.norm(np.ptp(found.bounds, axis=0)) < RADIUS

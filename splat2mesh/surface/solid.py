@@ -1,0 +1,103 @@
+"""The mesh of an object: extracted from views of it, cleaned, decimated, faired, closed and coloured."""
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..base.arrays import Points
+from ..base.errors import DataWarning, InputError
+from ..base.progress import Stages
+from ..render.view import View
+from ..scene.mesh import Mesh, vertex_normals
+from ..views.viewpoints import bounds_of
+from .album import Album
+from .clean import drop_small_components, fill_holes, trim_borders
+from .color import vertex_colors, vertex_thickness
+from .decimate import decimate
+from .extract import Effort, Trained, extract
+from .fair import fair
+from .refine import refine_by_color
+
+BACKGROUND_SHARE = 0.15
+"""Of the vertices, for a background that is kept: it is far away from everyone who looks."""
+
+LONGEST_HOLE = 0.5
+"""Border of the largest hole that is closed, in units of the scene's diagonal."""
+
+
+def reconstruct_object(
+    parts: Sequence[Trained],
+    views: Sequence[list[View]],
+    surface: str,
+    effort: Effort,
+    vertices: int,
+    most: int,
+    stages: Stages,
+    statistics: dict[str, int],
+) -> Mesh:
+    """Return the Mesh of an object, parts[0], and of its far background where it is among the parts.
+
+    views: of each part. surface: one of SURFACE_CHOICES. vertices: wanted size. most: vertices up to which colours may
+    ask for more, 0 for none. statistics: counts are added to it. Raises InputError for an object without a surface.
+    """
+    shares = [vertices]
+    if len(parts) > 1:
+        shares = [round((1.0 - BACKGROUND_SHARE) * vertices), round(BACKGROUND_SHARE * vertices)]
+    meshes = []
+    for part, seen_from, share in zip(parts, views, shares, strict=True):
+        try:
+            meshes.append(_reconstruct(part, seen_from, surface, effort, share, most, stages, statistics))
+        except InputError:
+            if part is parts[0]:
+                raise
+            warnings.warn("the far background shows no surface and was left out", DataWarning, stacklevel=3)
+    return _joined(meshes)
+
+
+def _reconstruct(
+    part: Trained,
+    views: list[View],
+    surface: str,
+    effort: Effort,
+    vertices: int,
+    most: int,
+    stages: Stages,
+    statistics: dict[str, int],
+) -> Mesh:
+    """The mesh of a part (Trained) as views see it, in the splats' frame: a Mesh; counts are added to `statistics`."""
+    splats, pixel = part
+    raw, pictures = extract(surface, splats, views, pixel, effort, vertices, stages)
+    with stages.stage("clean"):
+        statistics["components_dropped"] += drop_small_components(raw)
+    with stages.stage("decimate"):
+        points: Points
+        points, faces = decimate(np.asarray(raw.vertices), np.asarray(raw.triangles), vertices)
+    with stages.stage("fair"):
+        thickness = vertex_thickness(points, vertex_normals(points, faces), pictures, pixel)
+        used, renumbered = np.unique(trim_borders(faces, np.isfinite(thickness)), return_inverse=True)
+        points, faces = points[used], renumbered.reshape(-1, 3).astype(np.int32)
+        longest = LONGEST_HOLE * float(np.linalg.norm(np.ptp(bounds_of(splats), axis=0)))
+        points, faces, filled = fill_holes(points, faces, longest)
+        statistics["holes_filled"] += filled
+        thickness = np.append(thickness[used], np.full(filled, np.inf))
+        if len(faces):
+            points = fair(points, faces, thickness / pixel, pixel)
+        points, normals = points.astype(np.float32), vertex_normals(points, faces)
+    with stages.stage("color"):
+        if most and len(faces):
+            points, faces = refine_by_color(points, faces, Album.from_pictures(pictures), most)
+            normals = vertex_normals(points, faces)
+        colors, unseen = vertex_colors(points, normals, pictures)
+        statistics["vertices_unseen"] += unseen
+    return Mesh(points, normals, faces, colors)
+
+
+def _joined(meshes: Sequence[Mesh]) -> Mesh:
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return Mesh(
+        np.concatenate([mesh.vertices for mesh in meshes]),
+        np.concatenate([mesh.normals for mesh in meshes]),
+        np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]).astype(np.int32),
+        np.concatenate([mesh.colors_srgb for mesh in meshes]),
+    )
