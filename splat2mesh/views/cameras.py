@@ -88,7 +88,7 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
     path = Path(path)
     if path.is_dir():
         if is_colmap(path):
-            return [read_colmap(path)]
+            return [list(read_colmap(path))]
         inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
         if not inside:
             raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
