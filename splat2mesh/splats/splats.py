@@ -1,5 +1,6 @@
 """Gaussian splats as arrays, their colours, and the removal of those that cannot be used."""
 
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -72,6 +73,70 @@ class Splats:
                 f"splats need opacities in [0, 1], found {self.opacities[outside][0]:g}: apply the sigmoid to logits"
             )
         object.__setattr__(self, "quats_wxyz", _unit(self.quats_wxyz))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], lod: int | str = "auto") -> "Splats":
+        """Read any supported splat.
+
+        Parameters
+        ----------
+        path : path
+            A file or folder, as for `formats.read_splats`.
+        lod : int or "auto"
+            Level of detail of a streamed SOG, 0 being the finest.
+
+        Returns
+        -------
+        Splats
+            Every row of the file in its order, not cleaned (see `clean`).
+
+        Raises
+        ------
+        InputError
+            When a file is missing, empty, cut short, or of another kind.
+
+        Warns
+        -----
+        DataWarning
+            When "auto" passes over a finer level.
+        """
+        from .formats import read_splats
+
+        return read_splats(path, lod)
+
+    def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+        """Write the splats in the kind that the name ends in; the file appears only once it is complete.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .ply, which is exact, or in .spz or .compressed.ply, which are small and quantised.
+        overwrite : bool
+            Whether a file of that name may be replaced.
+
+        Raises
+        ------
+        InputError
+            For another ending, for a folder, and for a file that exists and may not be replaced.
+
+        Warns
+        -----
+        DataWarning
+            About what the format cannot hold.
+
+        Examples
+        --------
+        >>> splats = Splats.load("garden.ply")  # doctest: +SKIP
+        >>> splats.take(splats.opacities > 0.1).save("garden.spz")  # doctest: +SKIP
+        """
+        from ..base.outputs import check_output
+        from .formats import kind_of_name, write_splats
+
+        kind = kind_of_name(path)
+        if os.path.isdir(path):
+            raise InputError(f"{path} is a folder: give the name of a file")
+        check_output(path, overwrite)
+        write_splats(path, self, kind)
 
     def __len__(self) -> int:
         return len(self.means)

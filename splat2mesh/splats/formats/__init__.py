@@ -3,6 +3,15 @@
 from .inria import write_inria_ply
 from .parts import check_lod, parts_of
 from .read import kind_of, read_splats
-from .write import WRITERS, write_splats
+from .write import WRITERS, kind_of_name, write_splats
 
-__all__ = ["WRITERS", "check_lod", "kind_of", "parts_of", "read_splats", "write_inria_ply", "write_splats"]
+__all__ = [
+    "WRITERS",
+    "check_lod",
+    "kind_of",
+    "kind_of_name",
+    "parts_of",
+    "read_splats",
+    "write_inria_ply",
+    "write_splats",
+]

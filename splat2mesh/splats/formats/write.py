@@ -16,12 +16,58 @@ WRITERS: dict[str, Callable[[str | os.PathLike[str], Splats], None]] = {
 """By kind, which is also the suffix of the file; they take a path and Splats."""
 
 
-def write_splats(path: str | os.PathLike[str], splats: Splats, kind: str = "ply") -> None:
-    """Write splats in the frame of an INRIA PLY, row i being splat i; the file appears only once it is complete.
+def kind_of_name(path: str | os.PathLike[str]) -> str:
+    """Return the kind of splat that the name of a file ends in.
 
-    kind: a key of WRITERS: "ply" is exact, "spz" and "compressed.ply" are small and quantised. The same splats give
-    the same bytes. Rows that hold no finite values go out as they are in a PLY, else as transparent splats.
-    Raises InputError for another kind; warns with a DataWarning about what a format cannot hold.
+    Parameters
+    ----------
+    path : path
+        Nothing needs to be there.
+
+    Returns
+    -------
+    str
+        A key of `WRITERS`.
+
+    Raises
+    ------
+    InputError
+        For a name that ends in none of them.
+    """
+    name = os.path.basename(os.fspath(path)).lower()
+    kinds = [kind for kind in WRITERS if name.endswith(f".{kind}")]
+    if not kinds:
+        endings = " ".join(f".{kind}" for kind in WRITERS)
+        raise InputError(f"{path}: no kind of splat that can be written; expected a name that ends in {endings}")
+    return max(kinds, key=len)
+
+
+def write_splats(path: str | os.PathLike[str], splats: Splats, kind: str = "ply") -> None:
+    """Write splats, row i being splat i; the file appears only once it is complete.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, which is replaced where there is one.
+    splats : Splats
+        N Gaussians in the frame of an INRIA PLY. Rows that hold no finite values go out as they are in a PLY, else as
+        transparent splats.
+    kind : str
+        A key of `WRITERS`: "ply" is exact, "spz" and "compressed.ply" are small and quantised.
+
+    Raises
+    ------
+    InputError
+        For another kind.
+
+    Warns
+    -----
+    DataWarning
+        About what a format cannot hold.
+
+    Notes
+    -----
+    The same splats give the same bytes.
     """
     if kind not in WRITERS:
         raise InputError(f"cannot write splats as {kind!r}: expected one of {' '.join(WRITERS)}")

@@ -1,0 +1,176 @@
+"""Other libraries at what we read and compute ourselves: what they read that we refuse, and what they take.
+
+The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a process
+of its own; what of our checks would stay, of the file itself and of the finished mesh, is asked there too.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from importlib.metadata import distribution
+from pathlib import Path
+
+import numpy as np
+
+QUICK = ["--inputs", "12", "--kinds", "mesh.off"]
+
+SECONDS = 10
+"""After which a library is stopped: all whole files are read in a hundredth of a second."""
+
+NO_FILES = 9
+"""Attacks that begin the list of each kind: pipes, devices, folders, which the check of the file refuses."""
+
+COSTLY = ("MB of zeros", "splats", "repeated_without_end")
+
+
+def arguments(parser):
+    """Those of this subject."""
+    parser.add_argument("--inputs", type=int, default=70, metavar="N", help="files of each kind (default: %(default)s)")
+    parser.add_argument("--kinds", nargs="+", metavar="KIND", help="only these kinds of files")
+
+
+def run(options, report):
+    """Hostile files first, then times and sizes."""
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "tests" / "support"))
+    kinds = _readers()
+    table = report.table(
+        "hostile files by what became of them",
+        kind="<18",
+        library="<12",
+        **{name: "d" for name in ("inputs", "both_read", "both_refuse", "ours_alone", "theirs_alone", "hang", "crash")},
+    )
+    from attacks import attacks_of, whole_files
+
+    with tempfile.TemporaryDirectory() as folder:
+        whole = whole_files(Path(folder, "whole"))
+        for kind in options.kinds or kinds:
+            library, read = kinds[kind]
+            counts = Counter()
+            for number, attack in enumerate(attacks_of(kind, whole[kind], options.inputs, seed=1)[NO_FILES:]):
+                if not attack.told.endswith(COSTLY):
+                    counts[_compared(kind, read, attack.write(Path(folder, str(number))))] += 1
+            table.add(kind=kind, library=library, inputs=counts.total(), **counts)
+    if not options.quick:
+        _packages(report)
+        _harmonics(report)
+        _codebook(report)
+
+
+def _readers():
+    """kind -> (library, what reads it there)."""
+    import gsply
+    import imagecodecs
+    import pycolmap
+    import trimesh
+
+    from splat2mesh.scene.meshfile import checked_mesh
+    from splat2mesh.scene.surfaces import UncheckedMesh
+
+    splats = {"spz": gsply.read_spz, "sog": gsply.sogread}
+
+    def read_mesh(path):
+        found = trimesh.load(path, process=False, force="mesh")
+        return checked_mesh(UncheckedMesh(np.asarray(found.vertices), np.asarray(found.faces)), path)
+
+    def read_cameras(path):
+        return len(pycolmap.Reconstruction(str(path)).images) or None
+
+    found = {
+        f"mesh.{kind}": ("trimesh", read_mesh)
+        for kind in ("ply", "ascii.ply", "obj", "stl", "ascii.stl", "off", "glb", "gltf")
+    }
+    for kind in ("ply", "ascii.ply", "compressed.ply", "spz", "sog"):
+        found[f"splat.{kind}"] = "gsply", splats.get(kind, gsply.plyread)
+    for kind in ("hdr", "old.hdr"):
+        found[f"light.{kind}"] = "imagecodecs", lambda path: imagecodecs.rgbe_decode(path.read_bytes())
+    for kind in ("colmap", "colmap.txt"):
+        found[kind] = "pycolmap", read_cameras
+    return found
+
+
+def _compared(kind, read, path):
+    from attacks import READERS
+
+    ours, theirs = _outcome(READERS[kind], path), _outcome(read, path)
+    if theirs in ("hang", "crash"):
+        return theirs
+    both = {("read", "read"): "both_read", ("refused", "refused"): "both_refuse"}
+    return both.get((ours, theirs), "ours_alone" if ours == "read" else "theirs_alone")
+
+
+def _outcome(read, path):
+    """read, refused, hang or crash, in a process that may die."""
+    child = os.fork()
+    if not child:
+        signal.alarm(SECONDS)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                os._exit(0 if read(path) is not None else 1)
+        except BaseException:
+            os._exit(1)
+    status = os.waitpid(child, 0)[1]
+    if os.WIFSIGNALED(status):
+        return "hang" if os.WTERMSIG(status) == signal.SIGALRM else "crash"
+    return "refused" if os.WEXITSTATUS(status) else "read"
+
+
+def _packages(report):
+    table = report.table("packages", name="<14", megabytes=".1f", import_s=".2f")
+    for name in ("trimesh", "gsply", "pycolmap", "shtab"):
+        size = sum(file.size or 0 for file in distribution(name).files)
+        code = f"import numpy, time; t = time.perf_counter(); import {name}; print(time.perf_counter() - t)"
+        runs = [subprocess.run([sys.executable, "-c", code], capture_output=True, check=True) for _ in range(3)]
+        table.add(name=name, megabytes=size / 1e6, import_s=min(json.loads(each.stdout) for each in runs))
+
+
+def _harmonics(report):
+    from scipy.special import sph_harm_y_all
+
+    from relight.sh.harmonics import evaluate
+
+    table = report.table("harmonics of 100,000 directions", bands="d", ours_ms=".1f", scipy_ms=".1f", difference=".1e")
+    directions = np.random.default_rng(0).normal(size=(100_000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for bands in (3, 8, 10):
+        ours, seconds = _timed(lambda bands=bands: evaluate(directions, bands))
+        x, y, z = directions.T
+        polar, angle = np.arccos(z), np.arctan2(y, x)
+        scipys, slower = _timed(lambda bands=bands, a=(polar, angle): sph_harm_y_all(bands - 1, bands - 1, *a))
+        degree = bands - 1
+        zonal = np.abs(ours[:, degree * (degree + 1)] - scipys[degree, 0].real).max()
+        table.add(bands=bands, ours_ms=1e3 * seconds, scipy_ms=1e3 * slower, difference=zonal)
+
+
+def _codebook(report):
+    from scipy.cluster.vq import kmeans2
+
+    from splat2mesh.splats.formats.sog_writing import ENTRIES, ROUNDS, _coded
+
+    table = report.table("codebooks of 256", values="d", ours_s=".3f", scipy_s=".3f", ours_rms=".4f", scipy_rms=".4f")
+    for count in (30_000, 300_000):
+        values = np.random.default_rng(0).normal(size=count)
+        (book, code), seconds = _timed(lambda values=values: _coded(values))
+        start = np.quantile(values, (np.arange(ENTRIES) + 0.5) / ENTRIES)[:, None]
+        (centres, label), slower = _timed(
+            lambda values=values, start=start: kmeans2(values[:, None], start, ROUNDS, minit="matrix")
+        )
+        errors = [np.sqrt(np.mean((found - values) ** 2)) for found in (np.array(book)[code], centres[label, 0])]
+        table.add(values=count, ours_s=seconds, scipy_s=slower, ours_rms=errors[0], scipy_rms=errors[1])
+
+
+def _timed(work):
+    """What it returns, and the seconds of the fastest of three."""
+    seconds = []
+    for _ in range(3):
+        begun = time.perf_counter()
+        found = work()
+        seconds.append(time.perf_counter() - begun)
+    return found, min(seconds)
