@@ -18,9 +18,22 @@ the mesh is as good as at the origin; where it is 4.5 widths, it is rubble."""
 
 
 def check_extent(splats: Splats) -> None:
-    """Raise InputError for splats too small to be meshed, or so far out that their places are rounded to rubble.
+    """Refuse splats too small to be meshed, or so far out that their places are rounded to rubble.
 
-    Warns with a DataWarning where they are rounded to about their own width.
+    Parameters
+    ----------
+    splats : Splats
+        Cleaned; a sample of them is looked at.
+
+    Raises
+    ------
+    InputError
+        For a span below `SMALLEST_SPAN` and for steps between places of more than `TOO_COARSE` widths.
+
+    Warns
+    -----
+    DataWarning
+        Where places are rounded to about the splats' own width.
     """
     step = 1 + len(splats) // MOST_SAMPLED
     places = splats.means[::step]

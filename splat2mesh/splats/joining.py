@@ -6,11 +6,18 @@ from .splats import Splats
 
 
 def joined(parts: list[Splats]) -> Splats:
-    """One Splats of all rows of several, part after part; lower degrees get harmonics of zero.
+    """Join several Splats to one, part after part; lower degrees get harmonics of zero.
 
-    parts: list of Splats, at least one. It is emptied on the way, so that the memory of a part which nobody else
-    holds is free again once its rows are copied: at the peak there are the whole and one part of the largest field.
-    Rows are marked as environment where their part marks them; where no part does, there is no mark.
+    Parameters
+    ----------
+    parts : list of Splats
+        At least one. It is emptied on the way, so that the memory of a part which nobody else holds is free again once
+        its rows are copied: at the peak there are the whole and one part of the largest field.
+
+    Returns
+    -------
+    Splats
+        Rows are marked as environment where their part marks them; where no part does, there is no mark.
     """
     if len(parts) == 1:
         return parts.pop()

@@ -12,10 +12,23 @@ TOGETHER = 4
 
 
 def merged(splats: Splats, together: int = TOGETHER) -> Splats:
-    """Every few successive splats as one, so in spatial order; the last may stand for fewer. Without harmonics.
+    """Merge every few successive splats, so in spatial order, to one; the last may stand for fewer.
 
-    Mean, covariance and colour are those of the mixture, each splat weighing its opacity times its area, and the
-    opacity keeps the sum of these, up to 1. Splats must be usable (`splats.clean`).
+    Parameters
+    ----------
+    splats : Splats
+        Usable ones (`splats.clean`).
+    together : int
+        How many become one.
+
+    Returns
+    -------
+    Splats
+        Without harmonics. Mean, covariance and colour are those of the mixture, each splat weighing its opacity times
+        its area, and the opacity keeps the sum of these, up to 1.
+
+    Notes
+    -----
     Source: Goldberger and Roweis, "Hierarchical Clustering of a Mixture Model" (2004).
     """
     from scipy.spatial.transform import Rotation

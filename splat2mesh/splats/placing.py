@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import InputError
-from .splats import Splats, sh_basis_3dgs
+from .harmonics import sh_basis_3dgs
+from .splats import Splats
 
 SAME = 1e-6
 """Relative error up to which a matrix counts as a similarity: float32 matrices pass, what a user could see does not."""
@@ -21,7 +22,19 @@ def similarity(
     rotation: ArrayLike | None = None,  # (3, 3)
     translation: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
-    """The (4, 4) float64 matrix of p -> scale * rotation @ p + translation; rotation: (3, 3), none by default."""
+    """Return the matrix of p -> scale * rotation @ p + translation.
+
+    Parameters
+    ----------
+    scale : float
+    rotation : array-like, (3, 3), or None
+        None turns nothing.
+    translation : array-like, (3,)
+
+    Returns
+    -------
+    ndarray of float64, (4, 4)
+    """
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.asarray(np.eye(3) if rotation is None else rotation)
     matrix[:3, 3] = translation
@@ -29,10 +42,23 @@ def similarity(
 
 
 def parts_of(matrix: ArrayLike) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Scale, (3, 3) rotation and (3,) translation, float64, of a (4, 4) similarity transform.
+    """Take a similarity transform apart.
 
-    Raises InputError for a matrix that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat
-    turned by it would not look the same.
+    Parameters
+    ----------
+    matrix : array-like, (4, 4)
+
+    Returns
+    -------
+    scale : float
+    rotation : ndarray of float64, (3, 3)
+    translation : ndarray of float64, (3,)
+
+    Raises
+    ------
+    InputError
+        For a matrix that shears, scales axes unequally, mirrors, projects, or holds NaN: a Gaussian splat turned by it
+        would not look the same.
     """
     matrix = np.asarray(matrix, np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
@@ -53,10 +79,24 @@ def parts_of(matrix: ArrayLike) -> tuple[float, NDArray[np.float64], NDArray[np.
 
 
 def placed(splats: Splats, matrix: ArrayLike) -> Splats:
-    """Splats seen in another frame, row by row: each looks there from everywhere as it did before.
+    """Return splats as seen in another frame: each looks there from everywhere as it did before.
 
-    matrix: (4, 4) similarity, new_from_old. Rows that are not finite stay so.
-    Raises InputError for any other transform.
+    Parameters
+    ----------
+    splats : Splats
+        Rows that are not finite stay so.
+    matrix : array-like, (4, 4)
+        Similarity, new_from_old.
+
+    Returns
+    -------
+    Splats
+        Row by row; the same object for the identity.
+
+    Raises
+    ------
+    InputError
+        For any other transform.
     """
     scale, rotation, translation = parts_of(matrix)
     if np.array_equal(np.asarray(matrix, np.float64), np.eye(4)):
@@ -73,7 +113,24 @@ def placed(splats: Splats, matrix: ArrayLike) -> Splats:
 
 
 def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
-    """A Mesh in another frame: matrix (4, 4) similarity, new_from_old. Raises InputError for any other."""
+    """Return a mesh as seen in another frame.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Of `scene.mesh`.
+    matrix : array-like, (4, 4)
+        Similarity, new_from_old.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        For any other transform.
+    """
     scale, rotation, translation = parts_of(matrix)
     vertices = mesh.vertices.astype(np.float64) @ (scale * rotation).T + translation
     normals = mesh.normals.astype(np.float64) @ rotation.T
@@ -81,10 +138,23 @@ def placed_mesh(mesh: Any, matrix: ArrayLike) -> Any:
 
 
 def sh_rotation_3dgs(rotation: ArrayLike, degree: int) -> NDArray[np.float64]:
-    """The (K, K) float64 matrix M that turns coefficients with the signs of 3DGS by a (3, 3) rotation R.
+    """Return the matrix that turns coefficients with the signs of 3DGS.
 
-    M c are the coefficients of f(R^-1 d) when c are those of f(d). M_ij is the integral of Y_i(R d) Y_j(d), which
-    the quadrature evaluates exactly, degree by degree. Entries of quarter turns come out as exactly 0 and +-1.
+    Parameters
+    ----------
+    rotation : array-like, (3, 3)
+        R.
+    degree : int
+        0 to 3.
+
+    Returns
+    -------
+    ndarray of float64, (K, K)
+        M c are the coefficients of f(R^-1 d) when c are those of f(d). Entries of quarter turns are exactly 0 and +-1.
+
+    Notes
+    -----
+    M_ij is the integral of Y_i(R d) Y_j(d), which the quadrature evaluates exactly, degree by degree.
     """
     directions, weights = _quadrature(degree)
     matrix = sh_basis_3dgs(directions @ np.asarray(rotation).T, degree).T @ (

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.errors import DataWarning, InputError
-
-SH_C0 = float(np.sqrt(1 / (4 * np.pi)))
-DEGREE_OF_COEFFICIENTS = {1: 0, 4: 1, 9: 2, 16: 3}
+from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
+from .zorder import rows_along_curve
 
 # The 3DGS rasteriser skips a Gaussian where its alpha is below this: a fainter one never reaches a pixel.
 INVISIBLE_OPACITY = 1 / 255
@@ -35,15 +34,30 @@ _BLOCK = 65536
 class Splats:
     """N Gaussians with activated parameters, in the frame of an INRIA PLY (the COLMAP world, usually y-down).
 
-    means: (N, 3) centres in world units.
-    scales: (N, 3) standard deviations along the splat's own axes, linear (exp already applied), world units.
-    quats_wxyz: (N, 4) rotations world_from_splat; brought to unit length here, all-zero rows stay zero.
-    opacities: (N,) in [0, 1] (sigmoid already applied).
-    sh: (N, K, 3) colour coefficients, K in 1, 4, 9, 16, display-referred sRGB, basis of `sh_basis_3dgs`.
-    environment: (N,) bool, which splats the capture itself keeps apart as its surroundings (the sky and the far
-    distance of a streamed SOG), or None where it does not tell.
+    Attributes
+    ----------
+    means : ndarray of float32, (N, 3)
+        Centres in world units.
+    scales : ndarray of float32, (N, 3)
+        Standard deviations along the splat's own axes, linear (exp already applied), world units.
+    quats_wxyz : ndarray of float32, (N, 4)
+        Rotations world_from_splat; brought to unit length here, all-zero rows stay zero.
+    opacities : ndarray of float32, (N,)
+        In [0, 1] (sigmoid already applied).
+    sh : ndarray of float32, (N, K, 3)
+        Colour coefficients, K in 1, 4, 9, 16, display-referred sRGB, basis of `sh_basis_3dgs`.
+    environment : ndarray of bool, (N,), or None
+        Which splats the capture itself keeps apart as its surroundings (the sky and the far distance of a streamed
+        SOG), or None where it does not tell.
 
-    All others are stored as contiguous float32. Raises InputError for a wrong shape or an opacity outside [0, 1].
+    Raises
+    ------
+    InputError
+        For a wrong shape or an opacity outside [0, 1].
+
+    Notes
+    -----
+    Arrays are stored contiguous and in these types, whatever they come in.
     """
 
     means: np.ndarray
@@ -147,7 +161,18 @@ class Splats:
         return DEGREE_OF_COEFFICIENTS[self.sh.shape[1]]
 
     def take(self, rows: slice | NDArray[Any]) -> "Splats":
-        """The splats at `rows`: indices, a slice, or an (N,) boolean mask."""
+        """Return some of the splats.
+
+        Parameters
+        ----------
+        rows : slice or ndarray
+            Indices, a slice, or an (N,) boolean mask.
+
+        Returns
+        -------
+        Splats
+            Those at `rows`, in that order.
+        """
         values: list[Any] = [None if value is None else value[rows] for value in self._values()]
         return Splats(*values)
 
@@ -155,24 +180,32 @@ class Splats:
         return [getattr(self, field.name) for field in fields(self)]
 
     def in_spatial_order(self) -> "Splats":
-        """The same splats along a Z-order curve: neighbours in space are neighbours in memory. Needs finite means."""
+        """Return the same splats along a Z-order curve: neighbours in space are neighbours in memory.
+
+        Returns
+        -------
+        Splats
+            In the order of `spatial_order`. Means must be finite.
+        """
         return self.take(self.spatial_order())
 
     def spatial_order(self) -> NDArray[np.int64]:
-        """Rows along a Z-order curve, (N,) int64.
+        """Return the rows along a Z-order curve.
 
-        Training leaves splats in no order at all, and whoever then picks them by depth waits for memory: in millions
-        of splats this makes rendering twice as fast. Source: Morton, "A Computer Oriented Geodetic Data Base" (1966).
+        Returns
+        -------
+        ndarray of int64, (N,)
         """
-        low, high = np.percentile(self.means[:: 1 + len(self) // 65536], [1, 99], axis=0).astype(np.float32)
-        cells = (self.means - low) / max(float((high - low).max()), 1 / ABSURD_LENGTH) * 1023
-        x, y, z = _bits_apart(np.clip(cells, 0, 1023).astype(np.uint64)).T
-        keys = (x << 2 | y << 1 | z) << 32 | np.arange(len(self), dtype=np.uint64)
-        keys.sort()
-        return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
+        return rows_along_curve(self.means)
 
     def rotation_matrices(self) -> NDArray[np.float32]:
-        """(N, 3, 3) float32 world_from_splat; column i is the world direction of the splat's axis i."""
+        """Return the rotations as matrices.
+
+        Returns
+        -------
+        ndarray of float32, (N, 3, 3)
+            world_from_splat: column i is the world direction of the splat's axis i.
+        """
         w, x, y, z = self.quats_wxyz.T
         rows = (
             (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
@@ -182,7 +215,13 @@ class Splats:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     def covariances(self) -> NDArray[np.float32]:
-        """(N, 3, 3) float32 world covariances R diag(scales^2) R^T, exactly symmetric."""
+        """Return the covariances R diag(scales^2) R^T.
+
+        Returns
+        -------
+        ndarray of float32, (N, 3, 3)
+            World frame, squared world units, exactly symmetric.
+        """
         half = self.rotation_matrices() * self.scales[:, None, :]
         return np.einsum("nik,njk->nij", half, half)
 
@@ -192,8 +231,25 @@ class Splats:
         return SH_C0 * self.sh[:, 0] + np.float32(0.5)
 
     def colors_toward(self, eye: ArrayLike) -> NDArray[Any]:
-        """Colours as seen from a point: (3,) world -> (N, 3) float32 sRGB, at least 0.
+        """Return the colours as seen from a point.
 
+        Parameters
+        ----------
+        eye : array-like, (3,)
+            World units.
+
+        Returns
+        -------
+        ndarray of float32, (N, 3)
+            sRGB, at least 0.
+
+        Raises
+        ------
+        InputError
+            For an eye of another shape.
+
+        Notes
+        -----
         The harmonics are evaluated in the direction from the eye to each centre, as the 3DGS rasteriser does.
         """
         eye = np.asarray(eye, np.float32)
@@ -208,29 +264,19 @@ class Splats:
         return np.maximum(colors, 0, out=colors)
 
 
-def sh_basis_3dgs(directions: NDArray[Any], degree: int) -> NDArray[Any]:
-    """Real orthonormal spherical harmonics with the signs of 3DGS files, (-1)^m.
-
-    directions: (N, 3) unit vectors. degree: 0 to 3. Returns (N, (degree + 1)^2) in the dtype of `directions`,
-    index l (l + 1) + m. Source: Sloan, "Stupid Spherical Harmonics Tricks", appendix A2, with odd m negated.
-    """
-    x, y, z = directions.T
-    root = [float(np.sqrt(k / np.pi)) for k in (3 / 4, 15 / 4, 5 / 16, 15 / 16, 35 / 32, 105 / 4, 21 / 32, 7 / 16)]
-    c1, c2, c20, c22, c33, c32, c31, c30 = root
-    basis = [np.full_like(x, SH_C0)]
-    if degree > 0:
-        basis += [-c1 * y, c1 * z, -c1 * x]
-    if degree > 1:
-        basis += [c2 * x * y, -c2 * y * z, c20 * (3 * z * z - 1), -c2 * x * z, c22 * (x * x - y * y)]
-    if degree > 2:
-        basis += [-c33 * y * (3 * x * x - y * y), c32 * x * y * z, -c31 * y * (5 * z * z - 1)]
-        basis += [c30 * z * (5 * z * z - 3), -c31 * x * (5 * z * z - 1)]
-        basis += [c32 / 2 * z * (x * x - y * y), -c33 * x * (x * x - 3 * y * y)]
-    return np.stack(basis, axis=-1)
-
-
 def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Which splats `clean` keeps, (N,) bool, and the dict of its counts."""
+    """Find the splats that `clean` keeps.
+
+    Parameters
+    ----------
+    splats : Splats
+
+    Returns
+    -------
+    keep : ndarray of bool, (N,)
+    counts : dict of str to int
+        Those that are dropped, by reason; each counts once.
+    """
     values = [getattr(splats, name).reshape(len(splats), -1) for name in NUMBERS]
     finite = np.logical_and.reduce([np.isfinite(value).all(axis=1) for value in values])
     with np.errstate(invalid="ignore"):
@@ -250,12 +296,31 @@ def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
 
 
 def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:
-    """Drop the splats that cannot be used: returns (Splats, dict of counts).
+    """Drop the splats that cannot be used.
 
-    Dropped, each counted once: `non_finite` (a NaN or an infinity in any field), `absurd` (a coordinate or
-    scale beyond ABSURD_LENGTH, a negative scale, or no extent at all), `zero_quaternion`, and `invisible`
-    (opacity below 1/255: normal in trained files). A zero scale beside a positive one is raised by FLATTEST.
-    Warns with a DataWarning about all but the invisible. Raises InputError when fewer than MIN_SPLATS remain.
+    Parameters
+    ----------
+    splats : Splats
+        As a file has them.
+
+    Returns
+    -------
+    splats : Splats
+        Those that are left. A zero scale beside a positive one is raised to `FLATTEST` of the largest.
+    counts : dict of str to int
+        Those dropped, each counted once: `non_finite` (a NaN or an infinity in any field), `absurd` (a coordinate or
+        scale beyond `ABSURD_LENGTH`, a negative scale, or no extent at all), `zero_quaternion`, and `invisible`
+        (opacity below 1/255: normal in trained files).
+
+    Raises
+    ------
+    InputError
+        When fewer than `MIN_SPLATS` remain.
+
+    Warns
+    -----
+    DataWarning
+        About all that are dropped but the invisible, and about those that were thickened.
     """
     keep, counts = usable(splats)
     kept = splats if keep.all() else splats.take(keep)
@@ -293,13 +358,6 @@ def _unit(vectors: NDArray[Any]) -> NDArray[Any]:
         if not off.any():
             return vectors
         return vectors / np.where(off & (length > 0), length, np.float32(1))[:, None]
-
-
-def _bits_apart(values: NDArray[Any]) -> NDArray[Any]:
-    """Ten-bit integers with two zeros before each bit: any shape uint64, 0b11 becomes 0b1001."""
-    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-        values = (values | values << shift) & mask
-    return values
 
 
 def _text(shape: Sequence[int | str]) -> str:

@@ -28,7 +28,21 @@ _LARGEST_SCALE_LOG = 20.0  # PlayCanvas clips there, lest one flat splat coarsen
 
 
 def read(ply: Ply) -> Splats:
-    """Splats of an opened Ply with a `chunk` element. Raises InputError when parts are missing or short."""
+    """Read the splats of an opened PLY with a `chunk` element.
+
+    Parameters
+    ----------
+    ply : Ply
+
+    Returns
+    -------
+    Splats
+
+    Raises
+    ------
+    InputError
+        When parts are missing or short.
+    """
     chunk, vertex = ply.elements["chunk"], ply.elements.get("vertex")
     color_bounded = "min_r" in chunk.properties
     bounded = [f"{end}_{a}" for end in ("min", "max") for a in _POSITION + _SCALE + _COLOR * color_bounded]
@@ -60,9 +74,20 @@ def read(ply: Ply) -> Splats:
 def write(path: str | os.PathLike[str], splats: Splats) -> None:
     """Write a compressed PLY (little-endian), row i being splat i; the file appears only once it is complete.
 
+    Parameters
+    ----------
+    path : path
+    splats : Splats
+
+    Warns
+    -----
+    DataWarning
+        About splats, and about harmonics beyond +-4, that the format cannot hold.
+
+    Notes
+    -----
     A chunk takes 256 successive rows, so steps are as fine as these are close together: a file that was one keeps its
     values, one in the order of training gets steps of a thousandth of the scene (`Splats.in_spatial_order` helps).
-    Warns with a DataWarning about splats, and about harmonics beyond +-4, that the format cannot hold.
     """
     splats, usable = hide_unusable(splats, path)
     scale_log = np.log(np.maximum(splats.scales.astype(np.float64), np.exp(-_LARGEST_SCALE_LOG)))

@@ -16,7 +16,27 @@ _RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), 
 
 
 def read(path: str | os.PathLike[str]) -> Splats:
-    """Splats of a `.splat` file. Raises InputError when it cannot be one; warns about half a record."""
+    """Read a `.splat` file.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Splats
+        Without harmonics.
+
+    Raises
+    ------
+    InputError
+        When it cannot be one.
+
+    Warns
+    -----
+    DataWarning
+        About half a record at the end.
+    """
     count, extra = divmod(os.path.getsize(path), _RECORD.itemsize)
     if count == 0:
         raise InputError(f"{path} is cut short: a .splat record takes {_RECORD.itemsize} bytes, found {extra}")

@@ -8,38 +8,92 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.errors import DataWarning
-from ..splats import ABSURD_LENGTH, SH_C0, Splats
+from ..harmonics import SH_C0
+from ..splats import ABSURD_LENGTH, Splats
 
 _IDENTITY_WXYZ = np.array([1, 0, 0, 0], np.float32)
 
 
 def sigmoid(logits: NDArray[Any]) -> NDArray[Any]:
-    """Opacities in [0, 1] of logits, any shape; infinite logits give exactly 0 and 1, NaN stays NaN."""
+    """Return the opacities of logits.
+
+    Parameters
+    ----------
+    logits : ndarray
+        Any shape.
+
+    Returns
+    -------
+    ndarray
+        In [0, 1]; infinite logits give exactly 0 and 1, NaN stays NaN.
+    """
     return 1 / (1 + np.exp(-logits))
 
 
 def logit(opacities: ArrayLike) -> NDArray[np.float64]:
-    """Finite float64 logits of opacities in [0, 1], any shape; 0 and 1 count as their neighbours."""
+    """Return the logits of opacities.
+
+    Parameters
+    ----------
+    opacities : array-like
+        Any shape, in [0, 1].
+
+    Returns
+    -------
+    ndarray of float64
+        Finite: 0 and 1 count as their neighbours in float32.
+    """
     info = np.finfo(np.float32)
     p = np.clip(np.asarray(opacities, np.float64), info.tiny, 1 - info.epsneg)
     return np.log(p) - np.log1p(-p)
 
 
 def sh_from_color(color_srgb: NDArray[Any]) -> NDArray[np.float32]:
-    """The constant coefficient whose colour is `color_srgb`: any shape in, same shape float32 out."""
+    """Return the constant coefficients of colours.
+
+    Parameters
+    ----------
+    color_srgb : ndarray
+        Any shape, sRGB.
+
+    Returns
+    -------
+    ndarray of float32
+        The same shape.
+    """
     return ((color_srgb - 0.5) / SH_C0).astype(np.float32)
 
 
 def color_from_sh(dc: ArrayLike) -> NDArray[np.float64]:
-    """The colour of a constant coefficient, sRGB and not clipped: any shape in, same shape float64 out."""
+    """Return the colours of constant coefficients.
+
+    Parameters
+    ----------
+    dc : array-like
+        Any shape.
+
+    Returns
+    -------
+    ndarray of float64
+        The same shape, sRGB, not clipped.
+    """
     return np.asarray(dc, np.float64) * SH_C0 + 0.5
 
 
 def restore_largest(small: NDArray[Any], largest: NDArray[Any]) -> NDArray[np.float32]:
-    """Unit quaternions from their three smaller components ("smallest three").
+    """Restore unit quaternions from their three smaller components ("smallest three").
 
-    small: (N, 3) the components that are left, in their order. largest: (N,) integer 0..3, the place of the
-    one left out. Returns (N, 4) float32 in the same order, the restored component positive.
+    Parameters
+    ----------
+    small : ndarray, (N, 3)
+        The components that are left, in their order.
+    largest : ndarray of integers, (N,)
+        0 to 3, the place of the one left out.
+
+    Returns
+    -------
+    ndarray of float32, (N, 4)
+        In the same order, the restored component positive.
     """
     quats = np.zeros((len(small), 4), np.float32)
     places = np.arange(3) + (np.arange(3) >= largest[:, None])
@@ -50,9 +104,18 @@ def restore_largest(small: NDArray[Any], largest: NDArray[Any]) -> NDArray[np.fl
 
 
 def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
-    """What `restore_largest` takes, of unit quaternions: (N, 4) -> small (N, 3), largest (N,).
+    """Take unit quaternions apart into what `restore_largest` takes.
 
-    The sign is chosen such that the component left out is positive; of equal ones the first is left out.
+    Parameters
+    ----------
+    quats : ndarray, (N, 4)
+
+    Returns
+    -------
+    small : ndarray, (N, 3)
+        The sign is chosen such that the component left out is positive.
+    largest : ndarray of intp, (N,)
+        Place of the one left out, of equal ones the first.
     """
     largest = np.abs(quats).argmax(axis=1)
     sign = np.where(np.take_along_axis(quats, largest[:, None], axis=1) < 0, -1, 1)
@@ -61,16 +124,43 @@ def smallest_three(quats: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]
 
 
 def levels(fractions: ArrayLike, bits: int) -> NDArray[np.uint32]:
-    """Shares of a range, any shape, as the nearest of 2^bits levels: uint32; those outside [0, 1] count as its ends."""
+    """Round shares of a range to the nearest of 2^bits levels.
+
+    Parameters
+    ----------
+    fractions : array-like
+        Any shape; those outside [0, 1] count as its ends.
+    bits : int
+
+    Returns
+    -------
+    ndarray of uint32
+    """
     limit = (1 << bits) - 1
     return np.rint(np.clip(fractions, 0, 1) * limit).astype(np.uint32)
 
 
 def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats, NDArray[np.bool_]]:
-    """Splats of the same number whose every value a quantised format can hold, and which rows were usable: (N,) bool.
+    """Replace rows that a quantised format cannot hold, so that row i stays splat i.
 
-    Rows that no renderer draws (a value that is not finite, a length beyond ABSURD_LENGTH, no extent, a zero
-    quaternion) become transparent ones at the origin, so that row i stays splat i; a DataWarning counts them.
+    Parameters
+    ----------
+    splats : Splats
+    path : path
+        Of the file, for the warning.
+
+    Returns
+    -------
+    splats : Splats
+        Rows that no renderer draws (a value that is not finite, a length beyond `ABSURD_LENGTH`, no extent, a zero
+        quaternion) are transparent splats at the origin.
+    usable : ndarray of bool, (N,)
+        The other rows.
+
+    Warns
+    -----
+    DataWarning
+        With the number of rows replaced.
     """
     n = len(splats)
     values = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
@@ -92,7 +182,16 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
 
 
 def warn_clipped(clipped: NDArray[np.bool_], path: str | os.PathLike[str], what: str) -> None:
-    """Count, in one DataWarning, the rows of `clipped`, (N, ...) bool, whose values a format cannot hold."""
+    """Count, in one DataWarning, the rows whose values a format cannot hold.
+
+    Parameters
+    ----------
+    clipped : ndarray of bool, (N, ...)
+    path : path
+        Of the file.
+    what : str
+        What the values are.
+    """
     rows = np.count_nonzero(clipped.reshape(len(clipped), -1).any(axis=1))
     if rows:
         warnings.warn(f"{path}: {what} of {rows} of {len(clipped)} splats were clipped", DataWarning, stacklevel=4)

@@ -28,8 +28,23 @@ _BLOCK = 8192
 
 
 def read(ply: Ply, part: slice | None = None) -> Splats:
-    """Splats of an opened Ply, all or a slice of its rows. Raises InputError when it is a mesh, a point cloud, empty or
-    cut short."""
+    """Read the splats of an opened PLY.
+
+    Parameters
+    ----------
+    ply : Ply
+    part : slice or None
+        Of its rows; None takes all.
+
+    Returns
+    -------
+    Splats
+
+    Raises
+    ------
+    InputError
+        When it is a mesh, a point cloud, empty or cut short.
+    """
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     missing = [name for name in _REQUIRED if name not in names]
     if missing:
@@ -56,8 +71,13 @@ def read(ply: Ply, part: slice | None = None) -> Splats:
 def write_inria_ply(path: str | os.PathLike[str], splats: Splats, normals: NDArray[Any] | None = None) -> None:
     """Write an INRIA PLY (little-endian float32); the file appears under its name only once it is complete.
 
-    normals: (N, 3) for `nx ny nz`, which mean nothing to most programs; zeros without.
-    Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
+    Parameters
+    ----------
+    path : path
+    splats : Splats
+        Opacities of exactly 0 and 1 are written as the nearest finite logits; a splat of degree 0 gets no f_rest.
+    normals : ndarray, (N, 3), or None
+        For `nx ny nz`, which mean nothing to most programs; zeros without.
     """
     with staged_file(path) as staging, open(staging, "wb") as file:
         for block in _blocks(splats, normals):
@@ -65,7 +85,16 @@ def write_inria_ply(path: str | os.PathLike[str], splats: Splats, normals: NDArr
 
 
 def inria_ply_bytes(splats: Splats) -> bytes:
-    """The file that `write_inria_ply` writes."""
+    """Return the file that `write_inria_ply` writes.
+
+    Parameters
+    ----------
+    splats : Splats
+
+    Returns
+    -------
+    bytes
+    """
     return b"".join(_blocks(splats))
 
 
@@ -82,7 +111,25 @@ def _blocks(splats: Splats, normals: NDArray[Any] | None = None) -> Iterator[byt
 
 
 def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> int:
-    """Coefficients per channel, K, that the f_rest_* among `names` make up; InputError if none fits."""
+    """Count the coefficients per channel that the f_rest_* of a file make up.
+
+    Parameters
+    ----------
+    path : path
+        Of the file, for the message.
+    names : iterable of str
+        Of its properties.
+
+    Returns
+    -------
+    int
+        K: 1, 4, 9 or 16.
+
+    Raises
+    ------
+    InputError
+        Where no degree fits.
+    """
     rest = {name for name in names if name.startswith("f_rest_")}
     k = 1 + len(rest) // 3
     if k not in DEGREE_OF_COEFFICIENTS or rest != {f"f_rest_{i}" for i in range(3 * (k - 1))}:
@@ -91,7 +138,17 @@ def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> int:
 
 
 def rest_columns(sh: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Where each f_rest_* belongs: dict of name -> (N,) view into sh (N, K, 3)."""
+    """Tell where each f_rest_* belongs.
+
+    Parameters
+    ----------
+    sh : ndarray of float32, (N, K, 3)
+
+    Returns
+    -------
+    dict of str to ndarray, (N,)
+        Name to a view into `sh`.
+    """
     rest = sh.shape[1] - 1
     return {f"f_rest_{c * rest + j}": sh[:, 1 + j, c] for c in range(3) for j in range(rest)}
 
@@ -99,7 +156,12 @@ def rest_columns(sh: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
 def gather(rows: NDArray[Any], columns: Mapping[str, NDArray[np.float32]]) -> None:
     """Copy fields of a structured array into float32 columns, block by block.
 
-    rows: (N,) structured, as `Ply.rows` gives them. columns: dict of field name -> (N,) array to fill.
+    Parameters
+    ----------
+    rows : structured ndarray, (N,)
+        As `Ply.rows` gives them.
+    columns : dict of str to ndarray, (N,)
+        Name of a field to the array to fill.
     """
     for start, block in blocks(rows, _BLOCK):
         for name, column in columns.items():

@@ -19,10 +19,20 @@ _LEVEL_AND_TILE = re.compile(r"(\d+)_\d+")
 class Parts:
     """The splat files that make up one capture.
 
-    tiles: tuple of Path, in the order in which their rows stand. counts: tuple of the rows that each must have, or
-    None where nothing says it. environment: Path of the splats that the capture keeps apart as its surroundings, whose
-    rows come last, or None. described_by: the lod-meta.json, or None. level: of detail, 0 the finest, and level_counts,
-    the splats of every level; None and () where there are no levels.
+    Attributes
+    ----------
+    tiles : tuple of Path
+        In the order in which their rows stand.
+    counts : tuple of int or None
+        The rows that each must have, None where nothing says it.
+    environment : Path or None
+        The splats that the capture keeps apart as its surroundings, whose rows come last.
+    described_by : Path or None
+        The lod-meta.json.
+    level : int or None
+        Of detail, 0 the finest; None where there are no levels.
+    level_counts : tuple of int
+        The splats of every level, () where there are no levels.
     """
 
     tiles: tuple[Path, ...]
@@ -40,11 +50,24 @@ class Parts:
 
 
 def parts_of(path: str | os.PathLike[str], lod: int | str = "auto") -> Parts:
-    """The Parts of a splat path.
+    """Find the files that a splat path stands for.
 
-    path: a splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, or of tiles, which are its
-    splat files and unbundled SOGs in the order of their names. lod: level of a streamed SOG, its number or "auto".
-    Raises InputError when there is nothing, when a tile that is named is missing, or when `lod` has no meaning here.
+    Parameters
+    ----------
+    path : path
+        A splat file, a lod-meta.json, or a folder: of a streamed SOG, of an unbundled SOG, or of tiles, which are its
+        splat files and unbundled SOGs in the order of their names.
+    lod : int or "auto"
+        Level of a streamed SOG.
+
+    Returns
+    -------
+    Parts
+
+    Raises
+    ------
+    InputError
+        When there is nothing, when a tile that is named is missing, or when `lod` has no meaning here.
     """
     path = Path(path)
     lod = check_lod(lod)

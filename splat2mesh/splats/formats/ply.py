@@ -30,9 +30,16 @@ _TYPES = {
 
 @dataclass
 class Element:
-    """One element of a header: its row count, and the NumPy type code or "list" of each property.
+    """One element of a header.
 
-    lists: property -> the type codes of its list's length and of its items.
+    Attributes
+    ----------
+    count : int
+        Of its rows.
+    properties : dict of str to str
+        The NumPy type code of each property, or "list".
+    lists : dict of str to (str, str)
+        Property to the type codes of its list's length and of its items.
     """
 
     count: int
@@ -51,8 +58,15 @@ class Element:
 class Ply:
     """A PLY file whose header has been read.
 
-    path: Path. format: "ascii", "binary_little_endian" or "binary_big_endian".
-    elements: dict of name -> Element, in file order. body: byte offset of the first row.
+    Attributes
+    ----------
+    path : Path
+    format : str
+        "ascii", "binary_little_endian" or "binary_big_endian".
+    elements : dict of str to Element
+        In file order.
+    body : int
+        Byte offset of the first row.
     """
 
     def __init__(self, path: Path, format: str, elements: dict[str, Element], body: int) -> None:
@@ -60,7 +74,21 @@ class Ply:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Ply":
-        """Read the header of `path`. Raises InputError for a header that is malformed or cut short."""
+        """Read the header of a file.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Ply
+
+        Raises
+        ------
+        InputError
+            For a header that is malformed or cut short.
+        """
         path = Path(path)
         format: str | None = None
         elements: dict[str, Element] = {}
@@ -103,9 +131,27 @@ class Ply:
         return _BYTE_ORDERS[self.format]
 
     def rows(self, name: str) -> NDArray[Any]:
-        """The rows of element `name`: structured array (count,), memory-mapped when the file is binary.
+        """Read the rows of an element.
 
-        Raises InputError when the file is shorter than its header says; warns when bytes follow the last row.
+        Parameters
+        ----------
+        name : str
+            Of the element.
+
+        Returns
+        -------
+        structured ndarray, (count,)
+            Memory-mapped when the file is binary.
+
+        Raises
+        ------
+        InputError
+            When the file is shorter than its header says.
+
+        Warns
+        -----
+        DataWarning
+            When bytes follow the last row.
         """
         element = self.elements[name]
         if element.has_lists:
@@ -156,9 +202,20 @@ class Ply:
 
 
 def blocks(rows: NDArray[Any], size: int) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Rows of a Ply, at most `size` at a time: yields the index of the first and a structured array.
+    """Go through the rows of a Ply, at most `size` at a time.
 
-    Mapped rows are read from their file instead: a file of many gigabytes would count as memory once gone through.
+    Parameters
+    ----------
+    rows : structured ndarray
+        As `Ply.rows` gives them. Mapped rows are read from their file instead: a file of many gigabytes would count as
+        memory once gone through.
+    size : int
+
+    Yields
+    ------
+    first : int
+        Index of the first row.
+    block : structured ndarray
     """
     if not isinstance(rows, np.memmap):
         yield from ((start, rows[start : start + size]) for start in range(0, len(rows), size))

@@ -25,13 +25,29 @@ _ZIP = b"PK\x03\x04"
 def read_splats(path: str | os.PathLike[str], lod: int | str = "auto") -> Splats:
     """Read any supported splat: INRIA PLY (also 2DGS), PlayCanvas compressed PLY, .splat, .spz, .sog, or many tiles.
 
-    path: a file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG,
-    or its folder; a folder of splat files, which are joined in the order of their names. lod: level of a streamed SOG,
-    0 being the finest, or "auto", the finest of at most streamed.SPLAT_BUDGET splats.
-    Returns Splats in the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or be invisible. Rows stand in the
-    order of the tiles; the environment of a streamed SOG comes last and is marked so.
-    Raises InputError when a file is missing, empty, cut short, or of another kind: no tile is skipped. Warns with a
-    DataWarning when "auto" passes over a finer level.
+    Parameters
+    ----------
+    path : path
+        A file; for SOG also the folder that holds meta.json, or that meta.json; the lod-meta.json of a streamed SOG, or
+        its folder; a folder of splat files, which are joined in the order of their names.
+    lod : int or "auto"
+        Level of a streamed SOG, 0 being the finest, or "auto", the finest of at most `streamed.SPLAT_BUDGET` splats.
+
+    Returns
+    -------
+    Splats
+        In the frame of an INRIA PLY, not yet cleaned: rows may hold NaN, or be invisible. Rows stand in the order of
+        the tiles; the environment of a streamed SOG comes last and is marked so.
+
+    Raises
+    ------
+    InputError
+        When a file is missing, empty, cut short, or of another kind: no tile is skipped.
+
+    Warns
+    -----
+    DataWarning
+        When "auto" passes over a finer level.
     """
     path = Path(path)
     check_special(path)
@@ -61,9 +77,21 @@ def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
-    """What a splat is, by what it holds: "ply" (INRIA, 2DGS), "compressed.ply", "splat", "spz", "sog" or "tiles".
+    """Tell what a splat is, by what it holds.
 
-    Raises InputError for what is none of them.
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    str
+        "ply" (INRIA, 2DGS), "compressed.ply", "splat", "spz", "sog" or "tiles".
+
+    Raises
+    ------
+    InputError
+        For what is none of them.
     """
     path = Path(path)
     check_special(path)

@@ -36,7 +36,24 @@ _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of t
 
 
 def read_folder(folder: Path, meta_name: str = META) -> Splats:
-    """Splats of a folder with meta.json and its images. Raises InputError when one is missing or unusable."""
+    """Read an unbundled SOG.
+
+    Parameters
+    ----------
+    folder : Path
+        Holds the images.
+    meta_name : str
+        Of the JSON that names them.
+
+    Returns
+    -------
+    Splats
+
+    Raises
+    ------
+    InputError
+        When a part is missing or unusable.
+    """
     if not (folder / meta_name).is_file():
         raise InputError(f"{folder} is a folder without {META}: expected a splat file or an unbundled SOG folder")
 
@@ -52,7 +69,21 @@ def read_folder(folder: Path, meta_name: str = META) -> Splats:
 
 
 def read_bundle(path: AnyPath) -> Splats:
-    """Splats of a `.sog` zip. Raises InputError when it is damaged or lacks a part."""
+    """Read a `.sog` zip.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Splats
+
+    Raises
+    ------
+    InputError
+        When it is damaged or lacks a part.
+    """
     size = file_size(path, "splat file")
     try:
         with zipfile.ZipFile(path) as bundle:

@@ -24,10 +24,24 @@ LEAST_SCALE_LOG = -30.0
 
 
 def sog_files(splats: Splats, path: str = "splats") -> dict[str, bytes]:
-    """File name -> bytes of an unbundled SOG, row i being splat i; the same splats give the same bytes.
+    """Make the files of an unbundled SOG, row i being splat i.
 
-    path: what warnings call it. Warns with a DataWarning of splats that hold no finite values, which go out as
-    transparent ones, and of harmonics, which are left out: each splat keeps its colour without a direction.
+    Parameters
+    ----------
+    splats : Splats
+    path : str
+        What warnings call it.
+
+    Returns
+    -------
+    dict of str to bytes
+        By file name; the same splats give the same bytes.
+
+    Warns
+    -----
+    DataWarning
+        Of splats that hold no finite values, which go out as transparent ones, and of harmonics, which are left out:
+        each splat keeps its colour without a direction.
     """
     if splats.degree:
         warnings.warn(f"{path}: the harmonics of {len(splats)} splats were left out", DataWarning, stacklevel=2)

@@ -40,7 +40,22 @@ _GZIP = 31  # window bits of zlib that make its stream a gzip one, with no name 
 
 
 def read(path: AnyPath) -> Splats:
-    """Splats of an `.spz` file. Raises InputError when it is no SPZ, too new, damaged or cut short."""
+    """Read an `.spz` file.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Splats
+        In the frame of a PLY.
+
+    Raises
+    ------
+    InputError
+        When it is no SPZ, too new, damaged or cut short.
+    """
     file_size(path, "splat file")
     data = Path(path).read_bytes()
     try:
@@ -51,10 +66,22 @@ def read(path: AnyPath) -> Splats:
 
 
 def write(path: AnyPath, splats: Splats) -> None:
-    """Write an SPZ of version 3, row i being splat i, given in the frame of a PLY; it appears only once complete.
+    """Write an SPZ of version 3, row i being splat i; the file appears only once it is complete.
 
+    Parameters
+    ----------
+    path : path
+    splats : Splats
+        In the frame of a PLY.
+
+    Warns
+    -----
+    DataWarning
+        About splats, positions and harmonics that the format cannot hold.
+
+    Notes
+    -----
     Positions get as many fraction bits as their reach leaves, so that those of an SPZ come back exactly.
-    Warns with a DataWarning about splats, positions and harmonics that the format cannot hold.
     """
     splats, _ = hide_unusable(splats, path)
     bits = _fraction_bits(np.abs(splats.means).max(axis=1))

@@ -30,8 +30,16 @@ SPLAT_BUDGET = 6_000_000
 class Streamed:
     """What a lod-meta.json says, checked.
 
-    path: of the lod-meta.json. counts: tuple of the splats of each level. tiles: tuple, for each level a dict of the
-    tile's path -> its count of splats, in the order of `filenames`. environment: path of its SOG, or None.
+    Attributes
+    ----------
+    path : Path
+        Of the lod-meta.json.
+    counts : tuple of int
+        The splats of each level.
+    tiles : tuple of dict of Path to int
+        For each level, a tile's path to its count of splats, in the order of `filenames`.
+    environment : Path or None
+        Of its SOG.
     """
 
     path: Path
@@ -40,9 +48,21 @@ class Streamed:
     environment: Path | None
 
     def level(self, lod: int | str = "auto") -> int:
-        """The level that `lod` names: its number, or "auto", the finest of at most SPLAT_BUDGET splats.
+        """Return the number of the level that `lod` names.
 
-        Where every level is over the budget, "auto" is the coarsest. Raises InputError for a level without splats.
+        Parameters
+        ----------
+        lod : int or "auto"
+            "auto" is the finest of at most `SPLAT_BUDGET` splats, or the coarsest where every level is over the budget.
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            For a level without splats.
         """
         filled = [level for level, count in enumerate(self.counts) if count]
         if lod == "auto":
@@ -53,7 +73,17 @@ class Streamed:
         return lod
 
     def check_tiles(self, level: int) -> None:
-        """Raise InputError unless every tile of a level is there and says that it holds the splats it should."""
+        """Check that every tile of a level is there and says that it holds the splats it should.
+
+        Parameters
+        ----------
+        level : int
+
+        Raises
+        ------
+        InputError
+            Where one is missing or holds another number.
+        """
         tiles = self.tiles[level]
         lost = [path for path in [*tiles, *([self.environment] if self.environment else [])] if not path.is_file()]
         if lost:
@@ -64,7 +94,22 @@ class Streamed:
 
 
 def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -> None:
-    """Raise InputError when a tile holds another number of splats than its lod-meta.json says; None: not known yet."""
+    """Check the number of splats of a tile against its lod-meta.json.
+
+    Parameters
+    ----------
+    path : Path
+        Of the tile.
+    found : int or None
+        None where it is not known yet, which passes.
+    expected : int
+    meta_path : Path
+
+    Raises
+    ------
+    InputError
+        Where they differ.
+    """
     if found is not None and found != expected:
         raise InputError(
             f"{path} holds {found:,} splats, {meta_path.name} says {expected:,}: copy or export the folder again"
@@ -72,7 +117,16 @@ def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -
 
 
 def is_streamed(path: Path) -> bool:
-    """Whether a path is the lod-meta.json of a streamed SOG, by what it holds."""
+    """Tell whether a path is the lod-meta.json of a streamed SOG, by what it holds.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     try:
         content = read_json(path)
     except ValueError:  # an InputError is one
@@ -81,7 +135,21 @@ def is_streamed(path: Path) -> bool:
 
 
 def open_streamed(path: str | os.PathLike[str]) -> Streamed:
-    """The Streamed of a lod-meta.json. Raises InputError where it is damaged or contradicts itself."""
+    """Read a lod-meta.json.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Streamed
+
+    Raises
+    ------
+    InputError
+        Where it is damaged or contradicts itself.
+    """
     path = Path(path)
     try:
         meta = read_json(path)
