@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from splat2mesh.base.sphere import row_solid_angles as row_solid_angles
+from splat2mesh.base.sphere import texel_directions
+
 _EMPTY_SHARE = 0.9  # of the texels outside the picture; the rest leaves room for a logo in a corner
 _DARK = 0.01  # outside counts as black below this share of the median inside
 _SUBSAMPLES = 4  # a side of each texel: a sun as wide as one keeps its energy to within 1 to 3%
@@ -20,20 +23,6 @@ _CROSS_FACES = (
     ((1, 2), (0, -1, 0), (1, 0, 0), (0, 0, 1)),
     ((1, 3), (0, 0, 1), (1, 0, 0), (0, 1, 0)),
 )
-
-
-def texel_directions(height: int, width: int, rows: slice = slice(None)) -> NDArray:
-    """Unit directions (R, W, 3) float64 of the texel centres of a lat-long image, or of some of its rows."""
-    latitude = np.pi * (0.5 - (np.arange(height)[rows, None] + 0.5) / height)
-    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
-    x, z = np.cos(latitude) * np.sin(longitude), np.cos(latitude) * np.cos(longitude)
-    return np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
-
-
-def row_solid_angles(height: int, width: int) -> NDArray:
-    """Solid angle of a texel in each row of a lat-long image, in steradians: (H, 1) float64, exact."""
-    edges = np.cos(np.pi * np.arange(height + 1) / height)
-    return (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
 
 
 def recognise(image: NDArray) -> str | None:

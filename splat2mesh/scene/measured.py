@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import InputError
 from ..base.inputs import load_arrays
+from ..base.sphere import row_solid_angles
 from .optical_depth import OpticalDepth
 
 FILE = "measured.npz"
@@ -111,21 +112,6 @@ class Measured(NamedTuple):
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{path}: damaged ({error}); convert the splat again") from error
-
-
-def texel_directions(height: int, width: int) -> NDArray[np.float64]:
-    """(H, W, 3) float64 unit directions of a lat-long picture's texels, scene frame."""
-    latitude = np.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
-    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
-    flat = np.cos(latitude)
-    parts = np.broadcast_arrays(np.sin(longitude) * flat, np.sin(latitude), np.cos(longitude) * flat)
-    return np.stack(parts, axis=-1)
-
-
-def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
-    """(H, 1) float64: solid angle of a texel of each row, in steradians."""
-    edges = np.sin(np.pi * (0.5 - np.arange(height + 1) / height))
-    return ((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)[:, None]
 
 
 def _bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -7,10 +7,11 @@ and where they were, a lower bound.
 import numpy as np
 
 from ..base.arrays import Directions, Floats, Mask, Matrix4, Vector
+from ..base.sphere import texel_directions
 from ..render.rasterize import rasterize
 from ..render.view import View
 from ..scene.color import linear_from_srgb
-from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky, texel_directions
+from ..scene.measured import SKY_HEIGHT, SKY_WIDTH, CapturedSky
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Directions, Floats, Integers, Points, Vector
 from ..base.distinct import distinct
 from ..splats.splats import Splats
-from .viewpoints import fibonacci_sphere
+from .viewpoints import even_directions
 
 SOLID = 0.3
 """Opacity above which a splat is solid enough to be counted here."""
@@ -116,7 +116,7 @@ def largest_plane(splats: Splats) -> Floor | None:
     if len(cells) < CELLS:
         return None
     sample = cells[:: 1 + len(cells) // SAMPLE]
-    directions = fibonacci_sphere(DIRECTIONS)
+    directions = even_directions(DIRECTIONS)
     directions = directions[directions[:, 2] >= 0]
     counts, heights = _fullest_slabs(sample, directions)
     best = int(counts.argmax())

@@ -18,7 +18,7 @@ from ..base.errors import InputError
 from ..render.opacitygrid import OpacityGrid
 from ..splats.splats import Splats
 from .eyes import Eye
-from .viewpoints import fibonacci_sphere
+from .viewpoints import even_directions
 
 PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
 """Free places, rays from each, cells tried at random until so many are found, and places without which nobody stood
@@ -127,7 +127,7 @@ class _Looks(NamedTuple):
 
     @classmethod
     def of(cls, grid: OpacityGrid, points: Points) -> "_Looks":
-        directions = fibonacci_sphere(RAYS)
+        directions = even_directions(RAYS)
         distance, pixel, level = grid.march(points, directions)
         hit = np.isfinite(distance)
         inner = hit & (level == 0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
+from ..base.sphere import fibonacci_sphere
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
@@ -106,10 +107,10 @@ def candidate_views(splats: Splats, count: int, up: Vector, seed: int = 0) -> li
     distance = radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
     corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3)
     views = []
-    for direction in fibonacci_sphere(count):
+    for direction in even_directions(count):
         view = View.look_at(center + distance * direction, center, up, OUTER_FOV_DEG, CANDIDATE_PIXELS)
         views.append(view.framing(corners))
-    for direction in fibonacci_sphere(count):
+    for direction in even_directions(count):
         target = center + rng.uniform(-0.3, 0.3, 3) * np.ptp(bounds, axis=0)
         views.append(View.look_at(target + 0.5 * distance * direction, target, up, OUTER_FOV_DEG, CANDIDATE_PIXELS))
     for eye in _free_places(splats, bounds, max(count // 6, 4), rng):
@@ -174,13 +175,9 @@ def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
     return max(pool, key=lambda entry: entry[2] / (1 + (entry[1] / sharp) ** 2))[0]
 
 
-def fibonacci_sphere(count: int) -> NDArray[np.float64]:
-    """`count` evenly spread unit vectors: (count, 3) float64."""
-    index = np.arange(count) + 0.5
-    z = 1 - 2 * index / count
-    azimuth = index * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(azimuth), r * np.sin(azimuth), z], axis=1)
+def even_directions(count: int) -> NDArray[np.float64]:
+    """`count` unit vectors (count, 3) that share the sphere evenly, from +z to -z."""
+    return np.ascontiguousarray(fibonacci_sphere(count, first=0.5)[:, [0, 2, 1]])
 
 
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:

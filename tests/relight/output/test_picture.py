@@ -17,7 +17,7 @@ from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
-from splat2mesh.views.viewpoints import fibonacci_sphere
+from splat2mesh.views.viewpoints import even_directions
 
 SIZE = 160, 120
 FRONT = {"eye": [0, 0.5, 5], "target": [0, 0, 0], "up": [0, 1, 0], "fov_deg": 40.0}
@@ -33,7 +33,7 @@ def coarse_shadow(monkeypatch):
 
 def test_splats_are_drawn_as_any_viewer_draws_them_whatever_frame_they_are_in():
     # A frame with a turn and twice the size: the same picture of the splats as from their own frame.
-    points = fibonacci_sphere(400)
+    points = even_directions(400)
     splats = discs(points, points, 0.12, 1e-3)
     matrix = np.diag([2.0, -2.0, -2.0, 1.0])
     scene = Scene(ball_on_plate().chunks, scene_from_splat=matrix)

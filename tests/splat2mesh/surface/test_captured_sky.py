@@ -5,8 +5,9 @@ import pytest
 from disc_splats import plain
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.measured import CapturedSky, Measured, row_solid_angles, texel_directions
+from splat2mesh.scene.measured import CapturedSky, Measured
 from splat2mesh.splats.splats import SH_C0, Splats
 from splat2mesh.surface.captured_sky import captured_sky
 from splat2mesh.surface.measure import measured_of

@@ -17,7 +17,7 @@ from splat2mesh.views.viewpoints import (
     PICTURE_ASPECT,
     bounds_of,
     candidate_views,
-    fibonacci_sphere,
+    even_directions,
     near_plane,
     picture_view,
     virtual_views,
@@ -62,7 +62,7 @@ def room_in_a_haze(half=(2.0, 1.2, 1.6)):
 
 
 def ball(count=6000, center=(0.0, 0.0, 0.0)):
-    normals = fibonacci_sphere(count)
+    normals = even_directions(count)
     return discs(normals + center, normals, 0.7 * np.sqrt(4 * np.pi / count), 1e-3)
 
 
@@ -96,7 +96,7 @@ def test_an_object_is_seen_everywhere_twice_and_from_all_around():
     middle = scene("object")[0].vertices.mean(axis=0)
     around = (eyes - middle) / np.linalg.norm(eyes - middle, axis=1, keepdims=True)
     # 32 even directions leave no direction farther than 27 degrees from one; twice that is a gap.
-    assert np.degrees(np.arccos((fibonacci_sphere(200) @ around.T).max(axis=1))).max() < 55
+    assert np.degrees(np.arccos((even_directions(200) @ around.T).max(axis=1))).max() < 55
     distance = caster(scene("object")[0]).compute_signed_distance(o3d.core.Tensor(eyes.astype(np.float32))).numpy()
     assert distance.min() > 0
 
@@ -206,7 +206,7 @@ def test_candidates_are_small_and_hold_the_scene():
 
 
 def test_directions_are_unit_and_even():
-    directions = fibonacci_sphere(500)
+    directions = even_directions(500)
     np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1, rtol=1e-12)
     assert np.linalg.norm(directions.mean(axis=0)) < 0.01
     cosine = directions @ directions.T - 2 * np.eye(500)

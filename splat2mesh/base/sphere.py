@@ -1,0 +1,35 @@
+"""Directions on the sphere: sets that share it evenly, and the texels of lat-long images.
+
+Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def fibonacci_sphere(count: int, first: float = 0.0) -> NDArray[np.float64]:
+    """Unit directions (N, 3) float64 that share the sphere evenly, from +y to -y.
+
+    first: azimuth of the first one, in golden angles, from +x towards +z.
+    Source: Swinbank, Purser, "Fibonacci grids: a novel approach to global modelling", 2006.
+    """
+    height = 1.0 - (2.0 * np.arange(count) + 1.0) / count
+    turn = (np.arange(count) + first) * math.pi * (3.0 - math.sqrt(5.0))
+    radius = np.sqrt(1.0 - height * height)
+    return np.stack([radius * np.cos(turn), height, radius * np.sin(turn)], axis=1)
+
+
+def texel_directions(height: int, width: int, rows: slice = slice(None)) -> NDArray[np.float64]:
+    """Unit directions (R, W, 3) float64 of the texel centres of a lat-long image, or of some of its rows."""
+    latitude = np.pi * (0.5 - (np.arange(height)[rows, None] + 0.5) / height)
+    longitude = np.pi * (1.0 - 2.0 * (np.arange(width) + 0.5) / width)
+    x, z = np.cos(latitude) * np.sin(longitude), np.cos(latitude) * np.cos(longitude)
+    return np.stack([x, np.broadcast_to(np.sin(latitude), x.shape), z], axis=-1)
+
+
+def row_solid_angles(height: int, width: int) -> NDArray[np.float64]:
+    """Solid angle of a texel in each row of a lat-long image, in steradians: (H, 1) float64, exact."""
+    edges = np.cos(np.pi * np.arange(height + 1) / height)
+    return (edges[:-1] - edges[1:])[:, None] * (2.0 * np.pi / width)
