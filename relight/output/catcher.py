@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import cKDTree
 
 from splat2mesh.render.raycaster import RayCaster
-from splat2mesh.views.viewpoints import fibonacci_sphere
+from splat2mesh.views.viewpoints import even_directions
 
 from ..light.projections import row_solid_angles, texel_directions
 
@@ -100,7 +100,7 @@ class Catcher:
 
 
 def _upper_hemisphere():
-    directions = fibonacci_sphere(2 * DIRECTIONS)[:, [0, 2, 1]]
+    directions = even_directions(2 * DIRECTIONS)[:, [0, 2, 1]]
     return directions[directions[:, 1] > 0.0].astype(np.float32)
 
 

@@ -17,7 +17,7 @@ from splat2mesh.splats.joining import joined
 from splat2mesh.splats.merging import merged
 from splat2mesh.splats.splats import Splats
 
-LEVELS = 5
+LOD_LEVELS = 5
 """Of detail: each has a quarter of the splats of the one before, so the last has one for 256."""
 
 LEAF = 32_768
@@ -32,7 +32,7 @@ def tile_levels(splats: Splats, tile: int) -> tuple[dict[str, bytes], list[dict[
     leaves = [splats.take(rows).in_spatial_order() for rows in _parts(splats.means)]
     nodes: list[dict[str, Any]] = [{"bound": _bound(leaf), "lods": {}} for leaf in leaves]
     files: dict[str, bytes] = {}
-    for level in range(LEVELS):
+    for level in range(LOD_LEVELS):
         if level:
             leaves = [merged(leaf) for leaf in leaves]
         name, offset = f"{level}_{tile:05d}", 0
@@ -69,7 +69,7 @@ def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
     """What lod-meta.json says, of the leaves of all tiles. environment: whether there is one."""
     names = sorted({lod["file"] for leaf in leaves for lod in leaf["lods"].values()})
     number = {name: index for index, name in enumerate(names)}
-    counts = [0] * LEVELS
+    counts = [0] * LOD_LEVELS
     filled = []
     for leaf in leaves:
         lods = {level: {**lod, "file": number[lod["file"]]} for level, lod in leaf["lods"].items()}
@@ -81,7 +81,7 @@ def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
         "asset": {"generator": f"splat2mesh {VERSION}"},
         "count": sum(counts),
         "counts": counts,
-        "lodLevels": LEVELS,
+        "lodLevels": LOD_LEVELS,
         "filenames": names,
         "tree": _tree(filled),
     }
@@ -106,4 +106,4 @@ def environment_files(splats: Splats) -> dict[str, bytes]:
     return {f"{FOLDER}/env/{name}": data for name, data in sog_files(splats, f"{FOLDER}/env").items()}
 
 
-__all__ = ["FOLDER", "LEVELS", "META", "environment_files", "lod_meta", "tile_levels"]
+__all__ = ["FOLDER", "LOD_LEVELS", "META", "environment_files", "lod_meta", "tile_levels"]

@@ -28,7 +28,7 @@ FARTHEST_Q = np.float32(12)
 The exponential is good to here, and where its argument is cut here too, no slow denormals arise.
 """
 
-REACH = np.float32(math.sqrt(FARTHEST_Q) * 1.01)
+PEAK_REACH = np.float32(math.sqrt(FARTHEST_Q) * 1.01)
 """Standard deviations before a peak where its Gaussian hides nothing yet."""
 
 
@@ -119,7 +119,7 @@ def _ranges(entries: Floats, longest: int, level: np.float32, search: Floats) ->
             before, at = search[THROUGH + column], search[AT + column]
             after = before * (ONE - share)
             low, last = search[LOW + column], search[LAST + column]
-            search[LOW + column] = min(low, peak - REACH * width) if share > ZERO else low
+            search[LOW + column] = min(low, peak - PEAK_REACH * width) if share > ZERO else low
             search[LAST + column] = max(last, peak) if share > ZERO else last
             search[AT + column] = peak - width if (before > ONE - level) & (after <= ONE - level) else at
             search[THROUGH + column] = after

@@ -26,7 +26,7 @@ from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import exp_minus_half
 from .view import View
 
-LEVEL = 0.45
+FIELD_LEVEL = 0.45
 """Opacity at which the surface lies."""
 
 LIST = 48
@@ -58,7 +58,7 @@ class FieldDepth:
     alpha: NDArray[np.float32]
 
 
-def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = LEVEL) -> FieldDepth:
+def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
     """Find the surface of `splats` in one view.
 
     splats: Splats, N >= 0; rows whose geometry is not finite are not seen. view: View in their frame.

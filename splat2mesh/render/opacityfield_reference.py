@@ -6,12 +6,12 @@ from ..base.arrays import Floats
 from ..splats.splats import Splats
 from .footprints import MIN_ALPHA, NEAR
 from .levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
-from .opacityfield import ENOUGH, LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
+from .opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
 from .rasterize_reference import project
 from .view import View
 
 
-def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = LEVEL) -> FieldDepth:
+def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
     """What `field_depth` computes, every splat against every pixel. Same arguments, same FieldDepth."""
     field = OpacityField(splats, view, near)
     depth, behind, before = (field.reach(at) for at in (level, float(SPREAD_TO), float(SPREAD_FROM)))

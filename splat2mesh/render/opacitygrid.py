@@ -31,7 +31,7 @@ FINEST_SHARE = 0.1
 """Of a block's Gaussians, the share that training has shrunk as far as its pixels allow."""
 
 SCALES_PER_PIXEL = 1.4
-"""The largest scale of such a Gaussian in training pixels, as surface.training_pixel has it."""
+"""The largest scale of such a Gaussian in training pixels: what training lets shrink."""
 
 SOLID = 0.3
 """Opacity above which a Gaussian counts for the size of pixels."""

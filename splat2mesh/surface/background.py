@@ -1,21 +1,36 @@
 """The far background of an open capture: which splats belong to it, and views to see it from, from within."""
 
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 
-from ..base.arrays import Floats, Mask, Vector
+from ..base.arrays import Mask, Vector
+from ..base.calibration import NOT_RECORDED, Provenance
 from ..render.view import View
 from ..splats.splats import Splats
+from ..views.ground import weighted_median
 from ..views.viewpoints import bounds_of
 
-REACH = 4.0
-"""Radii, each holding half of the detail, beyond which splats may be background. A guitar on its stand reaches 4.6."""
 
-COARSER = 3.0
-"""How much larger than the foreground's the median splat out there must be: cameras among the foreground see far things
-coarsely, while a long object is as fine at its end as in its middle."""
+@dataclass(frozen=True)
+class BackgroundCalibration:
+    """What tells the far background of an open capture.
 
-LEAST_SHARE = 0.002
-"""Share of the solid splats that a background has at least; fewer are floaters."""
+    radii: each holding half of the detail, beyond which splats may be background; a guitar on its stand reaches 4.6.
+    coarser: how much larger than the foreground's the median splat out there must be: cameras among the foreground see
+    far things coarsely, while a long object is as fine at its end as in its middle. least_share: of the solid splats
+    that a background has at least; fewer are floaters.
+    """
+
+    provenance: ClassVar = Provenance(script=NOT_RECORDED, fitted_on=NOT_RECORDED, held_out=NOT_RECORDED)
+
+    radii: float = 4.0
+    coarser: float = 3.0
+    least_share: float = 0.002
+
+
+BACKGROUND = BackgroundCalibration()
 
 SOLID = 0.3
 """Opacity above which a splat is solid enough to be counted here."""
@@ -41,12 +56,13 @@ def foreground_ball(splats: Splats) -> tuple[Vector, float, Mask]:
         return np.zeros(3), np.inf, apart
     size = splats.scales.max(axis=1)
     detail = 1.0 / np.maximum(size[solid], np.percentile(size[solid], 5) + 1e-30).astype(np.float64) ** 2
-    center = np.array([_weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
+    center = np.array([weighted_median(splats.means[solid, axis], detail) for axis in range(3)])
     distance = np.linalg.norm(splats.means - center, axis=1)
-    radius = REACH * _weighted_median(distance[solid], detail)
+    radius = BACKGROUND.radii * weighted_median(distance[solid], detail)
     far = distance > radius
     out, here = solid & far, solid & ~far
-    if out.sum() < LEAST_SHARE * solid.sum() or np.median(size[out]) < COARSER * np.median(size[here]):
+    few = out.sum() < BACKGROUND.least_share * solid.sum()
+    if few or np.median(size[out]) < BACKGROUND.coarser * np.median(size[here]):
         far, radius = np.zeros(len(splats), bool), np.inf
     if apart.any():
         radius = min(radius, float(np.percentile(distance[apart], ENVIRONMENT_FROM)))
@@ -70,9 +86,3 @@ def views_from_within(foreground: Splats, pixels: int, up: Vector) -> list[View]
         for eye in eyes
         for direction, top in zip(np.concatenate([axes, -axes]), tops, strict=True)
     ]
-
-
-def _weighted_median(values: Floats, weights: Floats) -> float:
-    order = np.argsort(values)
-    reached = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Integers
-from .octree import BITS, EMPTY, LEVELS, Corners, pack, slot
+from .octree import BITS, EMPTY, OCTREE_LEVELS, Corners, pack, slot
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -32,7 +32,7 @@ def dual_mesh(
     Source: Ju et al., "Dual Contouring of Hermite Data" (2002), with the mean of the crossings as vertex.
     """
     size = 1 << int(np.ceil(np.log2(max(16, 2.2 * len(leaves)))))
-    present = np.flatnonzero(np.bincount(leaves >> (3 * BITS), minlength=LEVELS))
+    present = np.flatnonzero(np.bincount(leaves >> (3 * BITS), minlength=OCTREE_LEVELS))
     keys, rows = np.full(size, EMPTY, np.int64), np.zeros(size, np.int32)
     index = LeafIndex(keys, rows, int(present.min()), int(present.max()))
     _index_leaves(keys, rows, leaves)

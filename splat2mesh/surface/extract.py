@@ -6,13 +6,15 @@ sugar   points on a level of the density field, Poisson: the way of the SuGaR pa
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ..base.arrays import Floats
+from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
+from ..render.opacitygrid import SCALES_PER_PIXEL
 from ..render.view import View
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
@@ -24,11 +26,25 @@ if TYPE_CHECKING:
 TRAINING_DILATION = 0.3
 """Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
 
-SCALES_PER_PIXEL = 1.4
-"""The smallest tenth of the solid Gaussians' largest scales, in training pixels: what training lets shrink."""
 
-THICKNESSES, LEVELS = (0.7, 1.5), (0.38, 0.5)
-"""Median thickness of the surfaces in training pixels, and the opacity at which the surface lies; held outside."""
+@dataclass(frozen=True)
+class LevelCalibration:
+    """The opacity at which the surface of an object lies, by the median thickness of its surfaces.
+
+    thicknesses: in training pixels. levels: the opacity at each; between them it is interpolated, outside held.
+    """
+
+    provenance: ClassVar = Provenance(
+        script="scripts/bench surface",
+        fitted_on="spot and tabletop, two trained scenes with true meshes (docs/surface.md)",
+        held_out=NOT_RECORDED,
+    )
+
+    thicknesses: tuple[float, float] = (0.7, 1.5)
+    levels: tuple[float, float] = (0.38, 0.5)
+
+
+LEVEL = LevelCalibration()
 
 LEVEL_PROBES, LEVEL_PROBE_PIXELS = 8, 128
 """Views, and their pixels, in which the thickness is measured."""
@@ -108,8 +124,8 @@ def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: flo
     thickness = np.concatenate(found)
     thickness = thickness[np.isfinite(thickness)]
     if len(thickness) == 0:
-        return LEVELS[1]
-    return float(np.interp(np.median(thickness), THICKNESSES, LEVELS))
+        return LEVEL.levels[1]
+    return float(np.interp(np.median(thickness), LEVEL.thicknesses, LEVEL.levels))
 
 
 def thickness_of(seen: "FieldDepth", view: View) -> Floats:

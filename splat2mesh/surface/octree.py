@@ -24,7 +24,7 @@ BITS = 19
 
 HALF = 1 << (BITS - 1)
 MASK = (1 << BITS) - 1
-LEVELS = 16
+OCTREE_LEVELS = 16
 """Levels at most: from a millimetre to 30 m."""
 
 EMPTY = -1
@@ -134,7 +134,7 @@ def requested_cells(
         use = sight.weight > 0
         rays = sight.view.ray_directions()[use]
         seen = sight.plane[..., 3][use].astype(np.float64), sight.spread[use].astype(np.float64)
-        arrays = *seen, sight.view.center - origin, step[use], finest, narrow, wide, LEVELS
+        arrays = *seen, sight.view.center - origin, step[use], finest, narrow, wide, OCTREE_LEVELS
         while (found := _mark(table, count, rays, *arrays)) < 0:
             if len(table) >= largest:
                 return None
@@ -152,17 +152,17 @@ def leaves_of(requested: Indices) -> Indices:
 
     Where coarse and fine cells overlap the coarse ones are split, and keep their other children.
     """
-    by_level: list[Indices] = [np.zeros(0, np.int64)] * LEVELS
+    by_level: list[Indices] = [np.zeros(0, np.int64)] * OCTREE_LEVELS
     levels = requested >> (3 * BITS)
-    for level in range(LEVELS):
+    for level in range(OCTREE_LEVELS):
         by_level[level] = requested[levels == level]
     ancestors: list[Indices] = [np.zeros(0, np.int64)]
-    for level in range(1, LEVELS):
+    for level in range(1, OCTREE_LEVELS):
         below = np.concatenate([by_level[level - 1], ancestors[level - 1]])
         ancestors.append(distinct(_parents(below)).astype(np.int64, copy=False))
     leaves: list[Indices] = []
     nodes: Indices = np.zeros(0, np.int64)
-    for level in range(LEVELS - 1, -1, -1):
+    for level in range(OCTREE_LEVELS - 1, -1, -1):
         nodes = distinct(np.concatenate([by_level[level], nodes])).astype(np.int64, copy=False)
         internal = np.isin(nodes, ancestors[level], assume_unique=True)
         leaves.append(nodes[~internal])

@@ -13,7 +13,7 @@ CONTRAST = 5.0
 SHORTEST_PIXELS = 2.0
 """Edges of less pixels of the best view are not split: there is nothing between them."""
 
-ROUNDS = 3
+SPLIT_ROUNDS = 3
 """Times that edges are split."""
 
 
@@ -24,7 +24,7 @@ def refine_by_color(
 
     album: Album. most: vertices at most; the strongest contrasts come first. The surface stays where it is.
     """
-    for _ in range(ROUNDS):
+    for _ in range(SPLIT_ROUNDS):
         room = most - len(points)
         if room <= 0:
             break

@@ -19,13 +19,13 @@ from ..render.rasterize import Rendering
 from ..render.view import View
 from ..splats.splats import Splats
 
-LEVEL = 0.3
+DENSITY_LEVEL = 0.3
 """Density at which the surface lies: SuGaR's value."""
 
 NEIGHBORS = 16
 """Gaussians that make up the density at a point: SuGaR's value."""
 
-REACH = 3.0
+SEARCH_SIGMAS = 3.0
 """Search range along a ray about the rendered depth, in standard deviations of the nearest Gaussian along that ray."""
 
 STEPS = 21
@@ -59,7 +59,7 @@ class DensityField:
         """Where rays first enter the level set near given points.
 
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
-        Returns SurfacePoints of the rays that enter it within REACH; normals are those of the field's gradient.
+        Returns SurfacePoints of the rays that enter it within SEARCH_SIGMAS; normals are those of the field's gradient.
         """
         local = (points - self._origin).astype(np.float32, order="C")
         count = min(NEIGHBORS, len(self._means))
@@ -174,14 +174,14 @@ def _enter(
     for axis in range(3):
         turned = rotations[n, 0, axis] * dx + rotations[n, 1, axis] * dy + rotations[n, 2, axis] * dz
         variance += (turned * scales[n, axis]) ** 2
-    reach = REACH * math.sqrt(variance)
+    reach = SEARCH_SIGMAS * math.sqrt(variance)
     before = math.inf
     for step in range(STEPS):
         t = reach * (2.0 * step / (STEPS - 1) - 1.0)
         x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
         density, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
-        if before < LEVEL <= density:
-            t -= 2.0 * reach / (STEPS - 1) * (density - LEVEL) / (density - before)
+        if before < DENSITY_LEVEL <= density:
+            t -= 2.0 * reach / (STEPS - 1) * (density - DENSITY_LEVEL) / (density - before)
             x, y, z = points[p, 0] + t * dx, points[p, 1] + t * dy, points[p, 2] + t * dz
             _, gx, gy, gz = _density(x, y, z, p, neighbors, means, rotations, scales, opacities)
             norm = math.sqrt(gx * gx + gy * gy + gz * gz)

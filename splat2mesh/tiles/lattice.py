@@ -15,12 +15,12 @@ from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, FusionSight, 
 from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
 from .memory import give_back
-from .plan import LEVELS, RING, Plan
+from .plan import CELL_LEVELS, RING, Plan
 
 MOST_CELLS = 24_000_000
 """Cells that may be asked for: a table of 400 MB. More is no tile."""
 
-ROUNDS, STEP = 2, 0.5
+SMOOTHING_ROUNDS, SMOOTHING_STEP = 2, 0.5
 """Rounds in which vertices on borders move towards the mean of their neighbours, and how far."""
 
 
@@ -76,7 +76,7 @@ def _within(keys: Indices, rectangle: list[int]) -> Mask:
     """Which cells lie in a rectangle of blocks grown by the ring."""
     level = keys >> (3 * BITS)
     x, z = ((keys >> (2 * BITS)) & MASK) - HALF, (keys & MASK) - HALF
-    block_x, block_z = x >> (LEVELS - level), z >> (LEVELS - level)
+    block_x, block_z = x >> (CELL_LEVELS - level), z >> (CELL_LEVELS - level)
     x0, z0, x1, z1 = rectangle
     return (block_x >= x0 - RING) & (block_x < x1 + RING) & (block_z >= z0 - RING) & (block_z < z1 + RING)
 
@@ -103,10 +103,10 @@ def smoothed(raw: Raw) -> NDArray[np.float64]:
     count = np.bincount(here, minlength=len(raw.points))
     moving = np.asarray(~open_ & (count > 0))[:, None]
     points = raw.points
-    for _ in range(ROUNDS):
+    for _ in range(SMOOTHING_ROUNDS):
         sums = np.stack([np.bincount(here, points[there, axis], len(points)) for axis in range(3)], axis=1)
         mean = sums / np.maximum(count, 1)[:, None]
-        points = np.where(moving, points + STEP * (mean - points), points)
+        points = np.where(moving, points + SMOOTHING_STEP * (mean - points), points)
     return points
 
 

@@ -15,14 +15,15 @@ from ..render.view import View
 from ..splats.splats import Splats
 from ..surface.adaptive import FusionSight
 from ..surface.extract import dilated, thickness_of
+from ..surface.place import PLACE
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, Plan
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
 
-DILATION, FOGS, LEVELS = 0.35, (0.06, 0.16), (0.6, 0.45)
-"""As places have them (`surface.place`)."""
+DILATION, FOGS, LEVELS = PLACE.dilation, PLACE.fogs, PLACE.levels
+"""As places have them."""
 
 PROBES, PROBE_PIXELS = 8, 96
 """Stations of a tile by which the fog is measured, and their pixels."""

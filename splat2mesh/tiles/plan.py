@@ -25,7 +25,7 @@ FILE = "plan.json"
 FAR, DISTANT = "far.ply", "distant.ply"
 """Of a tile's folder: what others see of it, and what all the city holds of it where that is less."""
 
-LEVELS = 3
+CELL_LEVELS = 3
 """Times that the finest cell doubles up to the largest one, which is the block."""
 
 FINEST_CELL = 0.7
@@ -35,14 +35,14 @@ LEAST_PIXEL = 0.36
 """Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
 training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
 
-PER_CUBE, LEAST_PER_CUBE, ROUNDS = 30, 3, 5
+PER_CUBE, LEAST_PER_CUBE, CUBE_ROUNDS = 30, 3, 5
 """Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
 the cubes is found."""
 
 MOST_CUBES = 2**20
 """Along each axis of what is looked at in cubes."""
 
-REACH, SPACING = 1.3, 0.8
+STATION_REACH, STATION_SPACING = 1.3, 0.8
 """How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
 
@@ -98,17 +98,17 @@ class Plan:
     @property
     def block(self) -> float:
         """Side of a block, scene units."""
-        return self.finest * 2.0**LEVELS
+        return self.finest * 2.0**CELL_LEVELS
 
     @property
     def reach(self) -> float:
         """How far a station looks."""
-        return REACH * REFERENCE_PIXELS * self.pixel
+        return STATION_REACH * REFERENCE_PIXELS * self.pixel
 
     @property
     def spacing(self) -> float:
         """Distance between stations."""
-        return SPACING * REFERENCE_PIXELS * self.pixel
+        return STATION_SPACING * REFERENCE_PIXELS * self.pixel
 
     @property
     def rotation(self) -> NDArray[np.float64]:
@@ -164,7 +164,7 @@ def apart(places: NDArray, weights: NDArray) -> float:
     inside = ((places >= low) & (places <= high)).all(axis=1)
     within = places[inside] - low
     area = max(float(np.sort(high - low)[1:].prod()), 1e-30)
-    for _ in range(ROUNDS):
+    for _ in range(CUBE_ROUNDS):
         side = max(math.sqrt(area * PER_CUBE / max(len(within), 1)), float((high - low).max()) / MOST_CUBES)
         cubes = tuple(np.floor(axis / side).astype(np.int64) for axis in within.T)
         counts = np.unique(np.ravel_multi_index(cubes, (MOST_CUBES + 1,) * 3), return_counts=True)[1]
@@ -210,8 +210,10 @@ def cut(
     """Rectangles of blocks that cover a city, each with its halo of at most `most` splats where that can be, and the
     splats of each core. Cuts go across the longer side, at half of the splats."""
     first, last = np.floor(low / block).astype(np.int64), np.floor(high / block).astype(np.int64) + 1
-    if max(np.abs(first).max(), np.abs(last).max()) * 2**LEVELS >= HALF - 2**LEVELS:
-        raise InputError(f"the city spans {np.max(high - low):g} units in cells of {block / 2**LEVELS:g}: too many")
+    if max(np.abs(first).max(), np.abs(last).max()) * 2**CELL_LEVELS >= HALF - 2**CELL_LEVELS:
+        raise InputError(
+            f"the city spans {np.max(high - low):g} units in cells of {block / 2**CELL_LEVELS:g}: too many"
+        )
     least = max(3 * RING, math.ceil(halo / block / 4))
     whole = [int(first[0]), int(first[1]), int(last[0]), int(last[1])]
     pending: list[tuple[list[int], NDArray]] = [(whole, np.array([*places.T, weights]))]

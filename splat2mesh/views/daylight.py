@@ -13,7 +13,7 @@ SIDES, ELEVATION_DEG = 6, 40.0
 
 PIXELS = 64
 
-REACH = 3.0
+SURROUNDINGS_FROM = 3.0
 """Distances from the middle, over the median one, beyond which splats are surroundings and not looked at."""
 
 CLEAR = 1.08
@@ -27,7 +27,7 @@ def brightness_from_above(splats: Splats, up: Vector) -> float:
     splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
     """
     away = np.linalg.norm(splats.means - np.median(splats.means, axis=0), axis=1)
-    splats = thinned(splats.take(np.flatnonzero(away <= REACH * np.median(away))), np.random.default_rng(0))
+    splats = thinned(splats.take(np.flatnonzero(away <= SURROUNDINGS_FROM * np.median(away))), np.random.default_rng(0))
     corners = np.stack(np.meshgrid(*bounds_of(splats).T), axis=-1).reshape(-1, 3)
     ahead = np.linalg.svd(up[None])[2][1]
     side, level = np.cross(up, ahead), np.cos(np.radians(ELEVATION_DEG))
@@ -47,7 +47,7 @@ def brightness_from_above(splats: Splats, up: Vector) -> float:
     return float(above / below) if below > 0.0 and above > 0.0 else 1.0
 
 
-def hint(splats: Splats, up: Vector) -> str:
+def describe_brightness(splats: Splats, up: Vector) -> str:
     """The same in words that follow what was taken for up; "" where it tells nothing."""
     ratio = brightness_from_above(splats, up)
     if ratio >= CLEAR:

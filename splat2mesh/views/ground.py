@@ -7,11 +7,13 @@ between a floor and a ceiling it does not show, and the usual frame of trained f
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Directions, Floats, Integers, Points, Vector
+from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.distinct import distinct
 from ..splats.splats import Splats
 from .viewpoints import even_directions
@@ -19,35 +21,49 @@ from .viewpoints import even_directions
 SOLID = 0.3
 """Opacity above which a splat is solid enough to be counted here."""
 
-REACH, CELLS = 3.0, 40
-"""Radii, each holding half of the detail, that are looked at, and the cells of one: all that a cell holds counts once,
-so that a thing of many small splats outweighs no floor of few large ones."""
+CELLS = 40
+"""Cells along the radius that holds half of the detail: all that a cell holds counts once, so that a thing of many
+small splats outweighs no floor of few large ones."""
 
 DIRECTIONS, SAMPLE = 2400, 25_000
 """Directions (3.7 degrees apart) in which planes are looked for, and the cells that are looked at."""
 
-THICK = 3.0
-"""Of a plane, in cells: floors are no flatter, trained over several metres."""
 
-LEAST_COVER = 0.5
-"""Share of the outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an object."""
+@dataclass(frozen=True)
+class FloorCalibration:
+    """What tells a floor from other planes. Radii hold half of the detail each.
 
-LEAST_LEAD = 1.6
-"""How much larger than any plane that leans away by 30 degrees: 2 to 35 in places, 1.25 in an object."""
+    radii: that are looked at. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
+    least_cover: share of its outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an
+    object. least_lead: how much larger than any plane that leans away by 30 degrees: 2 to 35 in places, 1.25 in an
+    object. least_sided: cells on its upper side for each one below: 6.8 and more in places; floaters are what lies
+    below. ceiling: share of the floor's area from which a plane opposite is a ceiling: .57 and .63 in rooms, .3 in a
+    blurred one. surroundings, far_radii: share of the solid splats, and radii beyond which they lie, that only a
+    capture with surroundings has: .04 to .08 in places, 0 in objects, whose flat top must not be taken for a floor.
+    leans_deg, leans_in_place_deg: how far from an axis a floor may lie, and where surroundings or a ceiling show that
+    it is one. straight_deg: how near to an axis the capture is upright already.
+    """
 
-LEAST_SIDED = 3.0
-"""Cells on its upper side for each one below: 6.8 and more in places; floaters are what lies below."""
+    provenance: ClassVar = Provenance(
+        script=NOT_RECORDED,
+        fitted_on="nine captures of places, real and trained, and one object",
+        held_out=NOT_RECORDED,
+    )
 
-CLOSED = 0.42
-"""Share of the floor's area from which a plane opposite is a ceiling: .57 and .63 in rooms, .3 in a blurred one."""
+    radii: float = 3.0
+    thickness: float = 3.0
+    least_cover: float = 0.5
+    least_lead: float = 1.6
+    least_sided: float = 3.0
+    ceiling: float = 0.42
+    surroundings: float = 0.01
+    far_radii: float = 5.0
+    leans_deg: float = 15.0
+    leans_in_place_deg: float = 35.0
+    straight_deg: float = 1.0
 
-SURROUNDINGS, FAR = 0.01, 5.0
-"""Share of the solid splats, and radii beyond which they lie, that only a capture with surroundings has: .04 to .08 in
-places, 0 in objects, whose flat top must not be taken for a floor."""
 
-LEANS_DEG, LEANS_IN_PLACE_DEG, STRAIGHT_DEG = 15.0, 35.0, 1.0
-"""How far from an axis a floor may lie, unless surroundings or a ceiling show that it is one, and how near to it the
-capture is upright already."""
+FLOOR = FloorCalibration()
 
 
 @dataclass(frozen=True)
@@ -67,8 +83,8 @@ class Ground:
 class Floor:
     """The largest plane of a splat and what speaks for its being a floor.
 
-    normal: (3,) unit float64, towards the side with more on it. cover, lead, sided, opposite, far: what LEAST_COVER,
-    LEAST_LEAD, LEAST_SIDED, CLOSED and SURROUNDINGS are compared with.
+    normal: (3,) unit float64, towards the side with more on it. cover, lead, sided, opposite, far: what
+    least_cover, least_lead, least_sided, ceiling and surroundings of FLOOR are compared with.
     """
 
     normal: np.ndarray
@@ -82,12 +98,12 @@ class Floor:
 def ground_of(splats: Splats) -> Ground:
     """Up from the floor of a place: a Ground. splats: cleaned Splats. The same whatever the number of threads."""
     floor = largest_plane(splats)
-    if floor is None or floor.cover < LEAST_COVER or floor.lead < LEAST_LEAD:
+    if floor is None or floor.cover < FLOOR.least_cover or floor.lead < FLOOR.least_lead:
         return Ground(None, "no plane stands out as a floor")
     axis = int(np.abs(floor.normal).argmax())
     if axis == 0:
         return Ground(None, "the largest plane faces sideways")
-    open_above, place = floor.opposite < CLOSED, floor.far >= SURROUNDINGS
+    open_above, place = floor.opposite < FLOOR.ceiling, floor.far >= FLOOR.surroundings
     up, assumed = floor.normal, False
     if not open_above or (axis == 1 and up[1] > 0 and not place):
         # Either side could be up: the usual one, where the plane lies so; else nothing is known.
@@ -95,14 +111,14 @@ def ground_of(splats: Splats) -> Ground:
         up = -up if assumed else up
         if axis != 1:
             return Ground(None, "between two planes either side could be up")
-    elif floor.sided < LEAST_SIDED:
+    elif floor.sided < FLOOR.least_sided:
         return Ground(None, "things stand on both sides of the largest plane")
     if axis == 2 and not (place and up[2] > 0):
         return Ground(None, "the largest plane may be a wall")
     leans = np.degrees(np.arccos(min(1.0, np.abs(up).max())))
-    if leans > (LEANS_IN_PLACE_DEG if place or not open_above else LEANS_DEG):
+    if leans > (FLOOR.leans_in_place_deg if place or not open_above else FLOOR.leans_deg):
         return Ground(None, f"the largest plane leans by {leans:.0f} degrees")
-    if leans < STRAIGHT_DEG:
+    if leans < FLOOR.straight_deg:
         up = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
     if assumed and open_above:
@@ -122,13 +138,13 @@ def largest_plane(splats: Splats) -> Floor | None:
     best = int(counts.argmax())
     normal, height = _fitted(cells, directions[best], heights[best])
     above = _along(cells, normal) - height
-    if (above > THICK).sum() < (above < -THICK).sum():
+    if (above > FLOOR.thickness).sum() < (above < -FLOOR.thickness).sum():
         normal, above = -normal, -above
-    on = np.abs(above) < THICK / 2
-    upper = above[above > THICK]
+    on = np.abs(above) < FLOOR.thickness / 2
+    upper = above[above > FLOOR.thickness]
     if not on.any() or len(upper) == 0:
         return None
-    off = np.abs(above[:: 1 + len(cells) // SAMPLE]) >= THICK
+    off = np.abs(above[:: 1 + len(cells) // SAMPLE]) >= FLOOR.thickness
     others = directions[np.abs(_along(directions, normal)) < np.cos(np.radians(30.0))]
     second = _fullest_slabs(sample[off], others)[0].max() if off.any() else 0
     beyond = above[above > 0.3 * np.percentile(upper, 98)]
@@ -136,7 +152,7 @@ def largest_plane(splats: Splats) -> Floor | None:
         normal,
         cover=_outline(cells[on], normal) / _outline(cells, normal),
         lead=float(on.sum() * len(sample) / len(cells) / max(second, 1)),
-        sided=float(len(upper) / max((above < -THICK).sum(), 1)),
+        sided=float(len(upper) / max((above < -FLOOR.thickness).sum(), 1)),
         opposite=float(_fullest_slab(beyond)[0] / on.sum()),
         far=far,
     )
@@ -150,19 +166,19 @@ def _cells(splats: Splats) -> tuple[NDArray[np.float64], float]:
     size = splats.scales[solid].max(axis=1)
     detail = 1.0 / np.maximum(size, np.percentile(size, 5) + 1e-30).astype(np.float64) ** 2
     means = splats.means[solid].astype(np.float64)
-    middle = np.array([_weighted_median(means[:, axis], detail) for axis in range(3)])
+    middle = np.array([weighted_median(means[:, axis], detail) for axis in range(3)])
     means -= middle
     distance = np.sqrt(_along(means**2, np.ones(3)))
-    radius = _weighted_median(distance, detail) + 1e-30
-    index = np.floor(means[distance < REACH * radius] * (CELLS / radius)).astype(np.int64)
-    wide = 2 * round(REACH) * CELLS
+    radius = weighted_median(distance, detail) + 1e-30
+    index = np.floor(means[distance < FLOOR.radii * radius] * (CELLS / radius)).astype(np.int64)
+    wide = 2 * round(FLOOR.radii) * CELLS
     keys = distinct(((index[:, 0] + wide) * 2 * wide + index[:, 1] + wide) * 2 * wide + index[:, 2] + wide)
     cells = np.stack([keys // (4 * wide * wide), keys // (2 * wide) % (2 * wide), keys % (2 * wide)], axis=1)
-    return cells - wide + 0.5, float((distance > FAR * radius).mean())
+    return cells - wide + 0.5, float((distance > FLOOR.far_radii * radius).mean())
 
 
 def _fullest_slabs(points: Points, directions: Directions) -> tuple[Integers, Floats]:
-    """Across each direction the slab of THICK that holds most points: counts (D,), heights of their middles (D,)."""
+    """Across each direction the slab, as thick as a plane, with most points: counts (D,), heights of middles (D,)."""
     found = [_fullest_slab(_along(points, direction)) for direction in directions]
     return np.array([count for count, _ in found]), np.array([height for _, height in found])
 
@@ -171,7 +187,7 @@ def _fullest_slab(heights: Floats) -> tuple[int, float]:
     if len(heights) == 0:
         return 0, 0.0
     steps = np.floor(heights).astype(np.int64)
-    low, width = steps.min(), round(THICK)
+    low, width = steps.min(), round(FLOOR.thickness)
     counts = np.convolve(np.bincount(steps - low), np.ones(width, np.int64))
     fullest = int(counts.argmax())
     return int(counts[fullest]), float(low + fullest + 1 - width / 2)
@@ -180,7 +196,7 @@ def _fullest_slab(heights: Floats) -> tuple[int, float]:
 def _fitted(points: Points, normal: Vector, height: float) -> tuple[Vector, float]:
     """The plane through the points of a slab, fitted again and again: its normal and height."""
     for _ in range(8):
-        near = points[np.abs(_along(points, normal) - height) < THICK / 2]
+        near = points[np.abs(_along(points, normal) - height) < FLOOR.thickness / 2]
         if len(near) < 3:
             break
         middle = near.mean(axis=0)
@@ -204,7 +220,8 @@ def _along(points: Points, direction: Vector) -> Floats:
     return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
 
 
-def _weighted_median(values: Floats, weights: Floats) -> float:
+def weighted_median(values: Floats, weights: Floats) -> float:
+    """The value, of values (N,) with weights (N,), at which half of the weight is reached."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(reached, reached[-1] / 2.0)])

@@ -8,12 +8,13 @@ stood is it that of a camera: inside a hollow object it is far too short.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arrays import Bounds, Directions, Floats, Indices, Integers, Mask, Points
+from ..base.calibration import NOT_RECORDED, Provenance
 from ..base.errors import InputError
 from ..render.opacitygrid import OpacityGrid
 from ..splats.splats import Splats
@@ -27,23 +28,42 @@ inside."""
 CLEAR_CELLS, TAKEN = 3, 0.3
 """Cells around a free place that hold no optical depth above this."""
 
-ENCLOSED, SURROUNDED = 0.7, 0.5
-"""Share of the rays that meet something: in a room, in the foreground; in the open, also far away."""
 
-LEAST_FOCAL = 40.0
-"""Focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a hollow object 20."""
+@dataclass(frozen=True)
+class StandpointCalibration:
+    """What tells where a capture stood.
 
-ROOM_SHARE, GARDEN_SHARE = 0.02, 0.2
-"""Share of the free places that are enclosed, or surrounded, in a place: objects reach .004 and .1."""
+    enclosed, surrounded: share of the rays that meet something: in a room, in the foreground; in the open, also far
+    away. least_focal: focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a
+    hollow object 20. room_share, garden_share: of the free places that are enclosed, or surrounded, in a place: 68 and
+    43% in two real rooms, 24% in a generated parlour, 67% in a generated garden; objects reach .004 and .1.
+    walk_pixels: training pixels across a scene that no single photo holds: whoever captured it walked through it.
+    best: percentile of the share of rays that counts as the best. share_kept, focal_kept, focal_floor: an eye sees at
+    least this part of what the best see, at this part of their median focal length, and at least that.
+    """
 
-WALK_PIXELS = 5000
-"""Training pixels across a scene that no single photo holds: whoever captured it walked through it."""
+    provenance: ClassVar = Provenance(
+        script=NOT_RECORDED,
+        fitted_on="two real rooms, a generated parlour and garden, and objects (docs/surface.md)",
+        held_out=NOT_RECORDED,
+    )
 
-FULL = 0.95
-"""Percentile of the share of rays that counts as the best."""
+    enclosed: float = 0.7
+    surrounded: float = 0.5
+    least_focal: float = 40.0
+    room_share: float = 0.02
+    garden_share: float = 0.2
+    walk_pixels: float = 5000
+    best: float = 0.95
+    share_kept: float = 0.75
+    focal_kept: float = 0.6
+    focal_floor: float = 30.0
 
-SHARE_KEPT, FOCAL_KEPT, FOCAL_FLOOR = 0.75, 0.6, 30.0
-"""An eye sees at least this part of what the best see, at this part of their median focal length, and at least that."""
+
+STANDPOINTS = StandpointCalibration()
+
+ROOM_SHARE = STANDPOINTS.room_share
+"""Of the free places, from which on a capture is one of a room."""
 
 ROOM_EYES, GARDEN_EYES = 24, 24
 """Eyes at most: in the open, views from around join them."""
@@ -92,7 +112,7 @@ def standpoints(
     points = free_places(grid, np.random.default_rng(seed))
     if len(points) < LEAST_PLACES and choice == "auto" and len(places) == 0:
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
-    looks = _Looks.of(grid, np.concatenate([places, points]))
+    looks = _RayFans.cast(grid, np.concatenate([places, points]))
     shares = looks.enclosed[len(places) :].mean(), looks.surrounded[len(places) :].mean()
     kind = _kind(grid, bounds, *shares)
     if kind == "outside" and (choice == "inside" or len(places)):
@@ -110,7 +130,7 @@ def standpoints(
     return Standpoints(kind, eyes, distance, focal, *map(float, shares))
 
 
-class _Looks(NamedTuple):
+class _RayFans(NamedTuple):
     """What M points see in K directions: distance and local training pixel (M, K), what was hit at all, what of it
     in the foreground; and per point the share and the implied focal length of each."""
 
@@ -126,7 +146,7 @@ class _Looks(NamedTuple):
     focal_inner: np.ndarray
 
     @classmethod
-    def of(cls, grid: OpacityGrid, points: Points) -> "_Looks":
+    def cast(cls, grid: OpacityGrid, points: Points) -> "_RayFans":
         directions = even_directions(RAYS)
         distance, pixel, level = grid.march(points, directions)
         hit = np.isfinite(distance)
@@ -140,23 +160,23 @@ class _Looks(NamedTuple):
 
     @property
     def enclosed(self) -> Mask:
-        return (self.share_inner >= ENCLOSED) & (self.focal_inner >= LEAST_FOCAL)
+        return (self.share_inner >= STANDPOINTS.enclosed) & (self.focal_inner >= STANDPOINTS.least_focal)
 
     @property
     def surrounded(self) -> Mask:
-        return (self.share >= SURROUNDED) & (self.focal >= LEAST_FOCAL)
+        return (self.share >= STANDPOINTS.surrounded) & (self.focal >= STANDPOINTS.least_focal)
 
 
 def _kind(grid: OpacityGrid, bounds: Bounds, enclosed: float, surrounded: float) -> str:
     """What the shares of free places that are enclosed, and surrounded, say."""
-    if enclosed >= ROOM_SHARE:
+    if enclosed >= STANDPOINTS.room_share:
         return "inside"
     across = float(np.linalg.norm(np.ptp(bounds, axis=0))) / grid.finest_pixel()
-    walked = across > WALK_PIXELS and surrounded >= ROOM_SHARE
-    return "both" if surrounded >= GARDEN_SHARE or walked else "outside"
+    walked = across > STANDPOINTS.walk_pixels and surrounded >= STANDPOINTS.room_share
+    return "both" if surrounded >= STANDPOINTS.garden_share or walked else "outside"
 
 
-def _chosen(looks: _Looks, kind: str, hints: int) -> tuple[Indices, float, float]:
+def _chosen(looks: _RayFans, kind: str, hints: int) -> tuple[Indices, float, float]:
     """Indices of the eyes, the first `hints` points first, the median distance of hits, the implied focal length."""
     share, focal = (looks.share_inner, looks.focal_inner) if kind == "inside" else (looks.share, looks.focal)
     usable = looks.enclosed if kind == "inside" else looks.surrounded
@@ -166,9 +186,9 @@ def _chosen(looks: _Looks, kind: str, hints: int) -> tuple[Indices, float, float
         raise InputError(
             "`stand` inside: no free place from which a surface is seen; name one by `eyes`, or give `stand` outside"
         )
-    typical, best = float(np.median(focal[usable])), np.percentile(share, 100 * FULL)
-    least = min(max(FOCAL_FLOOR, FOCAL_KEPT * typical), typical)
-    fit = (share >= SHARE_KEPT * best) & (focal >= least)
+    typical, best = float(np.median(focal[usable])), np.percentile(share, 100 * STANDPOINTS.best)
+    least = min(max(STANDPOINTS.focal_floor, STANDPOINTS.focal_kept * typical), typical)
+    fit = (share >= STANDPOINTS.share_kept * best) & (focal >= least)
     fit[:hints] = looks.hit[:hints].any(axis=1)
     kept = np.flatnonzero(fit)
     seen = looks.inner if looks.inner[kept].any() else looks.hit

@@ -10,7 +10,7 @@ from ..base.choices import UP_CHOICES
 from ..base.errors import InputError
 from ..render.view import View
 from ..splats.splats import Splats
-from .daylight import hint
+from .daylight import describe_brightness
 from .ground import ground_of
 
 _QUARTER_TURNS = {
@@ -25,7 +25,7 @@ LEVEL_DISAGREEMENT = np.radians(30.0)
 
 
 def upright(up: str, views: Sequence[View], splats: Splats) -> tuple[Matrix4, str]:
-    """The rotation of `scene_from_splat`, and what told it: one phrase.
+    """The rotation of `scene_from_splat`, and what source it: one phrase.
 
     up: one of UP_CHOICES. "auto" asks the trained cameras `views` where there are any, else the floor of `splats`, else
     assumes the usual frame of trained files, and says from which side it is brighter. Raises InputError for another
@@ -34,11 +34,11 @@ def upright(up: str, views: Sequence[View], splats: Splats) -> tuple[Matrix4, st
     if up != "auto" or len(views):
         return scene_from_splat(up, views), "asked for" if up != "auto" else "the cameras"
     ground = ground_of(splats)
-    told = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
+    source = f"assumed -y, since {ground.reason}" if ground.up is None else ground.reason
     matrix = scene_from_splat(up, floor_up=ground.up)
     if ground.up is None or ground.assumed:
-        told += hint(splats, matrix[1, :3])
-    return matrix, told
+        source += describe_brightness(splats, matrix[1, :3])
+    return matrix, source
 
 
 def scene_from_splat(up: str = "auto", views: Sequence[View] = (), floor_up: Vector | None = None) -> Matrix4:

@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base import sphere
 from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
-from ..base.sphere import fibonacci_sphere
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
@@ -43,7 +43,7 @@ CLEARANCE = 2
 FREE_GRID = 32
 """Cells along that side in which free space is looked for: coarse, so that the gaps between Gaussians are none."""
 
-ROOM_SHARE = 0.6
+SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
 INSIDE_SHARPER = 3.0
@@ -177,7 +177,7 @@ def _best_picture(pool: Sequence[tuple[View, float, float]]) -> View:
 
 def even_directions(count: int) -> NDArray[np.float64]:
     """`count` unit vectors (count, 3) that share the sphere evenly, from +z to -z."""
-    return np.ascontiguousarray(fibonacci_sphere(count, first=0.5)[:, [0, 2, 1]])
+    return np.ascontiguousarray(sphere.fibonacci_sphere(count, first=0.5)[:, [0, 2, 1]])
 
 
 def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -196,7 +196,7 @@ def _free_places(splats: Splats, bounds: Bounds, count: int, rng: np.random.Gene
     # With enough space around it, the box's outside is one region that every window and skylight opens to.
     margin = CLEARANCE + 1
     regions, _ = label(~binary_dilation(np.pad(taken, margin), iterations=CLEARANCE))
-    roomy = np.bincount(regions.ravel()) > ROOM_SHARE * taken.size
+    roomy = np.bincount(regions.ravel()) > SEALED_ROOM_SHARE * taken.size
     roomy[0], roomy[regions[0, 0, 0]] = False, True
     free = np.argwhere(roomy[regions[margin:-margin, margin:-margin, margin:-margin]])
     if len(free) == 0:

@@ -13,7 +13,7 @@ from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
-from relight.tiles.streamed import LEVELS, META, environment_files, lod_meta, tile_levels
+from relight.tiles.streamed import LOD_LEVELS, META, environment_files, lod_meta, tile_levels
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -87,7 +87,7 @@ def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit
     folder = city / "relit/sog"
     capture = open_streamed(folder / "sog/lod-meta.json")
     expected = [read_splats(path) for path in sorted((folder / "tiles").glob("*/splats.ply"))]
-    assert capture.counts[0] == sum(map(len, expected)) and len(capture.counts) == LEVELS
+    assert capture.counts[0] == sum(map(len, expected)) and len(capture.counts) == LOD_LEVELS
     for finer, coarser in zip(capture.counts, capture.counts[1:], strict=False):
         assert finer / 4 <= coarser < finer / 3
         capture.check_tiles(1)
@@ -97,7 +97,7 @@ def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit
     distance, nearest = cKDTree(whole.means).query(found.means)
     assert distance.max() < 0.01
     assert np.abs(found.sh[:, 0] - whole.sh[nearest, 0]).mean() < 0.02
-    coarse = read_splats(folder / "sog/lod-meta.json", LEVELS - 1)
+    coarse = read_splats(folder / "sog/lod-meta.json", LOD_LEVELS - 1)
     box = whole.means.min(axis=0), whole.means.max(axis=0)
     assert (coarse.means >= box[0]).all() and (coarse.means <= box[1]).all()
     before = sums(folder)

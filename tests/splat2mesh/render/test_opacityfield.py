@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from splat2mesh.base.errors import InputError
 from splat2mesh.render import footprints
 from splat2mesh.render.levelsearch import SPREAD_FROM, SPREAD_TO
-from splat2mesh.render.opacityfield import ENOUGH, LEVEL, field_depth
+from splat2mesh.render.opacityfield import ENOUGH, FIELD_LEVEL, field_depth
 from splat2mesh.render.opacityfield_reference import OpacityField, field_depth_reference
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -75,7 +75,7 @@ def test_agrees_with_the_plain_twin(splats, view):
     np.testing.assert_allclose(fast.alpha, slow.alpha, atol=float(ENOUGH))
     assert np.mean(np.abs(fast.normal - slow.normal)[both] > TOLERANCE) <= stray
     opacity = field.opacity(np.where(both, fast.depth, 0).astype(float))[both]
-    error = np.abs(opacity - LEVEL)
+    error = np.abs(opacity - FIELD_LEVEL)
     assert np.mean(error > OPACITY_ERROR) <= stray and error.max() < OPACITY_ERROR + STEP
     for name in ("depth", "spread"):
         # An opacity error of 1e-3 moves a depth by 1e-3 / 0.4 of the spread, which covers 0.4 of the opacity.
@@ -90,16 +90,16 @@ def test_one_gaussian_in_closed_form():
     squared = (rays**2).sum(axis=-1)
     pixels = (rays[..., :2] ** 2).sum(axis=-1) * view.fx**2
     alpha = opacity * np.exp(-pixels / (2 * ((view.fx * sigma / z) ** 2 + 0.3)))  # Zwicker et al. 2002, on the axis
-    np.testing.assert_array_equal(found(surface), alpha >= LEVEL)
-    hit = alpha > 1.05 * LEVEL
+    np.testing.assert_array_equal(found(surface), alpha >= FIELD_LEVEL)
+    hit = alpha > 1.05 * FIELD_LEVEL
     # Along t r the Gaussian peaks at t = z / |r|^2 and has the standard deviation sigma / |r|.
     peak, width = z / squared, sigma / np.sqrt(squared)
 
     def reach(level):
         return peak - width * np.sqrt(2 * np.log(np.maximum(alpha / level, 1)))
 
-    slope = LEVEL * np.sqrt(2 * np.log(alpha[hit] / LEVEL)) / width[hit]
-    assert np.all(np.abs(surface.depth - reach(LEVEL))[hit] < OPACITY_ERROR / slope + 1e-6 * z)
+    slope = FIELD_LEVEL * np.sqrt(2 * np.log(alpha[hit] / FIELD_LEVEL)) / width[hit]
+    assert np.all(np.abs(surface.depth - reach(FIELD_LEVEL))[hit] < OPACITY_ERROR / slope + 1e-6 * z)
     # Where the opacity stays below 0.6 the spread ends at the peak.
     expected = reach(float(SPREAD_TO)) - reach(float(SPREAD_FROM))
     crossed = hit & (np.abs(alpha / float(SPREAD_TO) - 1) > 0.05)
@@ -152,7 +152,9 @@ def test_a_ball_of_discs():
 def test_depth_rises_with_the_level_and_the_spread_lies_between_two():
     # From this near some searches have a plateau to cross, where Newton's method alone jumps to and fro for ever.
     splats, view = scattered(400, 6), View.look_at((0.5, 1, 2.5), (0, 0, 0), (0, 1, 0), 50, 70, 45)
-    surfaces = [field_depth(splats, view, level=level) for level in (float(SPREAD_FROM), LEVEL, float(SPREAD_TO), 0.9)]
+    surfaces = [
+        field_depth(splats, view, level=level) for level in (float(SPREAD_FROM), FIELD_LEVEL, float(SPREAD_TO), 0.9)
+    ]
     for lower, upper in pairwise(surfaces):
         assert np.all(found(lower) | ~found(upper))
         both = found(upper)

@@ -13,10 +13,10 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.pipeline import plan
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.splats.splats import Splats
-from splat2mesh.surface.background import COARSER, EYES, LEAST_SHARE, REACH, SOLID, far_background, views_from_within
+from splat2mesh.surface.background import BACKGROUND, EYES, SOLID, far_background, views_from_within
 from splat2mesh.surface.extract import EFFORTS, Effort, extract
 from splat2mesh.surface.solid import BACKGROUND_SHARE
-from splat2mesh.views.viewpoints import bounds_of, fibonacci_sphere
+from splat2mesh.views.viewpoints import bounds_of, even_directions
 
 VERTICES, DOME, RADIUS, COLOR = 2000, 600, 8.0, 0.75
 
@@ -28,7 +28,7 @@ def joined(*parts):
 
 def ball(radius=1.0, count=3000, scale=0.05, opacity=0.9):
     """Round splats spread over a sphere."""
-    return plain(radius * fibonacci_sphere(count), scale, opacity)
+    return plain(radius * even_directions(count), scale, opacity)
 
 
 def moved(splats, scale, shift):
@@ -51,35 +51,40 @@ def test_what_is_all_near_has_no_background(kind, count):
 def test_a_dome_is_found_exactly_in_any_unit_place_and_order(scale):
     rng = np.random.default_rng(0)
     # Of any size between 4 and 40 radii away, with gaps, and splats too faint to be counted that belong to it.
-    far = fibonacci_sphere(900) * rng.uniform(4.2, 40, (900, 1))
+    far = even_directions(900) * rng.uniform(4.2, 40, (900, 1))
     splats = joined(ball(), plain(far, rng.uniform(0.2, 2, (900, 3)), np.where(np.arange(900) % 3, 0.9, SOLID / 2)))
     order = rng.permutation(len(splats))
     splats = moved(splats, scale, scale * np.array([7.0, -3.0, 20.0])).take(order)
     np.testing.assert_array_equal(far_background(splats), order >= 3000)
 
 
-@pytest.mark.parametrize(("radii", "found"), [(0.95 * REACH, False), (1.05 * REACH, True)])
+@pytest.mark.parametrize(("radii", "found"), [(0.95 * BACKGROUND.radii, False), (1.05 * BACKGROUND.radii, True)])
 def test_background_begins_some_radii_away(radii, found):
     # All detail lies on the unit sphere, so half of it within radius one.
     splats = joined(ball(), ball(radii, 300, 0.5))
     np.testing.assert_array_equal(far_background(splats), only_last(splats, 300) & found)
 
 
-@pytest.mark.parametrize(("coarser", "found"), [(1.0, False), (0.95 * COARSER, False), (1.05 * COARSER, True)])
+@pytest.mark.parametrize(
+    ("coarser", "found"), [(1.0, False), (0.95 * BACKGROUND.coarser, False), (1.05 * BACKGROUND.coarser, True)]
+)
 def test_the_far_end_of_a_long_object_is_background_only_where_it_is_coarse(coarser, found):
     body, neck = ball(), np.zeros((400, 3))
     neck[:, 0] = np.linspace(1.0, 6.0, 400)
-    scale = np.where(neck[:, :1] > REACH + 0.1, coarser * 0.05, 0.05)
+    scale = np.where(neck[:, :1] > BACKGROUND.radii + 0.1, coarser * 0.05, 0.05)
     splats = joined(body, plain(neck, scale))
     far = far_background(splats)
     assert far.any() == found
     if found:
-        assert not far[:3000].any() and (np.flatnonzero(far[3000:]) >= np.searchsorted(neck[:, 0], REACH - 0.2)).all()
-        assert far[3000:][neck[:, 0] > REACH + 0.2].all()
+        assert (
+            not far[:3000].any()
+            and (np.flatnonzero(far[3000:]) >= np.searchsorted(neck[:, 0], BACKGROUND.radii - 0.2)).all()
+        )
+        assert far[3000:][neck[:, 0] > BACKGROUND.radii + 0.2].all()
 
 
 def test_a_few_floaters_are_no_background():
-    least = int(np.ceil(3000 * LEAST_SHARE / (1 - LEAST_SHARE)))  # of all, themselves included
+    least = int(np.ceil(3000 * BACKGROUND.least_share / (1 - BACKGROUND.least_share)))  # of all, themselves included
     for count in (0, 1, least - 1, least):
         splats = joined(ball(), ball(10.0, count, 0.5) if count else ball().take(slice(0)))
         np.testing.assert_array_equal(far_background(splats), only_last(splats, count) & (count == least))
@@ -93,7 +98,7 @@ def test_fog_far_away_is_no_background():
 
 
 def test_splats_without_size_do_no_harm():
-    grains = joined(plain(fibonacci_sphere(500), 0.0), ball(), ball(10.0, 300, 0.5))
+    grains = joined(plain(even_directions(500), 0.0), ball(), ball(10.0, 300, 0.5))
     np.testing.assert_array_equal(far_background(grains), only_last(grains, 300))
 
 
@@ -111,7 +116,7 @@ def test_views_from_within_see_all_around_from_the_middle(up):
     assert len(eyes) == EYES
     assert (np.abs(eyes - (low + high) / 2) < 0.3 * (high - low)).all()
     # Every direction from every eye is in a picture, well inside one of them.
-    directions = fibonacci_sphere(500)
+    directions = even_directions(500)
     for eye in eyes:
         shown = np.zeros(500, bool)
         for view in views:
@@ -134,7 +139,7 @@ def files(tmp_path_factory):
     """An object alone, and under a dome of coarse discs: alone.ply, dome.ply."""
     folder = tmp_path_factory.mktemp("dome")
     alone = scene("object")[2]
-    normals, wide = fibonacci_sphere(DOME), 0.7 * RADIUS * np.sqrt(4 * np.pi / DOME)
+    normals, wide = even_directions(DOME), 0.7 * RADIUS * np.sqrt(4 * np.pi / DOME)
     dome = discs(RADIUS * normals + alone.means.mean(axis=0), normals, wide, 0.02)
     dome = Splats(
         dome.means, dome.scales, dome.quats_wxyz, dome.opacities, dome.sh + np.float32((COLOR - 0.5) * 3.5449)
@@ -191,7 +196,7 @@ def test_keeping_adds_a_shell_at_the_dome_that_faces_inwards(converted):
     outward = local[shell] / radius[shell, None]
     assert ((kept.normals[shell] * outward).sum(axis=1) < -0.95).all()
     # All around: no direction is farther than a few triangles from a vertex.
-    gap = 2 * np.degrees(np.arcsin(cKDTree(outward).query(fibonacci_sphere(2000))[0] / 2))
+    gap = 2 * np.degrees(np.arcsin(cKDTree(outward).query(even_directions(2000))[0] / 2))
     assert gap.max() < 25
     assert shell.sum() == pytest.approx(BACKGROUND_SHARE * VERTICES, rel=0.15)
     assert (np.abs(kept.colors_srgb[shell] / 255 - COLOR) < 0.02).all()

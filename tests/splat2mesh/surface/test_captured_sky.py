@@ -11,7 +11,7 @@ from splat2mesh.scene.measured import CapturedSky, Measured
 from splat2mesh.splats.splats import SH_C0, Splats
 from splat2mesh.surface.captured_sky import captured_sky
 from splat2mesh.surface.measure import measured_of
-from splat2mesh.views.viewpoints import fibonacci_sphere
+from splat2mesh.views.viewpoints import even_directions
 
 GREY = 0.6  # display value
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -25,13 +25,13 @@ def painted(splats, colors):
 
 def dome(above=0.0, count=4000, radius=30.0):
     """Opaque splats all over the directions whose y is above a height, scene frame, and these directions."""
-    directions = fibonacci_sphere(count)
+    directions = even_directions(count)
     directions = directions[directions[:, 1] > above]
     return plain(radius * directions, 0.07 * radius, 0.99), directions
 
 
 def subject(count=2000):
-    return painted(plain(fibonacci_sphere(count), 0.05, 0.9), np.full((count, 3), 0.4))
+    return painted(plain(even_directions(count), 0.05, 0.9), np.full((count, 3), 0.4))
 
 
 def together(sky):

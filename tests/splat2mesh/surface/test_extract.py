@@ -22,7 +22,7 @@ from splat2mesh.surface.extract import (
     extract,
     training_pixel,
 )
-from splat2mesh.views.viewpoints import fibonacci_sphere, virtual_views
+from splat2mesh.views.viewpoints import even_directions, virtual_views
 
 SMALL = Effort(views=24, pixels=128, cells=128, depth=6, points=30_000)
 
@@ -130,7 +130,7 @@ def test_thickness_is_that_of_the_surface_whichever_way_it_is_looked_at(thicknes
 @pytest.mark.parametrize("way", SURFACE_CHOICES)
 def test_nothing_solid_is_refused(way):
     fog = plain(np.random.default_rng(0).normal(size=(500, 3)), 0.05, opacity=0.02)
-    ball = discs(fibonacci_sphere(2000), fibonacci_sphere(2000), 0.06, 1e-3)
+    ball = discs(even_directions(2000), even_directions(2000), 0.06, 1e-3)
     views = virtual_views(ball, 4, 64, UP)
     with pytest.raises(InputError, match="solid object"):
         extract(way, fog, views, pixel=0.01, effort=SMALL, vertices=3000, stages=Stages())

@@ -11,7 +11,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.surface.extract import EFFORTS, Effort
 from splat2mesh.views import standpoints
-from splat2mesh.views.viewpoints import fibonacci_sphere
+from splat2mesh.views.viewpoints import even_directions
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -58,7 +58,7 @@ def hits(scene, eye, directions):
 
 
 def test_a_room_has_no_holes_and_shows_its_front(from_the_room):
-    directions = fibonacci_sphere(2000)
+    directions = even_directions(2000)
     eye = np.array([-0.8, 1.3, 0.3])
     distance, front = hits(from_the_room, eye, directions)
     assert np.isfinite(distance).mean() > 0.995

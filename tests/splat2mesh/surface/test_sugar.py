@@ -10,7 +10,15 @@ from scipy.spatial.transform import Rotation
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
-from splat2mesh.surface.sugar import LEVEL, NEIGHBORS, STEPS, DensityField, SurfacePoints, poisson, surface_points
+from splat2mesh.surface.sugar import (
+    DENSITY_LEVEL,
+    NEIGHBORS,
+    STEPS,
+    DensityField,
+    SurfacePoints,
+    poisson,
+    surface_points,
+)
 
 SPREAD, THICKNESS, OPACITY = 0.5, 0.02, 0.8
 
@@ -49,8 +57,8 @@ def test_a_flat_layer_is_met_where_the_closed_form_says():
     x, y = np.random.default_rng(0).uniform(-0.7, 0.7, (2, 200))
     offsets = np.stack([x, y], 1)[:, None] - splats.means[:, :2]
     in_plane = OPACITY * np.exp(-(offsets**2).sum(axis=-1) / (2 * SPREAD**2)).sum(axis=1)
-    # Density = in_plane(x, y) exp(-z^2 / 2 t^2) = LEVEL, met from above.
-    height = THICKNESS * np.sqrt(2 * np.log(in_plane / LEVEL))
+    # Density = in_plane(x, y) exp(-z^2 / 2 t^2) = DENSITY_LEVEL, met from above.
+    height = THICKNESS * np.sqrt(2 * np.log(in_plane / DENSITY_LEVEL))
     start = np.stack([x, y, np.zeros(200)], axis=1)
     for sign in (1, -1):
         found = DensityField(splats).crossings(start, np.tile([0.0, 0.0, -sign], (200, 1)))
@@ -71,7 +79,7 @@ def test_oblique_rays_end_on_the_level_with_the_gradients_normal(seed):
     found = DensityField(splats).crossings(turn.apply(local) + center, directions)
     assert len(found.points) == 300
     density, gradient = density_and_gradient(splats, found.points)
-    distance = np.abs(density - LEVEL) / np.linalg.norm(gradient, axis=1)
+    distance = np.abs(density - DENSITY_LEVEL) / np.linalg.norm(gradient, axis=1)
     assert distance.max() < CROSSING * SPREAD
     expected = -gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
     # float32 positions about 10 from the origin, seen by Gaussians 0.25 thick.

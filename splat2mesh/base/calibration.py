@@ -1,0 +1,17 @@
+"""Where fitted numbers come from: what an estimator's calibration says of itself."""
+
+from typing import NamedTuple
+
+NOT_RECORDED = "not recorded"
+
+
+class Provenance(NamedTuple):
+    """How the numbers of a calibration came about.
+
+    script: the command that fitted or checks them. fitted_on: scenes. held_out: the error on scenes that they were not
+    fitted on. Each is NOT_RECORDED where nothing tells.
+    """
+
+    script: str
+    fitted_on: str
+    held_out: str
