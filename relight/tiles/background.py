@@ -29,11 +29,11 @@ class Background(NamedTuple):
     mean: NDArray[np.float32]
 
     def arrays(self) -> dict[str, Any]:
-        """What `of` takes."""
+        """What `from_arrays` takes."""
         return {**self.backdrop._asdict(), **self.patches._asdict(), "mean": self.mean}
 
     @classmethod
-    def of(cls, kept: dict[str, Any]) -> "Background | None":
+    def from_arrays(cls, kept: dict[str, Any]) -> "Background | None":
         """The Background of arrays by name, among others; None where there is none."""
         if "mean" not in kept:
             return None

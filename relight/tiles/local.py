@@ -12,7 +12,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.tiles.plan import FAR, folder_of
 from splat2mesh.tiles.store import Store
 
-from .parts import Part, grown, parts_of
+from .parts import TilePart, grown, parts_of
 from .shared import Shared, joined_meshes, scene_of
 
 NEAR = 2.0
@@ -84,13 +84,13 @@ class Surroundings:
             self._far.append(mesh_from_ply_bytes(store.read(f"{folder_of(other)}/{FAR}")) if beside else distant)
         self.coarse = sum(len(mesh.vertices) for mesh in self._far)
 
-    def parts(self, most: float) -> list[Part]:
+    def parts(self, most: float) -> list[TilePart]:
         """Those in which the tile is lit where `most` vertices may be at once."""
         around = [np.zeros((0, 2), np.float32), *(mesh.vertices[:, [0, 2]] for mesh in self._near)]
         own = self.mesh.vertices[:, [0, 2]]
         return parts_of(own, np.concatenate(around), self._core, NEAR * self.spacing, most)
 
-    def of(self, part: Part) -> Local:
+    def gather(self, part: TilePart) -> Local:
         """A part of the tile among them."""
         mesh, box = self.mesh, part.grown
         own = part.holds(mesh.vertices[:, [0, 2]])

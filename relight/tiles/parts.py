@@ -22,7 +22,7 @@ LEAST_SHARE = 1 / 64
 """Of the distance within which a part sees what is around it as it is, at least, before it is cut on."""
 
 
-class Part(NamedTuple):
+class TilePart(NamedTuple):
     """A rectangle of a tile that is lit by itself.
 
     core: (2, 2) lowest and highest x and z of the tile. box: (2, 2) of the part. distance: around it within which
@@ -67,13 +67,13 @@ def parts_of(
     core: NDArray,  # (2, 2) lowest and highest x and z
     distance: float,  # around it within which it sees all as it is
     most: float,  # vertices, of `room_for`
-) -> list[Part]:
+) -> list[TilePart]:
     """The parts of a tile. Cuts go across the longer side, at half of the vertices.
 
     Where a part is no wider than what it sees around it, and all that is still too much, that distance is halved.
     """
     core = np.asarray(core, np.float64)
-    whole = Part(core, core, distance)
+    whole = TilePart(core, core, distance)
     places, lit = np.concatenate([own, around]), np.arange(len(own) + len(around)) < len(own)
     lit_share = GB_PER_NEAR / GB_PER_LIT
     pending, done = [(whole, np.arange(len(places)))], []

@@ -44,9 +44,9 @@ class Shared(NamedTuple):
     background: Background | None = None
 
     @classmethod
-    def kept(cls, store: Store, folder: str, key: str) -> "Shared":
+    def read(cls, store: Store, folder: str, key: str) -> "Shared":
         """What a folder holds; key: its checksum, by which a process that has read it once knows it again."""
-        return _kept(store.root, folder, key)
+        return _read_shared(store.root, folder, key)
 
 
 def city_of(store: Store) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def joined_meshes(meshes: list[Mesh]) -> list[Mesh]:
 
 def write_sky(store: Store, folder: str, sky: Environment) -> None:
     """Keep the new light for the tasks."""
-    store.write_arrays(f"{folder}/{SKY}", **_of_sky(sky))
+    store.write_arrays(f"{folder}/{SKY}", **_sky_arrays(sky))
 
 
 def read_sky(store: Store, folder: str) -> Environment:
@@ -107,7 +107,7 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
     """Keep a Shared; returns its key."""
     full = [mesh for mesh in shared.coarse if mesh is not None]
     arrays: dict[str, Any] = {name: getattr(shared, name) for name in ("scene_from_splat", "cores", "exposure")}
-    arrays |= _of_sky(shared.sky)
+    arrays |= _sky_arrays(shared.sky)
     if shared.capture is not None and shared.prior is not None:
         arrays |= {"capture": shared.capture.radiance}
         arrays |= {"prior_albedo": shared.prior.albedo, "prior_irradiance": shared.prior.irradiance}
@@ -125,7 +125,7 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
     return sha256(data).hexdigest()
 
 
-def _of_sky(sky: Environment) -> dict[str, Any]:
+def _sky_arrays(sky: Environment) -> dict[str, Any]:
     return {"sky": sky.radiance, "sky_deg": sky.rotation_deg, "sky_name": sky.name, "sky_formula": sky.formula or ""}
 
 
@@ -136,7 +136,7 @@ def _sky_from(kept: dict[str, Any]) -> Environment:
 
 
 @lru_cache(1)
-def _kept(root: str, folder: str, key: str) -> Shared:
+def _read_shared(root: str, folder: str, key: str) -> Shared:
     store, name = Store(root), f"{folder}/{LIGHT}"
     data = store.read(name)
     if sha256(data).hexdigest() != key:
@@ -161,5 +161,5 @@ def _kept(root: str, folder: str, key: str) -> Shared:
         prior,
         float(kept["exposure"]),
         Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
-        Background.of({name.removeprefix("background_"): value for name, value in kept.items()}),
+        Background.from_arrays({name.removeprefix("background_"): value for name, value in kept.items()}),
     )

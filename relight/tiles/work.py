@@ -73,7 +73,7 @@ def common_light(
     radiance = relighter.shade(sky, colors)
     exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(radiance)) if ev is None else 2.0**ev
     shared = shared._replace(exposure=exposure)
-    after = _received(radiance, colors) * np.float32(exposure)
+    after = _irradiance(radiance, colors) * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
     usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
     gain = log_gain(captured, before, after, shares, usual)[1]
@@ -99,11 +99,11 @@ def relit_tile(
 
     memory: GiB of this process, or None. spacing: distance between stations.
     """
-    shared = Shared.kept(store, folder, key)
+    shared = Shared.read(store, folder, key)
     name = f"{folder}/{folder_of(tile)}"
     files: dict[str, bytes] = {}
     facts: dict[str, Any] = {"tile": tile, "vertices": 0}
-    splats = _source(store, tile, sources) if {"splat", "sog"} & set(formats) else None
+    splats = _source_splats(store, tile, sources) if {"splat", "sog"} & set(formats) else None
     if shared.coarse[tile] is not None:
         around = Surroundings(store, shared, tile, spacing)
         files, facts, splats = _lit(shared, around, options, albedo, formats, splats, memory)
@@ -136,7 +136,7 @@ def _lit(
     for part in parts:
         chosen = np.zeros(0, np.int64) if places is None else np.flatnonzero(part.holds(places))
         bound = splats.take(chosen) if splats is not None and len(chosen) else None
-        local = around.of(part)
+        local = around.gather(part)
         radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, options, albedo, bound, around.spacing)
         if sh is not None and relit is not None:
             sh[chosen] = relit
@@ -181,7 +181,7 @@ def _lit_part(
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     relit = None
     if splats is not None:
-        relit = _relit_sh(splats, local, before, _received(shading.radiance, colors), shared, spacing)
+        relit = _relit_sh(splats, local, before, _irradiance(shading.radiance, colors), shared, spacing)
     return shading.radiance[own], relit, told
 
 
@@ -198,7 +198,7 @@ def _places(splats: Splats, shared: Shared) -> Floats:
         return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
 
 
-def _received(radiance: Radiance, colors: Radiance | None) -> Radiance:
+def _irradiance(radiance: Radiance, colors: Radiance | None) -> Radiance:
     """Irradiance (V, 3) that surfaces of an albedo (V, 3), white for None, send on as radiance."""
     return radiance if colors is None else radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
 
@@ -217,7 +217,7 @@ def _albedo(
     return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE_OF_PLACE))
 
 
-def _source(store: Store, tile: int, sources: list[int]) -> Splats | None:
+def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None:
     """The splats of a tile as the source has them, in its frame, or None."""
     parts = [store.read_arrays(f"splats/{number:05d}_{tile:05d}.npz") for number in sources]
     return joined([Splats(**{name: part[name] for name in NUMBERS}) for part in parts]) if parts else None
@@ -255,7 +255,7 @@ def relit_environment(store: Store, folder: str, key: str, pieces: list[int], sk
 
 
 def _far(store: Store, folder: str, key: str, piece: int, sky: str) -> Splats:
-    shared, splats = Shared.kept(store, folder, key), far_splats(store, piece)
+    shared, splats = Shared.read(store, folder, key), far_splats(store, piece)
     if shared.background is None:
         return splats
     return relit_background(splats, shared.background, shared.sky, shared.scene_from_splat, shared.exposure, sky)

@@ -13,7 +13,7 @@ from relight.tiles.work import relit_tile
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
 from splat2mesh.scene.scene import Scene
-from splat2mesh.tiles.plan import FILE, Plan, folder_of
+from splat2mesh.tiles.plan import FILE, CityPlan, folder_of
 from splat2mesh.tiles.store import Store
 
 FOLDER = "relit/benchmark"
@@ -33,7 +33,7 @@ def light_error(scene, light, tiles, vertices, memory=None, seed=0):
     vertices; worst, that of the worst tile; cpu, seconds for a tile.
     """
     store = Store(scene)
-    plan, sky = Plan(**store.read_json(FILE)["plan"]), Environment.load(light)
+    plan, sky = CityPlan(**store.read_json(FILE)["plan"]), Environment.load(light)
     shared = coarse_city(store, sky)
     key = write_shared(store, FOLDER, shared)
     rng = np.random.default_rng(seed)

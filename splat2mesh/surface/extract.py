@@ -149,7 +149,7 @@ def _field(
     splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
 ) -> tuple[Any, list[RenderedPicture]]:
     from ..render.opacityfield import field_depth
-    from .fusion import DepthMap, fuse
+    from .fusion import PlaneMap, fuse
 
     bounds = bounds_of(splats)
     near, diagonal = near_plane(bounds), float(np.linalg.norm(np.ptp(bounds, axis=0)))
@@ -158,7 +158,7 @@ def _field(
     with stages.stage("depth maps", total=len(views)) as advance:
         for view in views:
             seen = field_depth(splats, view, near, level)
-            maps.append(DepthMap.of(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
+            maps.append(PlaneMap.from_depth(view, seen.depth, seen.normal, seen.spread, diagonal / 2))
             pictures.append(RenderedPicture.from_render(view, seen.color, seen.depth, thickness_of(seen, view)))
             advance()
     _require_surface(sum(int(np.isfinite(picture.depth).sum()) for picture in pictures))

@@ -11,8 +11,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..base.arrays import DepthMap as Depths
-from ..base.arrays import Faces, Floats, Integers, Points, Vector
+from ..base.arrays import DepthMap, Faces, Floats, Integers, Points, Vector
 from ..base.distinct import distinct
 from ..base.meshlibrary import open3d
 from ..base.threads import shared
@@ -32,7 +31,7 @@ ENOUGH_WEIGHT = 0.03
 
 
 @dataclass(frozen=True)
-class DepthMap:
+class PlaneMap:
     """One view's surface, ready for fusion. H, W are the view's size.
 
     plane: (H, W, 4) float32: unit normal in the world towards the camera, and camera z (NaN where there is none).
@@ -44,7 +43,7 @@ class DepthMap:
     weight: np.ndarray
 
     @classmethod
-    def of(cls, view: View, depth: Depths, normal: Floats, spread: Floats, radius: float) -> "DepthMap":
+    def from_depth(cls, view: View, depth: DepthMap, normal: Floats, spread: Floats, radius: float) -> "PlaneMap":
         """Trust falls with the angle of incidence and with the spread of the surface relative to `radius`."""
         rays = view.ray_directions().astype(np.float32)
         frontal = -(rays * normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
@@ -56,7 +55,7 @@ class DepthMap:
 _HALF = 2**20
 
 
-def fuse(maps: Sequence[DepthMap], voxel: float, advance: Callable[[], None] = lambda: None) -> Any:
+def fuse(maps: Sequence[PlaneMap], voxel: float, advance: Callable[[], None] = lambda: None) -> Any:
     """Fuse DepthMaps at a voxel size in world units. Returns an open3d TriangleMesh (legacy), in a fixed order."""
     o3d = open3d()
 
@@ -88,7 +87,7 @@ def fuse(maps: Sequence[DepthMap], voxel: float, advance: Callable[[], None] = l
     return o3d.geometry.TriangleMesh(vertices, faces)
 
 
-def _blocks_near(maps: Sequence[DepthMap], origin: Vector, voxel: float) -> Integers:
+def _blocks_near(maps: Sequence[PlaneMap], origin: Vector, voxel: float) -> Integers:
     """Keys of the blocks within the truncation of any depth pixel: (B, 3) int32, sorted."""
     side, margin = BLOCK * voxel, TRUNCATION * voxel
     corners = np.stack(np.meshgrid(*[[-margin, margin]] * 3), axis=-1).reshape(-1, 3)

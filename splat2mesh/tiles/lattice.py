@@ -15,7 +15,7 @@ from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, FusionSight, 
 from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
 from .memory import give_back
-from .plan import CELL_LEVELS, RING, Plan
+from .plan import CELL_LEVELS, RING, CityPlan
 
 MOST_CELLS = 24_000_000
 """Cells that may be asked for: a table of 400 MB. More is no tile."""
@@ -37,7 +37,7 @@ class Raw(NamedTuple):
     owner: NDArray[np.int64]
 
 
-def raw_surface(sights: list[FusionSight], plan: Plan, tile: int, carve: float) -> Raw:
+def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
     """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
 
     The list of sights is empty afterwards: what they show is a large part of a process's memory.

@@ -17,7 +17,7 @@ from ..surface.adaptive import FusionSight
 from ..surface.extract import dilated, thickness_of
 from ..surface.place import PLACE
 from ..views.eyes import Eye, around
-from .plan import CARVE, INFLUENCE, RING, Plan
+from .plan import CARVE, INFLUENCE, RING, CityPlan
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
@@ -48,8 +48,8 @@ class Face(NamedTuple):
 
 def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> list[float]:
     """Thickness of the surfaces that a few stations of a tile see, over their distance: a sample of it."""
-    known = Plan.kept(store, key)
-    splats, stations = _prepared(store, known, tile, sources)
+    known = CityPlan.read(store, key)
+    splats, stations = _prepare(store, known, tile, sources)
     chosen = stations[:: max(1, len(stations) // PROBES)]
     ratios = []
     for view, near in zip(*around(chosen, PROBE_PIXELS, UP), strict=True):
@@ -61,8 +61,8 @@ def probe(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> l
 
 def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> dict[str, Any]:
     """Make the depth maps of a tile's stations: work/sights/TILE.npz."""
-    known = Plan.kept(store, key)
-    splats, stations = _prepared(store, known, tile, sources)
+    known = CityPlan.read(store, key)
+    splats, stations = _prepare(store, known, tile, sources)
     views, near = around(stations, known.pixels, UP)
     poses: list[Any] = []
     bounds: list[Any] = []
@@ -94,7 +94,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
     return facts
 
 
-def _prepared(store: Store, plan: Plan, tile: int, sources: dict[int, list[int]]) -> tuple[Splats, list[Eye]]:
+def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[int]]) -> tuple[Splats, list[Eye]]:
     """The splats of a tile and all that its stations see, as training saw them, and its stations."""
     core = plan.core(tile)
     box = core + np.array([[-1.0], [1.0]]) * plan.reach
@@ -105,7 +105,7 @@ def _prepared(store: Store, plan: Plan, tile: int, sources: dict[int, list[int]]
     return dilated(splats, DILATION * plan.trained), stations
 
 
-def faces_around(store: Store, plan: Plan, tile: int) -> Iterator[Face]:
+def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
     """The views that tell of what lies in a tile and its ring, in an order that all tiles share.
 
     A view counts where a surface point of it lies near enough to tell anything: all others leave no trace there.
@@ -142,7 +142,7 @@ def _bounds_of(view: View, depth: DepthMap) -> Floats:
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 
 
-def sight_of(face: Face, plan: Plan, tile: int) -> FusionSight:
+def sight_of(face: Face, plan: CityPlan, tile: int) -> FusionSight:
     """A view ready for fusion in a tile's ring: its cells are no larger than a block, it reaches no farther than
     INFLUENCE, and pixels that cannot reach the ring are left out."""
     sight = FusionSight.from_depth(face.view, face.seen, face.thickness, plan.spacing, plan.finest, plan.fog)
@@ -155,12 +155,12 @@ def sight_of(face: Face, plan: Plan, tile: int) -> FusionSight:
     return FusionSight(sight.view, sight.plane, np.where(near, sight.weight, np.float32(0)), spread, step)
 
 
-def _range(plan: Plan, tile: int) -> Floats:
+def _range(plan: CityPlan, tile: int) -> Floats:
     """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
     margin = (RING + INFLUENCE) * plan.block
     return plan.core(tile) + np.array([[-margin], [margin]])
 
 
-def carve_of(plan: Plan) -> float:
+def carve_of(plan: CityPlan) -> float:
     """How far in front of a surface space counts as seen to be free."""
     return CARVE * plan.block

@@ -26,8 +26,8 @@ PIECE_ROWS = 500_000
 """Rows of a PLY that are read at a time: about 250 MB with all harmonics."""
 
 
-class Piece(NamedTuple):
-    """Part of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for all.
+class CityPiece(NamedTuple):
+    """TilePart of a city's source. path: of the file, or its URL. first, last: range of its rows; last is -1 for all.
 
     environment: whether it is the far surroundings that a streamed SOG keeps apart.
     """
@@ -38,7 +38,7 @@ class Piece(NamedTuple):
     environment: bool
 
 
-def pieces_of(path: str, lod: Any = "auto") -> list[Piece]:
+def pieces_of(path: str, lod: Any = "auto") -> list[CityPiece]:
     """The pieces of a city, in the order of its files. path: as `parts_of`, or a URL of fsspec. lod: level of a
     streamed SOG; auto is the finest here.
 
@@ -54,20 +54,20 @@ def pieces_of(path: str, lod: Any = "auto") -> list[Piece]:
             found = parts_of(path, 0)
         pieces = [piece for tile in found.tiles for piece in _cut(tile)]
         if found.environment is not None:
-            pieces.append(Piece(str(found.environment), 0, -1, True))
+            pieces.append(CityPiece(str(found.environment), 0, -1, True))
     except OSError as error:
         raise InputError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
     return pieces
 
 
-def _cut(path: Path) -> list[Piece]:
+def _cut(path: Path) -> list[CityPiece]:
     if path.is_file() and kind_of(path) == "ply":
         elements = Ply.open(path).elements
         rows = elements["vertex"].count if "vertex" in elements else 0
         if rows > PIECE_ROWS:
             starts = range(0, rows, PIECE_ROWS)
-            return [Piece(str(path), start, min(start + PIECE_ROWS, rows), False) for start in starts]
-    return [Piece(str(path), 0, -1, False)]
+            return [CityPiece(str(path), start, min(start + PIECE_ROWS, rows), False) for start in starts]
+    return [CityPiece(str(path), 0, -1, False)]
 
 
 def is_url(path: str | os.PathLike[str]) -> bool:
@@ -75,7 +75,7 @@ def is_url(path: str | os.PathLike[str]) -> bool:
     return "://" in os.fspath(path)
 
 
-def _in_bucket(url: str, lod: Any) -> list[Piece]:
+def _in_bucket(url: str, lod: Any) -> list[CityPiece]:
     names = Store(url).listed()
     if not names:
         raise InputError(f"{url}: no such file")
@@ -91,20 +91,20 @@ def _in_bucket(url: str, lod: Any) -> list[Piece]:
     if lod != "auto":
         raise InputError(f"`lod` {lod}: {url} has no levels of detail, which only a streamed SOG has")
     if "" in names or sog.META in names:
-        return [Piece(url, 0, -1, False)]
+        return [CityPiece(url, 0, -1, False)]
     tops = {name.split("/")[0] for name in names if name.count("/") == (name.endswith("/" + sog.META))}
     tiles = sorted(top for top in tops if top.lower().endswith(SUFFIXES) or f"{top}/{sog.META}" in names)
     if not tiles:
         raise InputError(f"{url}: no splat file lies in it")
-    return [Piece(f"{url}/{name}", 0, -1, False) for name in tiles]
+    return [CityPiece(f"{url}/{name}", 0, -1, False) for name in tiles]
 
 
-def _under(url: str, folder: Path, path: Path) -> Piece:
+def _under(url: str, folder: Path, path: Path) -> CityPiece:
     path = path.parent if path.name == sog.META else path  # its pictures lie beside it
-    return Piece(f"{url}/{path.relative_to(folder).as_posix()}", 0, -1, False)
+    return CityPiece(f"{url}/{path.relative_to(folder).as_posix()}", 0, -1, False)
 
 
-def size_of(piece: Piece) -> int:
+def size_of(piece: CityPiece) -> int:
     """Bytes of a piece's file."""
     return sum(Store(piece.path).listed().values()) if is_url(piece.path) else os.path.getsize(piece.path)
 
@@ -124,9 +124,9 @@ def _here(path: str) -> Iterator[str]:
         yield str(Path(folder) / name)
 
 
-def read_piece(piece: Piece) -> Splats:
+def read_piece(piece: CityPiece) -> Splats:
     """The splats of a piece, as the file has them. Raises InputError as `read_splats` does."""
-    piece = Piece(*piece)
+    piece = CityPiece(*piece)
     with _here(piece.path) as path:
         if piece.last < 0:
             splats = read_splats(path)

@@ -70,7 +70,7 @@ at least, since what has less is mostly halo."""
 
 
 @dataclass
-class Plan:
+class CityPlan:
     """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
 
     scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
@@ -148,13 +148,18 @@ class Plan:
         return found
 
     @classmethod
-    def kept(cls, store: Store, key: str) -> "Plan":
+    def read(cls, store: Store, key: str) -> "CityPlan":
         """The plan of a city's folder; key: its checksum, by which a worker that has read it once knows it again."""
-        return _kept(store.root, key)
+        return _read_plan(store.root, key)
+
+    kept = read
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean."""
         return asdict(self)
+
+
+Plan = CityPlan
 
 
 def apart(places: NDArray, weights: NDArray) -> float:
@@ -178,11 +183,11 @@ def folder_of(tile: int) -> str:
 
 
 @lru_cache(2)
-def _kept(root: str, key: str) -> Plan:
+def _read_plan(root: str, key: str) -> CityPlan:
     data = Store(root).read(FILE)
     if sha256(data).hexdigest() != key:
         raise InputError(f"{root}: its {FILE} has changed while it was worked on")
-    return Plan(**json.loads(data)["plan"])
+    return CityPlan(**json.loads(data)["plan"])
 
 
 def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:

@@ -24,13 +24,13 @@ from .glb import glb_bytes
 from .lattice import Raw, normals_of, raw_surface, seam_edges, seam_of, smoothed
 from .look import carve_of, faces_around, sight_of
 from .memory import give_back
-from .plan import DISTANT, FAR, Plan, folder_of
+from .plan import DISTANT, FAR, CityPlan, folder_of
 from .store import Store
 
 
 def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     """Make the mesh of a tile: tiles/TILE/mesh.ply, mesh.glb, its twins, and its record; returns the record."""
-    known = Plan.kept(store, key)
+    known = CityPlan.read(store, key)
     sights, pictures = [], []
     for face in faces_around(store, known, tile):
         sights.append(sight_of(face, known, tile))
@@ -59,7 +59,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
     return store.commit(f"{name}/mesh.json", files, tile=tile, **facts)
 
 
-def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: Plan) -> tuple[Mesh, dict[str, Any]]:
+def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple[Mesh, dict[str, Any]]:
     """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and what is told of it."""
     seam = seam_of(raw, tile)
     soft = smoothed(raw)

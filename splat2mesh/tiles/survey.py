@@ -13,8 +13,8 @@ from ..splats.splats import MIN_SPLATS, NUMBERS, Splats, usable
 from ..surface.extract import training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
-from .pieces import Piece, read_piece
-from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, Plan, apart, cut, splats_for
+from .pieces import CityPiece, read_piece
+from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for
 from .store import Store
 
 SAMPLE = 1_000_000
@@ -30,7 +30,7 @@ OUTSIDE = 1.0
 """How far beyond the box of the solid splats the city reaches, in distances between stations: the rest is far."""
 
 
-def survey(store: Store, number: int, piece: Piece, most: int) -> dict[str, Any]:
+def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, Any]:
     """Count a piece and keep a sample of at most `most` of its splats."""
     splats = read_piece(piece)
     keep, counts = usable(splats)
@@ -43,8 +43,8 @@ def survey(store: Store, number: int, piece: Piece, most: int) -> dict[str, Any]
     return {"splats": len(splats), "usable": len(rows), **counts}
 
 
-def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> Plan:
-    """The Plan by the samples. Raises InputError for a city without splats."""
+def plan_of(store: Store, pieces: list[CityPiece], counts: list[dict[str, Any]], settings: dict[str, Any]) -> CityPlan:
+    """The CityPlan by the samples. Raises InputError for a city without splats."""
     sample, weights = _sample(store, len(pieces))
     if len(sample) < MIN_SPLATS:
         raise InputError(f"{len(sample)} usable splats: at least {MIN_SPLATS} are needed")
@@ -53,7 +53,7 @@ def plan_of(store: Store, pieces: list[Piece], counts: list[dict[str, Any]], set
     turned = placed(sample, rotation)
     trained = training_pixel(turned)
     pixel = max(trained, LEAST_PIXEL * apart(turned.means.astype(np.float64), weights))
-    plan = Plan(
+    plan = CityPlan(
         scene_from_splat=rotation.tolist(),
         up_from=up_from,
         pixel=pixel,
@@ -92,8 +92,8 @@ def _sample(store: Store, count: int) -> tuple[Splats, np.ndarray]:
 def deal(store: Store, key: str, number: int) -> dict[str, Any]:
     """Deal a piece out: splats/NUMBER_TILE.npz holds the splats of a tile, far_NUMBER.npz those of none, each with
     their rows in the piece; splats/NUMBER.json, which comes last, how many."""
-    known = Plan.kept(store, key)
-    splats = read_piece(Piece(*known.pieces[number]))
+    known = CityPlan.read(store, key)
+    splats = read_piece(CityPiece(*known.pieces[number]))
     keep = usable(splats)[0]
     turned = placed(splats, known.rotation)
     with np.errstate(invalid="ignore"):
@@ -115,7 +115,7 @@ def deal(store: Store, key: str, number: int) -> dict[str, Any]:
 
 def splats_of(
     store: Store,
-    plan: Plan,
+    plan: CityPlan,
     sources: dict[int, list[int]],  # tile -> the pieces that hold splats of it
     box: np.ndarray | None = None,  # (2, 2) lowest and highest x and z to keep, all without
 ) -> Splats:

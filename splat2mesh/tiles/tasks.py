@@ -192,13 +192,13 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
             except (OSError, ValueError, TimeoutError) as error:
                 raise InputError(f"`scheduler` {scheduler}: does not answer ({_first_line(error)})") from None
             with client:
-                yield _checked(client, scheduler)
+                yield _connect(client, scheduler)
             return
         assert workers is not None
         threads = str(max(1, (os.cpu_count() or 1) // workers))
         limit = f"{memory_gb}GiB" if memory_gb is not None else 0
         shown = find_spec("bokeh") is not None
-        with _environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
+        with _set_environment({name: threads for name in _THREADS} | ONE_BLAS_THREAD):
             with warnings.catch_warnings():
                 warnings.filterwarnings("ignore", "Port ", UserWarning)  # another run has it: any other will do
                 cluster = LocalCluster(
@@ -209,8 +209,8 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
                     dashboard_address=DASHBOARD if shown else None,
                     silence_logs=50,
                 )
-            with cluster, _kept_at(cluster, workers), Client(cluster) as client:
-                running = _checked(client, "the local cluster")
+            with cluster, _keep_workers(cluster, workers), Client(cluster) as client:
+                running = _connect(client, "the local cluster")
                 running.dashboard = client.dashboard_link if shown else None
                 yield running
 
@@ -220,7 +220,7 @@ _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @contextmanager
-def _kept_at(cluster: Any, workers: int) -> Iterator[None]:
+def _keep_workers(cluster: Any, workers: int) -> Iterator[None]:
     """Start another worker where one is missing for long."""
     ended = threading.Event()
 
@@ -245,7 +245,7 @@ def _kept_at(cluster: Any, workers: int) -> Iterator[None]:
         watcher.join()
 
 
-def _checked(client: Any, name: str) -> Cluster:
+def _connect(client: Any, name: str) -> Cluster:
     versions = client.run(_version)
     if not versions:
         raise InputError(f"{name}: it has no workers; start some with `dask worker {name}`")
@@ -268,7 +268,7 @@ def _version() -> str:
 
 
 @contextmanager
-def _environment(values: dict[str, str]) -> Iterator[None]:
+def _set_environment(values: dict[str, str]) -> Iterator[None]:
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

@@ -58,11 +58,11 @@ def test_what_is_kept_stays_and_what_is_dropped_is_sky_alone(far):
 
 def test_it_comes_back_from_a_file_to_the_bit(far):
     background, (splats, _), _ = far
-    kept = Background.of(arrays_of(bytes_of_arrays(**background.arrays(), other=1)))
+    kept = Background.from_arrays(arrays_of(bytes_of_arrays(**background.arrays(), other=1)))
     assert_same(
         *(relit_background(splats, each, EVEN, np.eye(4), 1.0, "new") for each in (kept, background)),
     )
-    assert Background.of({"other": 1}) is None
+    assert Background.from_arrays({"other": 1}) is None
 
 
 def test_damaged_far_splats_stay_and_harm_no_others(far, tmp_path):

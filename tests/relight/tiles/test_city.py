@@ -56,7 +56,7 @@ def test_all_tiles_have_one_light_and_one_exposure(relit):
 
 def test_what_the_tiles_share_comes_back_to_the_bit(relit):
     folder, report = relit
-    shared = Shared.kept(Store(folder.parents[1]), "relit/a", report["light"]["sha256"])
+    shared = Shared.read(Store(folder.parents[1]), "relit/a", report["light"]["sha256"])
     sky = Environment.load("noon")
     np.testing.assert_array_equal(shared.sky.radiance, sky.radiance)
     assert (shared.sky.name, shared.sky.rotation_deg, shared.sky.formula) == (sky.name, 0.0, "noon")
@@ -66,7 +66,7 @@ def test_what_the_tiles_share_comes_back_to_the_bit(relit):
         for name in ("vertices", "normals", "faces", "colors_srgb"):
             np.testing.assert_array_equal(getattr(kept, name), getattr(mesh, name))
     with pytest.raises(InputError, match="has changed"):
-        Shared.kept(Store(folder.parents[1]), "relit/a", "0" * 64)
+        Shared.read(Store(folder.parents[1]), "relit/a", "0" * 64)
 
 
 def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
@@ -152,7 +152,7 @@ def test_a_city_in_a_bucket_has_the_same_bytes(city, relit, tmp_path):
 
 def whole(around):
     (part,) = around.parts(np.inf)
-    return around.of(part)
+    return around.gather(part)
 
 
 def test_what_is_far_is_coarse_and_what_is_near_is_not(city):

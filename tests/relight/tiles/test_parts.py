@@ -18,7 +18,7 @@ from relight.tiles.work import relit_tile
 from relight.transfer.precomputed import Precomputed
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.tiles.plan import FILE, Plan
+from splat2mesh.tiles.plan import FILE, CityPlan
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import engine
 
@@ -114,12 +114,12 @@ def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
 
 def test_a_part_holds_its_own_faces_and_what_is_near(city):
     store = Store(city)
-    plan = Plan(**store.read_json(FILE)["plan"])
+    plan = CityPlan(**store.read_json(FILE)["plan"])
     around = Surroundings(store, coarse_city(store, Environment.load("noon")), 0, plan.spacing)
     found = around.parts(300)
     seen = np.zeros(len(around.mesh.vertices), int)
     for part in found:
-        local = around.of(part)
+        local = around.gather(part)
         seen[local.rows[local.own]] += 1
         assert local.shown[: len(local.own)][local.own].all()
         near = local.scene.chunks[0]
@@ -147,7 +147,7 @@ def test_what_goes_before_the_new_light_changes_no_bit(city, uncut, tmp_path, mo
 
     monkeypatch.setattr(Precomputed, "forget", forgotten)
     monkeypatch.setattr(work, "_release", released)
-    store, spacing = Store(copy), Plan(**Store(copy).read_json(FILE)["plan"]).spacing
+    store, spacing = Store(copy), CityPlan(**Store(copy).read_json(FILE)["plan"]).spacing
     key = json.loads((uncut / "light.json").read_text())["sha256"]
 
     def radiance():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.render.view import View
-from splat2mesh.surface.fusion import ENOUGH_WEIGHT, SHARP, DepthMap, fuse
+from splat2mesh.surface.fusion import ENOUGH_WEIGHT, SHARP, PlaneMap, fuse
 
 VOXEL = 0.02
 
@@ -47,7 +47,7 @@ def nearest_of(*hits):
 
 def depth_map(view, hit, radius=1.0):
     depth, normal = hit
-    return DepthMap.of(view, depth, normal, np.zeros_like(depth), radius)
+    return PlaneMap.from_depth(view, depth, normal, np.zeros_like(depth), radius)
 
 
 def sphere_maps(center=(0, 0, 0)):
@@ -154,8 +154,8 @@ def test_the_unit_of_length_does_not_matter():
 def test_trust_falls_with_slant_and_with_spread():
     view = View.look_at([0, 0, 4], [0, 0, 0], [0, 1, 0], 35.0, 65)
     depth, normal = sphere_hit(view, (0, 0, 0), 1.0)
-    sharp = DepthMap.of(view, depth, normal, np.zeros_like(depth), 1.0)
-    fuzzy = DepthMap.of(view, depth, normal, np.full_like(depth, SHARP), 1.0)
+    sharp = PlaneMap.from_depth(view, depth, normal, np.zeros_like(depth), 1.0)
+    fuzzy = PlaneMap.from_depth(view, depth, normal, np.full_like(depth, SHARP), 1.0)
     hit = np.isfinite(depth)
     assert sharp.weight[32, 32] == pytest.approx(1.0, abs=1e-6)
     assert (sharp.weight[~hit] == 0).all() and (sharp.weight[hit] > 0).all()
@@ -183,5 +183,5 @@ def test_a_surface_that_nobody_can_trust_makes_an_empty_mesh():
     view = sphere_views()[0]
     depth, normal = sphere_hit(view, (0, 0, 0), 1.0)
     spread = np.full_like(depth, SHARP * np.sqrt(2 / ENOUGH_WEIGHT))  # leaves less than half of what is enough
-    fuzzy = DepthMap.of(view, depth, normal, spread, 1.0)
+    fuzzy = PlaneMap.from_depth(view, depth, normal, spread, 1.0)
     assert len(fuse([fuzzy], VOXEL).triangles) == 0

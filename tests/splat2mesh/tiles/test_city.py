@@ -197,4 +197,4 @@ def test_a_scheduler_that_does_not_answer_and_workers_of_another_version_are_tol
             return {"tcp://10.0.0.1:1": "0.0.1"}
 
     with pytest.raises(InputError, match=r"10\.0\.0\.1:1 has version 0\.0\.1"):
-        tasks._checked(Client(), "here")
+        tasks._connect(Client(), "here")

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.tiles.plan import RING, Plan, apart, cut, splats_for
+from splat2mesh.tiles.plan import RING, CityPlan, apart, cut, splats_for
 
 
 def plan_of(tiles):
     corner = [0.0, 0.0, 0.0]
-    return Plan(np.eye(4).tolist(), "", 0.1, 0.125, corner, corner, tiles, [0] * len(tiles), [], 0)
+    return CityPlan(np.eye(4).tolist(), "", 0.1, 0.125, corner, corner, tiles, [0] * len(tiles), [], 0)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from splat2mesh.splats.joining import joined
 from splat2mesh.splats.placing import placed, similarity
 from splat2mesh.splats.splats import Splats
-from splat2mesh.views import ground
-from splat2mesh.views.ground import ground_of, largest_plane
+from splat2mesh.views.ground import FLOOR, ground_of, largest_plane
 from splat2mesh.views.upright import scene_from_splat, upright
 
 AXES = {"+y": [0, 1, 0], "-y": [0, -1, 0], "+z": [0, 0, 1], "-z": [0, 0, -1], "+x": [1, 0, 0]}
@@ -171,6 +170,6 @@ def test_nothing_is_looked_for_where_cameras_tell(monkeypatch):
 def test_thresholds_are_between_what_was_measured():
     """Margins of the constants: a place and an object of each kind, as largest_plane sees them."""
     floor, closed, ball = largest_plane(garden()), largest_plane(room()), largest_plane(solid_ball())
-    assert floor.cover > ground.LEAST_COVER > ball.cover or floor.lead > ground.LEAST_LEAD > ball.lead
-    assert closed.opposite > ground.CLOSED > floor.opposite
-    assert floor.far > ground.SURROUNDINGS > closed.far == 0
+    assert floor.cover > FLOOR.least_cover > ball.cover or floor.lead > FLOOR.least_lead > ball.lead
+    assert closed.opposite > FLOOR.ceiling > floor.opposite
+    assert floor.far > FLOOR.surroundings > closed.far == 0
