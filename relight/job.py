@@ -24,7 +24,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from .engine.appearance import CHOICES, Appearance, albedo_kept, appearance_of
+from .engine.appearance import CHOICES, LEAST_ALBEDO, Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shading
 from .light.environment import Environment
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .engine.relit_room import RelitRoom
     from .planning.plan import Plan
     from .splats import Binding
+    from .viewer.splats import SplatSource
 
 DEFAULT_FORMATS = ("glb", "png")
 """What is written where nobody says; with a splat, that too."""
@@ -227,7 +228,34 @@ class Job:
             "exposure": exposure,
             "cache": None if opened else self.relighter.cache,
             "lamps": {} if by_lamps is None else {chosen: by_lamps},
+            "lamps_known": bool(room and room.lamps_found),
+            "state": {"lamps": self.options.lamp_factor},
+            "splats": None if opened or self.splats is None else self._splats_of_session(chosen),
         }
+
+    def _splats_of_session(self, chosen: str) -> "SplatSource":
+        """The splats as a session shows them: by its own albedo, or by the captured colours."""
+        from .splats import shown_as_sky
+        from .viewer.splats import SplatLook, SplatSource
+
+        look, room, splats = self.appearance, self.room, self.splats
+        assert splats is not None
+
+        def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
+            if room and not look.kept and look.room is not None:
+                radiance = room.as_captured(radiance, self.options.unplanned)
+            return look.received(radiance, exposure)
+
+        def binding() -> "Binding":
+            if not look.kept:
+                received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
+            return self.binding
+
+        looks = {chosen: SplatLook(look.irradiance, received)}
+        if chosen != "captured" and room is None:
+            least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
+            looks["captured"] = SplatLook(np.ones_like(look.captured), lambda radiance, _: radiance / least)
+        return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look))
 
     @cached_property
     def room(self) -> "RelitRoom | None":

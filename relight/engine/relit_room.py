@@ -127,13 +127,25 @@ class RelitRoom:
 
     def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
         """(albedo (V, 3), radiance (V, 3) of what the lamps light) by which a session shows it: what it shades with,
-        and what it adds to every light; None for nothing to add."""
+        and what it adds to every light, as captured; None for nothing to add."""
         look, room = self._look, self._look.room
         if look.kept:
             return np.zeros_like(look.captured), look.captured
         if room is None:
             return look.albedo, None
-        return room.albedo, self._factor / self._level * (room.by_lamps + room.glow)
+        return room.albedo, (room.by_lamps + room.glow) / self._level
+
+    def as_captured(self, radiance: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
+        """What `shading` gives where a session shows a radiance (V, 3), lamps included: the captured colours times the
+        change. settings: those by which the light of the capture is computed."""
+        look, room = self._look, self._known
+        after, glowing = self._level * radiance, room.glow.any(axis=1)
+        shining = after[glowing]
+        after[glowing] = room.by_lamps[glowing]
+        after, usual, below = self._compared(after, settings)
+        found = look.captured * np.minimum((after + usual) / below, np.float32(MOST))
+        found[glowing] = shining
+        return (found / self._level).astype(np.float32)
 
     def _even_light(self, radiance):
         """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""

@@ -141,7 +141,7 @@ class Binding:
         logs = self.places.interpolate(of_nodes)
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
-        if self._looks is not None:
+        if self._looks is not None and rounds:
             before, relit = self.shown.sh[self._drawn, 0], sh[self._drawn, 0]
             sh[self._drawn, 0] += self._looks.corrections(before, relit, of_nodes, rounds)
         if not self.lit.all():

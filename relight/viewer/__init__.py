@@ -22,6 +22,8 @@ from ..options import LightingOptions
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..transfer.store import Cache
+    from .session import Session
+    from .splats import SplatSource
 
 __all__ = ["record_turntable", "serve", "view"]
 
@@ -33,15 +35,16 @@ def view(
     *,
     albedos: Mapping[str, NDArray[np.floating] | None] | None = None,  # name -> (V, 3) linear or None for white
     environments_folder: str | os.PathLike[str] | None = None,  # its .exr and .hdr files can be chosen too
-    screenshot: str
-    | os.PathLike[str]
-    | None = None,  # .png, .jpg or .webp to write instead of opening a window, with the panel
+    screenshot: str | os.PathLike[str] | None = None,  # .png, .jpg or .webp to write instead of opening a window
     off_screen: bool = False,  # no window: returns the Window for a loop of its own
     size: tuple[int, int] | None = None,  # width, height
     exposure: float | None = None,  # display value per unit of radiance
     state: Mapping[str, Any] | None = None,  # fields of `session.State` to start with
     cache: "Cache | None" = None,  # as of Relighter
     lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
+    lamps_known: bool = True,  # whether those can be told from other light, and dimmed
+    splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
+    panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
 ) -> Any:
     """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
@@ -59,7 +62,10 @@ def view(
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
     options = LightingOptions.of(options, **wishes)
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache, lamps)
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
+    if screenshot and not panel:
+        session.change(panel=False)  # which leaves the whole of the picture to the scene
     try:
         window = Window(session, size or SIZE, off_screen)
         if notebook:
@@ -68,7 +74,7 @@ def view(
             return shown(window)
         if screenshot:
             window.finish()
-            write_image(screenshot, window.picture())
+            write_image(screenshot, window.picture(panel))
         elif off_screen:
             return window
         else:
@@ -93,6 +99,8 @@ def serve(
     state: Mapping[str, Any] | None = None,
     cache: "Cache | None" = None,
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
+    lamps_known: bool = True,
+    splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
     """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
@@ -104,7 +112,8 @@ def serve(
 
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, cache, lamps)
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
     finally:
@@ -126,6 +135,9 @@ def record_turntable(
     exposure: float | None = None,
     state: Mapping[str, Any] | None = None,
     cache: "Cache | None" = None,
+    lamps: Mapping[str, NDArray[np.floating]] | None = None,
+    lamps_known: bool = True,
+    splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
     """Film a full turn off screen, every picture with its suns and bounces. Arguments as of `view`.
@@ -140,7 +152,8 @@ def record_turntable(
     check_film(path, frames, what, overwrite)
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    session = _session(scene, environment, options, albedos, None, exposure, state, cache)
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    session = _session(scene, environment, options, albedos, None, exposure, state, **more)
     try:
         window = Window(session, size, off_screen=True)
         window.record(path, frames=frames, what=what, panel=panel, overwrite=overwrite)
@@ -154,13 +167,20 @@ def record_turntable(
     window.close()
 
 
-def _session(scene, environment, options, albedos, folder, exposure, state, cache, lamps=None):
+def _session(
+    scene: AnyScene,
+    environment: "Environment | str | os.PathLike[str]",
+    options: LightingOptions,
+    albedos: Mapping[str, NDArray[np.floating] | None] | None,
+    folder: str | os.PathLike[str] | None,
+    exposure: float | None,
+    state: Mapping[str, Any] | None,
+    **more: Any,
+) -> "Session":
     from .session import Session
     from .state import choices_of
 
-    session = Session(
-        as_scene(scene), choices_of(environment, folder), options, albedos, exposure, cache=cache, lamps=lamps
-    )
+    session = Session(as_scene(scene), choices_of(environment, folder), options, albedos, exposure, **more)
     if state:
         session.change(**state)
     return session

@@ -1,15 +1,22 @@
 """The keys, sliders and mouse of a session, as one table that the window, its help, the README and the tests read."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..planning.effects import BOUNCES, SHADOWS, SUN
 from .modes import MODES
+
+if TYPE_CHECKING:
+    from .session import Session
+    from .window import Window
+
+Action = Callable[["Window"], None]
 
 ANGLE_STEP_DEG = 5.0
 EXPOSURE_STEP_EV = 0.25
 TOLERANCE_STEP = 2.0**0.5
 SPLIT_STEP = 0.05
+LAMPS_STEP = 0.25
 
 
 class Control(NamedTuple):
@@ -17,49 +24,53 @@ class Control(NamedTuple):
 
     chip: of a Session, the text of a button that does the same, or None without one. row: where the button stands,
     "modes" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
+    there: of a Session, whether there is anything to control; without it neither button nor help are shown.
     """
 
     key: str
     text: str
-    act: Callable
-    chip: Callable | None = None
+    act: Action
+    chip: Callable[["Session"], str] | None = None
     row: str = ""
-    lit: Callable = lambda session: 0
+    lit: Callable[["Session"], float] = lambda session: 0
+    there: Callable[["Session"], bool] = lambda session: True
 
 
 class Slider(NamedTuple):
-    """One slider. field: of the State. text: its name on screen. show: a value as text. logarithmic: its scale."""
+    """One slider. field: of the State. text: its name on screen. show: a value as text. logarithmic: its scale. there:
+    as of a Control."""
 
     field: str
     text: str
-    show: Callable
+    show: Callable[[float], str]
     logarithmic: bool = False
+    there: Callable[["Session"], bool] = lambda session: True
 
 
-def _change(**changes):
+def _change(**changes: Any) -> Action:
     """An action that sets fields of the state; callables are given the state first."""
 
-    def act(window):
+    def act(window: "Window") -> None:
         state = window.session.state
         window.session.change(**{name: value(state) if callable(value) else value for name, value in changes.items()})
 
     return act
 
 
-def _toggle(field):
+def _toggle(field: str) -> Action:
     return _change(**{field: lambda state: not getattr(state, field)})
 
 
-def _toggle_effect(name):
+def _toggle_effect(name: str) -> Action:
     return _change(effects=lambda state: state.effects ^ {name})
 
 
-def _step(field, step):
+def _step(field: str, step: float) -> Action:
     return _change(**{field: lambda state: getattr(state, field) + step})
 
 
-def _next(field, step):
-    def act(window):
+def _next(field: str, step: int) -> Action:
+    def act(window: "Window") -> None:
         names = window.session.choices[field]
         place = names.index(getattr(window.session.state, field)) + step
         window.session.change(**{field: names[place % len(names)]})
@@ -67,17 +78,25 @@ def _next(field, step):
     return act
 
 
-def _effect(key, name, text):
-    def lit(session):
+def _effect(key: str, name: str, text: str) -> Control:
+    def lit(session: "Session") -> float:
         return (name in session.effects) * (1.0 if name in session.called_for else 0.5)
 
     return Control(key, text, _toggle_effect(name), lambda session: name, "choices", lit)
 
 
-def _mode(key, name):
+def _mode(key: str, name: str) -> Control:
     mode = MODES[name]
     text = f"{mode.title}: {mode.text}"
     return Control(key, text, _change(mode=name), lambda s: mode.title, "modes", lambda s: s.state.mode == name)
+
+
+def _has_splats(session: "Session") -> bool:
+    return session.splats is not None
+
+
+def _has_lamps(session: "Session") -> bool:
+    return session.has_lamps
 
 
 CONTROLS = (
@@ -91,6 +110,12 @@ CONTROLS = (
     Control("b", "before and after: captured left of the line", _toggle("split"), lambda s: "split", "choices",
             lambda s: s.state.split),
     Control("k", "sky behind the scene on, off", _toggle("sky"), lambda s: "sky", "choices", lambda s: s.state.sky),
+    Control("g", "mesh in place of the splat, and back", _toggle("mesh"), lambda s: "mesh", "choices",
+            lambda s: s.state.mesh, _has_splats),
+    Control("l", "captured lamps off, on", _change(lamps=lambda s: float(s.lamps == 0.0)), lambda s: "lamps", "choices",
+            lambda s: s.state.lamps > 0.0, _has_lamps),
+    Control("comma", "dimmer captured lamps", _step("lamps", -LAMPS_STEP), there=_has_lamps),
+    Control("period", "brighter captured lamps", _step("lamps", LAMPS_STEP), there=_has_lamps),
     Control("space", "turn the light by itself, stop", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light back", _step("angle_deg", -ANGLE_STEP_DEG)),
@@ -113,6 +138,7 @@ SLIDERS = (
     Slider("angle_deg", "Light", lambda value: f"{value:.0f}\N{DEGREE SIGN}"),
     Slider("exposure_ev", "Exposure", lambda value: f"{value:+.2f} EV"),
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
+    Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_has_lamps),
 )
 
 MOUSE = (
@@ -122,9 +148,18 @@ MOUSE = (
     ("wheel", "nearer, farther"),
 )
 
-_KEY_NAMES = {"minus": "-", "equal": "=", "Left": "left", "Right": "right", "Up": "up", "Down": "down"}
+_KEY_NAMES = {
+    "minus": "-",
+    "equal": "=",
+    "Left": "left",
+    "Right": "right",
+    "Up": "up",
+    "Down": "down",
+    "comma": ",",
+    "period": ".",
+}
 
 
-def key_name(control):
+def key_name(control: Control) -> str:
     """A key as it is written on a keyboard."""
     return _KEY_NAMES.get(control.key, control.key)

@@ -46,6 +46,7 @@ def serve(window, port=0, announce=lambda url: None):
 
     server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
     server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # Ctrl-C is ours
+    server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
     window.tick()
     with VAppLayout(server) as layout:
         keys = html.Div(
@@ -114,5 +115,7 @@ _SYMBOLS = {
     " ": "space",
     "-": "minus",
     "=": "equal",
+    ",": "comma",
+    ".": "period",
 }
 """VTK's key symbols by the names that browsers give the keys."""

@@ -10,6 +10,7 @@ from .canvas import SMALL, Canvas
 from .controls import CONTROLS, MOUSE, SLIDERS, key_name
 from .lighting import CONVERGED, SAMPLE, STAGES
 from .modes import MODES, map_colors
+from .splats import WAITING
 from .state import RANGES
 
 DESIGN_SIZE = 960, 720
@@ -90,7 +91,7 @@ class Panel:
             self._top(session, units)
             self._bottom(session, units, frames_per_second, note)
             if session.state.help:
-                self._help(units)
+                self._help(session, units)
             elif MODES[session.state.mode].scale:
                 self._scalar_bar(session, units)
         return self._canvas.show()
@@ -102,9 +103,8 @@ class Panel:
         right = width - _MARGIN
         for control in reversed([control for control in CONTROLS if control.row == "modes"]):
             right -= self._chip(session, control, right, base + 12, from_right=True) + _GAP
-        name = session.scene.path.name if session.scene.path else "scene"
         count = sum(len(chunk.vertices) for chunk in session.scene.chunks)
-        self._canvas.text(_MARGIN, base + 27, name, _TEXT, bold=True)
+        self._canvas.text(_MARGIN, base + 27, session.name, _TEXT, bold=True)
         lit = session.lit
         facts = f"{count:,} vertices" + (f", {lit.settings}" if lit else "")
         self._canvas.text(_MARGIN, base + 10, self._canvas.fitted(facts, right - 2 * _MARGIN), _DIM, SMALL)
@@ -116,15 +116,16 @@ class Panel:
     def _bottom(self, session, units, frames_per_second, note):
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, _BAR)
-        each = (width - 2 * _MARGIN - 2 * 2 * _GAP) / 3
-        for index, slider in enumerate(SLIDERS):
+        sliders = [slider for slider in SLIDERS if slider.there(session)]
+        each = (width - 2 * _MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
+        for index, slider in enumerate(sliders):
             self._slider(session, slider, _MARGIN + index * (each + 2 * _GAP), 54, each)
         left = _MARGIN
         for control in CONTROLS:
-            if control.row == "choices":
+            if control.row == "choices" and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
-        warning = note or session.message or session.failure
+        warning = note or session.message or session.failure or (session.splats.failure if session.splats else "")
         if warning:
             follows, color = warning, _WARNING
         else:
@@ -212,9 +213,9 @@ class Panel:
             text = f"{100 * end * share:.3g} %"
             self._canvas.text(left - self._canvas.width(text, SMALL), base + share**0.5 * tall - 4, text, _DIM, SMALL)
 
-    def _help(self, units):
+    def _help(self, session, units):
         width, height = units
-        rows = [(key_name(control), control.text) for control in CONTROLS] + list(MOUSE)
+        rows = [(key_name(control), control.text) for control in CONTROLS if control.there(session)] + list(MOUSE)
         half = -(-len(rows) // 2)
         tall = half * _HELP_ROW + 2 * _MARGIN
         left = (width - _HELP_WIDTH) / 2
@@ -247,7 +248,9 @@ def status(session, frames_per_second=None):
     if frames_per_second:
         figures.append(f"{frames_per_second:.0f} pictures/s")
     follows = ""
-    if session.state.environment != session.light_name:
+    if session.shows_splats and session.splats.waiting:
+        follows = WAITING
+    elif session.state.environment != session.light_name:
         follows = f"loading {session.state.environment}"
     elif session.state.mode == "error" and session.reference is None:
         follows = f"computing the reference: {CONVERGED}"

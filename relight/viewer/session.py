@@ -19,6 +19,7 @@ from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import Wish, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
+from .splats import RelitSplats
 from .state import RANGES, State, checked
 from .worker import Process
 
@@ -51,6 +52,8 @@ class Session:
         cache=None,  # as of Relighter
         lamps=None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
         clock=time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
+        splats=None,  # SplatSource: what the scene was made of, shown in place of the mesh
+        lamps_known=True,  # whether the lamps can be told from other light, and dimmed
         **wishes,  # fields of LightingOptions, such as tolerance
     ):
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -59,7 +62,8 @@ class Session:
         self.scene, self.clock = scene, clock
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
-        self.lamps = dict(lamps or {})
+        self.lamps, self.has_lamps = dict(lamps or {}), bool(lamps) and lamps_known
+        self.splats = None if splats is None else RelitSplats(splats)
         self.environments = dict(environments)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
         self.available = options.chosen_effects
@@ -104,6 +108,8 @@ class Session:
         for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
             self.revision += kind != "progress"
+        if self.splats is not None and self.splats.poll():
+            self.revision += 1
         if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
@@ -127,6 +133,13 @@ class Session:
     def close(self):
         """End the worker."""
         self._worker.close()
+        if self.splats is not None:
+            self.splats.close()
+
+    @property
+    def name(self):
+        """Name of the scene."""
+        return self.scene.path.name if self.scene.path else "scene"
 
     @property
     def wish(self):
@@ -208,11 +221,14 @@ class Session:
         """
         lit = self._lit()
         if lit is not None:
-            return self.remembered("lit", (id(lit), self.wish.albedo), lambda: self.beside_lamps(lit.radiance))
+            return self.remembered(
+                "lit", (id(lit), self.wish.albedo, self.state.lamps), lambda: self.beside_lamps(lit.radiance)
+            )
         if self.light is None:
             return None
         wish, newest = self.wish, [id(self._found.get(kind)) for kind in ("light", "transfer", "bounced")]
-        return self.remembered("quick", (wish.angle_deg, wish.effects, wish.albedo, *newest), self.quick_radiance)
+        key = wish.angle_deg, wish.effects, wish.albedo, self.state.lamps, *newest
+        return self.remembered("quick", key, self.quick_radiance)
 
     def exposure(self):
         """Display value per unit of radiance. The automatic one is that of the starting angle, so that the
@@ -294,7 +310,13 @@ class Session:
     def beside_lamps(self, radiance):
         """Radiance (V, 3) with what the lamps of a room add to it."""
         lamps = self.lamps.get(self.state.albedo)
-        return radiance if lamps is None else radiance + lamps
+        return radiance if lamps is None else radiance + np.float32(self.state.lamps) * lamps
+
+    @property
+    def shows_splats(self):
+        """Whether the picture is of splats; the mesh shows where there are none, and in all views but the relit one."""
+        splats, state = self.splats, self.state
+        return splats is not None and state.mode == "relit" and not state.mesh and state.albedo in splats.source.looks
 
     def remembered(self, name, key, compute):
         """What `compute()` returned, kept under this name until it is asked for with another key."""

@@ -10,6 +10,7 @@ from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkTexture,
 
 from .quick import display_bytes
 from .raster import SOFTWARE, Raster
+from .splat_painter import SplatPainter
 
 BACKDROP = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
 """Behind the scene without its sky, below and above: sRGB."""
@@ -43,7 +44,9 @@ class Stage:
         self._sky_bytes = None
         self._picture = vtkTexture()
         self._picture.SetColorModeToDirectScalars()
-        self._raster = None
+        self._picture.InterpolateOn()
+        self._raster = self._behind = None
+        self.splats = SplatPainter(scene)
         for actor in (self._surface, self._captured, self._sky):
             renderer.AddActor(actor)
         renderer.SetBackground(*BACKDROP[0])
@@ -110,8 +113,22 @@ class Stage:
         backdrop = np.round(255.0 * np.array(BACKDROP))
         return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
 
+    def behind(self, orbit, size, angle_deg=None):
+        """What stands behind the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
+        if self._behind is None:
+            self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)), self._scene.diagonal)
+        self._behind.look(orbit, size)
+        sky = None if angle_deg is None else self._sky_bytes
+        nothing = np.zeros((0, 3), np.uint8)
+        return self._behind.paint(
+            nothing, sky=sky, angle_deg=angle_deg or 0.0, backdrop=np.round(255.0 * np.array(BACKDROP))
+        )
+
     def show_picture(self, picture):
-        """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that."""
+        """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that.
+
+        A smaller picture fills the window too.
+        """
         actors = self._surface, self._captured, self._sky
         if picture is None:
             self._renderer.TexturedBackgroundOff()

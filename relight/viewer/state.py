@@ -11,7 +11,13 @@ from ..light import skies
 from ..light.environment import Environment
 from ..planning.effects import EFFECTS
 
-RANGES = {"angle_deg": (0.0, 360.0), "exposure_ev": (-6.0, 6.0), "tolerance": (0.003, 0.10), "split_at": (0.02, 0.98)}
+RANGES = {
+    "angle_deg": (0.0, 360.0),
+    "exposure_ev": (-6.0, 6.0),
+    "tolerance": (0.003, 0.10),
+    "split_at": (0.02, 0.98),
+    "lamps": (0.0, 10.0),
+}
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
 
 
@@ -21,7 +27,8 @@ class State:
 
     environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
-    width. sky: the light shows behind the scene. turning: the light turns by itself.
+    width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
+    is a splat. lamps: factor on the light of captured lamps.
     """
 
     environment: str
@@ -37,6 +44,8 @@ class State:
     help: bool = False
     panel: bool = True
     turning: bool = False
+    mesh: bool = False
+    lamps: float = 1.0
 
 
 def checked(name, value, choices):

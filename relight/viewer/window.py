@@ -15,6 +15,7 @@ from .camera import Orbit
 from .controls import CONTROLS, SLIDERS
 from .raster import prepare
 from .session import TURN_DEG_PER_SECOND
+from .splat_painter import coarser, joined
 
 SIZE = 1280, 800
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
@@ -81,7 +82,7 @@ class Window:
     def frames_per_second(self):
         """Of the last pictures while something moves, else None."""
         times = self._times
-        if len(times) < 3 or self.session.clock() - times[-1] > 0.5:
+        if len(times) < 3 or times[-1] == times[0] or self.session.clock() - times[-1] > 0.5:
             return None
         return (len(times) - 1) / (times[-1] - times[0])
 
@@ -214,12 +215,14 @@ class Window:
 
     def _draw_now(self, panel=True):
         self.session.poll()
-        self._draw_scene(True)
+        self._draw_scene(True, wait=True)
         self.panel.draw(self.session, self.size, None, self.note, bare=not panel)
         self.plotter.render_window.Render()
 
-    def _draw_scene(self, rests):
+    def _draw_scene(self, rests, wait=False):
         """Bring surface, sky and camera up to date, for a picture at rest or in motion.
+
+        wait: for what splats still need.
 
         Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
         camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.
@@ -241,6 +244,11 @@ class Window:
             if painted != self._sky:
                 self._sky = painted
                 stage.paint_sky(session.light.sky, session.exposure())
+        if session.shows_splats:
+            glass.SetMultiSamples(MOVING_SAMPLES)
+            stage.look(self.orbit)
+            stage.show_picture(self._splats_drawn(rests, still, behind, wait))
+            return
         if self._software and still and not rests:
             angle, split = (state.angle_deg if behind else None), (state.split_at if state.split else None)
             glass.SetMultiSamples(MOVING_SAMPLES)
@@ -264,6 +272,19 @@ class Window:
             glass.SwapBuffersOn()
             glass.SetMultiSamples(MOVING_SAMPLES)
             stage.show_picture(picture)
+
+    def _splats_drawn(self, rests, still, behind, wait):
+        """The picture of the splats, bottom row first: coarse while the camera moves, exact at rest."""
+        session, stage, orbit = self.session, self._stage, self.orbit
+        moves = not (rests or still)
+        size = coarser(self.size) if moves else self.size
+        draw = stage.splats.exact if rests or moves else stage.splats.again
+        back = stage.behind(orbit, size, session.state.angle_deg if behind else None)[::-1]
+        picture = draw(session.splats.shown(session, rests, wait), orbit, size).over(back)
+        if session.state.split:
+            before = draw(session.splats.source.captured, orbit, size).over(back)
+            picture = joined(before, picture, session.state.split_at)
+        return picture[::-1]
 
     def _press(self, button):
         def press():

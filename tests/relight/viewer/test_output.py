@@ -30,6 +30,13 @@ def test_view_saves_the_picture_of_a_session(scene, tmp_path):
     options = {"size": SIZE, "tolerance": 0.05, "exposure": 0.35, "state": {"split": True, "angle_deg": 20.0}}
     assert view(scene, "noon", screenshot=path, **options) is None
     saved = iio.imread(path)
+    session = session_of(scene, exposure=0.35)
+    session.change(split=True, angle_deg=20.0, panel=False)
+    window = Window(session, SIZE, off_screen=True)
+    assert saved.shape == (*SIZE[::-1], 3) and np.array_equal(saved, bare(window))
+    window.close()
+    assert view(scene, "noon", screenshot=path, panel=True, **options) is None
+    saved = iio.imread(path)
     window = Window(session_of(scene, exposure=0.35), SIZE, off_screen=True)
     window.session.change(split=True, angle_deg=20.0)
     window.finish()

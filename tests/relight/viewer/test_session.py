@@ -215,6 +215,25 @@ def test_unusable_input_is_refused(scene, tmp_path):
     assert list(choices_of("noon", tmp_path))[:3] == ["noon", "a", "b"]
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_captured_lamps_shine_as_they_are_set(scene, known):
+    given = np.full((len(scene.vertices), 3), [0.4, 0.3, 0.1], np.float32)
+    session = session_of(scene, lamps={"captured": given}, lamps_known=known)
+    session.change(effects=())
+    session.finish()
+    lit, quick_one = session.radiance(), session.quick_radiance()
+    for factor in (0.0, 0.5, 2.0):
+        session.change(lamps=factor)
+        assert np.allclose(session.radiance(), lit + (factor - 1.0) * given, atol=1e-5)
+        assert np.allclose(session.quick_radiance(), quick_one + (factor - 1.0) * given, atol=1e-5)
+    session.change(lamps=-1.0)
+    assert session.state.lamps == 0.0
+    session.change(albedo="white")
+    assert np.array_equal(session.radiance(), session.quick_radiance())  # of which no lamps are told
+    assert [control.there(session) for control in CONTROLS if "lamps" in control.text] == 3 * [known]
+    assert [slider.there(session) for slider in SLIDERS if slider.field == "lamps"] == [known]
+
+
 # Views
 
 

@@ -1,0 +1,141 @@
+"""The splats of a session: relit as its light is, at once without the fit in views, exactly when the light rests.
+
+Splats are bound to their mesh, and fitted to its light, in a thread: both take longer than a picture may.
+"""
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.splats.splats import Splats
+
+from ..light.environment import Environment
+
+if TYPE_CHECKING:
+    from ..splats import Binding
+    from .session import Session
+
+WAITING = "binding the splats to the mesh"
+"""What the panel says until then; the captured splats are shown."""
+
+
+class SplatLook(NamedTuple):
+    """How splats take the light of one albedo. before: (V, 3) irradiance in the light of the capture, unit of the
+    captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure."""
+
+    before: NDArray[np.float32]
+    received: Callable[[NDArray[np.float32], float], NDArray[np.float32]]
+
+
+class SplatSource(NamedTuple):
+    """The splats that a scene was made of, and what relights them.
+
+    captured: Splats, in their own frame. binding: returns their Binding. looks: name of an albedo -> SplatLook; with
+    others the mesh is shown. sky: returns the rows (M,) of splats that show the sky.
+    """
+
+    captured: Splats
+    binding: Callable[[], "Binding"]
+    looks: Mapping[str, SplatLook]
+    sky: Callable[[], NDArray[np.int64]] = lambda: np.zeros(0, np.int64)
+
+
+class _Wanted(NamedTuple):
+    """What one picture of the splats depends on."""
+
+    radiance: NDArray[np.float32]
+    exposure: float
+    albedo: str
+    sky: tuple | None  # name, angle and whether it is shown; None where no splat shows it
+
+    def same(self, other: "_Wanted | None") -> bool:
+        return other is not None and self.radiance is other.radiance and self[1:] == other[1:]
+
+
+class RelitSplats:
+    """The splats of a SplatSource in the light of a Session.
+
+    source: the SplatSource. failure: why they cannot be relit, or "".
+    """
+
+    def __init__(self, source: SplatSource) -> None:
+        self.source, self.failure = source, ""
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="splats")
+        self._bound: Future = self._thread.submit(lambda: (source.binding(), source.sky()))
+        self._told = False
+        self._pending: tuple[_Wanted, Future] | None = None
+        self._exact: tuple[_Wanted, Splats] | None = None
+        self._quick: tuple[_Wanted, Splats] | None = None
+
+    @property
+    def waiting(self) -> bool:
+        """Whether they are still being bound."""
+        return not self._bound.done()
+
+    def poll(self) -> bool:
+        """Take in what is done, without waiting; whether that changes the picture."""
+        changed = False
+        if not self._told and self._bound.done():
+            self._told = changed = True
+            error = self._bound.exception()
+            self.failure = "" if error is None else f"the splats stay as captured: {error}"
+        if self._pending is not None and self._pending[1].done():
+            wanted, done = self._pending
+            self._pending = None
+            if done.exception() is None:
+                self._exact, changed = (wanted, done.result()), True
+            else:
+                self.failure = f"the splats stay without their fit: {done.exception()}"
+        return changed
+
+    def shown(self, session: "Session", rests: bool, wait: bool = False) -> Splats:
+        """The Splats in the present light of a session, in order, in their own frame.
+
+        rests: whether the light rests, and is worth to be fitted. wait: until they are bound and fitted.
+        """
+        if wait:
+            self._bound.exception()
+            self.poll()
+        radiance = session.radiance()
+        if radiance is None or not self._bound.done() or self._bound.exception() is not None:
+            return self.source.captured
+        binding, rows = self._bound.result()
+        state, light = session.state, session.light
+        sky = (session.light_name, state.angle_deg, state.sky) if len(rows) else None
+        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky)
+        if self._exact is not None and wanted.same(self._exact[0]):
+            return self._exact[1]
+
+        def relit(rounds: int | None) -> Splats:
+            look = self.source.looks[wanted.albedo]
+            after = look.received(wanted.radiance, wanted.exposure)
+            more = {} if rounds is None else {"rounds": rounds}
+            found = binding.relit(look.before, after, wanted.exposure, **more)
+            return found if sky is None or light is None else _under(found, rows, light.sky, wanted, session.scene)
+
+        if wait:
+            self._exact = wanted, relit(None)
+            return self._exact[1]
+        if rests and self._pending is None:
+            self._pending = wanted, self._thread.submit(relit, None)
+        if self._quick is None or not wanted.same(self._quick[0]):
+            self._quick = wanted, relit(0)
+        return self._quick[1]
+
+    def close(self) -> None:
+        """Ask for nothing any more."""
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+
+def _under(splats: Splats, rows: NDArray[np.int64], sky: NDArray[np.float32], wanted: _Wanted, scene: object) -> Splats:
+    """The Splats with those of the sky in the new one, or gone where no sky is shown."""
+    from ..splats import under_sky
+
+    assert wanted.sky is not None
+    name, angle_deg, shown = wanted.sky
+    environment = Environment(sky, name).rotated(angle_deg)
+    frame = scene.scene_from_splat  # type: ignore[attr-defined]
+    return under_sky(splats, rows, environment, frame, wanted.exposure, "new" if shown else "drop")
