@@ -35,7 +35,7 @@ from .options import LightingOptions
 from .planning.plan import Plan
 from .request import AnyLight, RelightRequest
 from .splats import write_relit_ply
-from .writing import REPORT, Writer, report_of
+from .writing import Writer, report_of
 
 if TYPE_CHECKING:
     import pyvista
@@ -65,9 +65,9 @@ class RelitScene:
     def save(self, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
         """Write the files that `formats` named, and report.json: the report with files and times.
 
-        Raises InputError for a folder that exists, unless it holds results and may be overwritten.
+        Results of the same settings that the folder holds are added to. Raises InputError for a folder that holds
+        anything else, unless these are results, which may be overwritten.
         """
-        check_output(folder, overwrite, REPORT)
         return self._writer.write(self._shaded, folder, overwrite)
 
     def to_pyvista(self) -> "pyvista.PolyData":

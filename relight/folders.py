@@ -5,6 +5,8 @@ What the relight command can do, one call of `relight_files` can do.
 
 import os
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +18,10 @@ from splat2mesh.base.progress import Stages
 from .job import Job
 from .light.environment import Environment
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
+from .output.earlier import check_results, is_results, settings_of
 from .output.kinds import SHEET
 from .request import AnyLight, RelightRequest
-from .writing import REPORT, Writer
+from .writing import Writer
 
 CITY = "city.json"
 """In the folder of a city that splat2mesh made in tiles."""
@@ -117,13 +120,15 @@ def output_folders(request: RelightRequest, lights: list[AnyLight]) -> list[Path
     else:
         parent = Path(output) if output is not None else _default_parent(request.scene)
         folders = [parent / f"{_name(light)}_{_plain(angle)}" for light in lights for angle in angles]
-    for folder in folders:
+    for folder, (light, angle) in zip(folders, product(lights, angles), strict=True):
         if folders.count(folder) > 1:
             message = f"two of its lights would go into {folder}; rename one of their files"
             raise InputError(f"`env` {request.env}: {message}")
-        check_output(folder, request.overwrite, marker=REPORT)
-    if request.sheet and len(folders) > 1:
-        check_output(folders[0].parent / SHEET, request.overwrite)
+        turned = angle + (light.rotation_deg if isinstance(light, Environment) else 0.0)
+        settings = None if request.animated else partial(settings_of, request, light, turned)
+        check_results(folder, request.overwrite, settings)
+    if request.sheet and len(folders) > 1:  # of the same lights it would be the same
+        check_output(folders[0].parent / SHEET, request.overwrite or all(map(is_results, folders)))
     return folders
 
 

@@ -23,14 +23,12 @@ from splat2mesh.splats.splats import Splats
 
 from .job import Job, Shaded, light_of
 from .light.skies import BUILTIN
+from .output.earlier import REPORT, Earlier, check_results, is_results, settings_of
 from .output.engine_files import EngineFiles
 from .output.kinds import FOR_ENGINES
 from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .request import AnyLight
-
-REPORT = "report.json"
-"""In every folder of results, which is how they are told from other folders."""
 
 
 class Writer:
@@ -47,20 +45,27 @@ class Writer:
         return other
 
     def write(self, shaded: Shaded, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
-        """Fill a folder with the results of one light; returns their report, JSON-clean.
+        """Write the results of one light into a folder; returns the report of all that it holds, JSON-clean.
 
-        Raises InputError where the folder exists, unless it holds results and may be overwritten.
+        Results of the same settings are added to; what else is there stays. Raises InputError where the folder holds no
+        results, or those of other settings, unless these may be overwritten.
         """
         light, shading, exposure = shaded
         report = report_of(self.job, shaded)
+        settings = settings_of(self.job.request, self.job.request.env, light.rotation_deg)
+        check_results(folder, overwrite, lambda: settings)
+        there = is_results(folder)
+        folder = os.path.realpath(folder) if there else folder
         asked = self.job.request
         alone = asked.sheet and len(asked.angles_deg) == 1
-        with staged_folder(folder, overwrite, REPORT) as staging:
+        with staged_folder(folder, overwrite or there, REPORT, keep=True) as staging:
+            earlier = Earlier(folder, settings, overwrite)  # again: another run may have been here since
             report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
             if asked.sheet:
                 self._results.add_to_sheet(light, shading.radiance, exposure)
                 report["files"] += [self._results.write_sheet(staging, 1)] * alone
             report.update(told)
+            report = earlier.joined(report)
             self._write_report(staging, report)
         return report
 

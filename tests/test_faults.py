@@ -24,7 +24,7 @@ def server(tmp_path_factory):
     server.close()
 
 
-@pytest.mark.parametrize("name", ["mesh", "light"])
+@pytest.mark.parametrize("name", ["mesh", "light", "more"])
 def test_a_fault_anywhere_loses_nothing_and_leaves_nothing(server, tmp_path, name):
     trial, chance = Trial(server, CASES[name], made(tmp_path / "template", name), tmp_path), random.Random(name)
     assert len(trial.operations) > 30
@@ -37,7 +37,7 @@ def test_a_fault_anywhere_loses_nothing_and_leaves_nothing(server, tmp_path, nam
 def test_of_two_runs_at_once_one_is_refused_or_both_are_done(server, tmp_path):
     made(tmp_path / "run", "new")
     both = server.at_once([(CASES["new"], tmp_path / "run", 0.0)] * 2)
-    assert sorted(code for code, _ in both) == [0, 2], both
+    assert sorted(code for code, _ in both) in ([0, 0], [0, 2]), both
     state = state_of(tmp_path / "run")
     assert "out/report.json" in part_of(state, "out")
     assert not [name for name in state if "unfinished" in name]

@@ -6,6 +6,7 @@ it removes the folder, or puts back what had been moved aside (see `leftovers`).
 """
 
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,8 +43,12 @@ def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | No
 
 
 @contextmanager
-def staged_folder(path: str | os.PathLike[str], overwrite: bool = True, marker: str | None = None) -> Iterator[Path]:
+def staged_folder(
+    path: str | os.PathLike[str], overwrite: bool = True, marker: str | None = None, keep: bool = False
+) -> Iterator[Path]:
     """Yield a temporary folder beside `path`; it becomes `path` when the block succeeds, vanishes when it fails.
+
+    keep: what the folder at `path` holds and the block does not write stays; the two appear together, in one step.
 
     overwrite, marker: as for `check_output`, which is asked again before the rename: what appeared while the work ran
     is spared, and stays as it is. What is replaced is exchanged with the new in one step, where the system can, so that
@@ -58,6 +63,8 @@ def staged_folder(path: str | os.PathLike[str], overwrite: bool = True, marker: 
             yield workspace / NEW
         finally:
             _growing.remove(workspace / NEW)
+        if keep and path.is_dir() and not path.is_symlink():
+            _carry_over(path, workspace / NEW)
         with shielded():
             _put(workspace, path, overwrite, marker)
 
@@ -132,6 +139,22 @@ def _put(workspace: Path, path: Path, overwrite: bool, marker: str | None) -> No
             if not os.path.lexists(path):
                 replaced.rename(path)
             raise
+
+
+def _carry_over(old: Path, new: Path) -> None:
+    """Give a folder all that another holds and it does not: files as further names of the same content, if possible."""
+    for entry in os.scandir(old):
+        target = new / entry.name
+        if entry.is_dir(follow_symlinks=False):
+            if not os.path.lexists(target):
+                target.mkdir()
+            if target.is_dir():
+                _carry_over(Path(entry.path), target)
+        elif not os.path.lexists(target):
+            try:
+                os.link(entry.path, target, follow_symlinks=False)
+            except (OSError, NotImplementedError):  # a file system without hard links
+                shutil.copy2(entry.path, target, follow_symlinks=False)
 
 
 def _check_free(path: Path, overwrite: bool, marker: str | None) -> None:

@@ -113,8 +113,10 @@ def test_a_scene_is_relit_shown_and_saved(tmp_path):
     report = found.save(tmp_path / "out")
     assert set(report["files"]) == {"relit.glb", "radiance.npy"} and (tmp_path / "out" / "report.json").is_file()
     np.testing.assert_array_equal(np.load(tmp_path / "out" / "radiance.npy"), found.radiance)
+    assert sorted(found.save(tmp_path / "out")["files"]) == sorted(report["files"])  # the same once more
+    (tmp_path / "taken").mkdir()
     with pytest.raises(InputError, match="exists already"):
-        found.save(tmp_path / "out")
+        found.save(tmp_path / "taken")
     mesh = found.to_pyvista()
     np.testing.assert_array_equal(mesh.point_data["radiance"], found.radiance)
     np.testing.assert_array_equal(mesh.regular_faces, scene.faces)

@@ -5,6 +5,7 @@ from attack_samples import _meshes
 from fault_runs import Case
 from lit_ball import TILT, ball_scene, splats_of_ball
 
+from relight.cli import main
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import read_splats, write_inria_ply
@@ -15,6 +16,7 @@ CASES = {
     "mesh": Case("splat2mesh", ("ball.ply", "-o", "out", "--overwrite"), ("out",)),
     "new": Case("relight", ("scene", *LIGHT, "--format", "glb", "npy"), ("out",)),
     "light": Case("relight", ("scene", *LIGHT, "--format", "glb", "npy", "--overwrite"), ("out",)),
+    "more": Case("relight", ("scene", *LIGHT, "--format", "glb", "npy"), ("out",)),
     "files": Case(
         "relight",
         ("scene", *LIGHT, "--format", "ply", "splat", "live", "web", "splat-glb", "albedo-splat", "--overwrite"),
@@ -27,7 +29,8 @@ CASES = {
     ),
     "film": Case("relight", ("moving.glb", *LIGHT, "--animate", "--fps", "1", "--overwrite"), ("out",)),
 }
-"""new: nothing stands at the output; the others replace what does."""
+"""new: nothing stands at the output; more: results of the same settings do, and are added to; the others replace what
+does."""
 
 
 def made(folder, name):
@@ -42,7 +45,10 @@ def made(folder, name):
         (folder / "moving.glb").write_bytes(files[entry])
     else:
         scene_of("ball.ply", folder).save(folder / "scene")
-    for output in case.outputs if case.command == "relight" and name != "new" else ():
+    if name == "more":
+        main([str(folder / "scene"), *LIGHT, "-o", str(folder / "out"), "--format", "ply", "-q"])
+        (folder / "out" / "old.txt").write_text("{}")
+    for output in case.outputs if case.command == "relight" and name not in ("new", "more") else ():
         if "." not in output:
             (folder / output).mkdir(parents=True)
             for old in ("report.json", "0000.png", "old.txt"):

@@ -213,3 +213,42 @@ def test_data_warnings_are_one_line_told_once_and_other_warnings_are_hidden(caps
 def test_progress_is_for_terminals_that_did_not_ask_for_quiet(monkeypatch, terminal, quiet, wanted):
     monkeypatch.setattr("sys.stderr", SimpleNamespace(isatty=lambda: terminal))
     assert options(quiet=quiet).progress is wanted
+
+
+def test_a_staged_folder_may_keep_what_it_does_not_write(tmp_path):
+    (tmp_path / "out" / "sub").mkdir(parents=True)
+    for name in ("old.txt", "both.txt", "sub/old.txt", "sub/both.txt"):
+        (tmp_path / "out" / name).write_text("old")
+    (tmp_path / "out" / "link").symlink_to("old.txt")
+    (tmp_path / "out" / "kind").mkdir()
+    with staged_folder(tmp_path / "out", keep=True) as staging:
+        (staging / "sub").mkdir()
+        for name in ("both.txt", "sub/both.txt", "kind"):
+            (staging / name).write_text("new")
+    found = tree(tmp_path / "out")
+    assert found.pop("link") == "old" and (tmp_path / "out" / "link").is_symlink()
+    old = {"old.txt": "old", "sub/old.txt": "old"}
+    assert found == {"sub": None, "both.txt": "new", "sub/both.txt": "new", "kind": "new"} | old
+
+
+def test_what_is_kept_is_copied_where_there_are_no_hard_links(tmp_path, monkeypatch):
+    def unable(*_, **__):
+        raise PermissionError
+
+    monkeypatch.setattr("os.link", unable)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "old.txt").write_text("old")
+    (tmp_path / "out" / "link").symlink_to("nowhere")
+    with staged_folder(tmp_path / "out", keep=True) as staging:
+        (staging / "new.txt").write_text("new")
+    assert (tmp_path / "out" / "old.txt").read_text() == "old" and os.readlink(tmp_path / "out" / "link") == "nowhere"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"old.txt", "new.txt", "link"}
+
+
+def test_a_folder_to_be_kept_is_as_it_was_when_the_block_fails(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "old.txt").write_text("old")
+    with pytest.raises(ZeroDivisionError), staged_folder(tmp_path / "out", keep=True) as staging:
+        (staging / "old.txt").write_text("new")
+        raise ZeroDivisionError
+    assert tree(tmp_path) == {"out": None, "out/old.txt": "old"}

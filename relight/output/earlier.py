@@ -1,0 +1,211 @@
+"""What an earlier call left in the folder that a call writes: the same settings add to it, others ask.
+
+A report keeps the settings that its results depend on. Formats are none of them: a second call with another format
+finds the same settings, and its files join those that are there.
+"""
+
+import hashlib
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import fields
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.outputs import check_output
+from splat2mesh.base.strictjson import text_of
+from splat2mesh.base.version import VERSION
+
+if TYPE_CHECKING:
+    from ..request import AnyLight, RelightRequest
+
+REPORT = "report.json"
+"""In every folder of results, which is how they are told from other folders."""
+
+_SCENE = "scene.json"  # as of `splat2mesh.scene.folder`
+
+_ARRAYS = "vertices", "normals", "faces", "colors_srgb"  # of a Scene: what light on it depends on
+
+
+def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) -> dict[str, Any]:
+    """Return what the results of one light depend on, JSON-clean.
+
+    Parameters
+    ----------
+    request : RelightRequest
+    env : Environment, path or name
+        One light of the request.
+    angle_deg : float
+        By how much the results show it turned, its own rotation too.
+
+    Notes
+    -----
+    Files count by their content, since a path says nothing about it. What only some files depend on is there where
+    these are asked for, and is compared where both calls have it.
+    """
+    found: dict[str, Any] = {
+        "version": VERSION,
+        "scene": _described_scene(request.scene),
+        "env": _described(env),
+        "angle_deg": _reduced(angle_deg),
+        "angles_deg": sorted({_reduced(angle) for angle in request.angles_deg}),  # which share plan and exposure
+        "albedo": _described(request.albedo),
+        "capture_env": _described(request.capture_env),
+        "exposure_ev": request.exposure_ev,
+        "sky": request.sky,
+    }
+    lighting = request.lighting
+    found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
+    if not isinstance(found["effects"], str):
+        found["effects"] = sorted(found["effects"])
+    formats = set(request.formats or ())
+    if request.baked:
+        found["texture_size"] = request.texture_size
+    if "albedo-splat" in formats:
+        found["harmonics"] = request.harmonics
+    if formats & {"live", "web"}:
+        found["lights"] = [_described(each) for each in request.lights]
+    return dict(json.loads(text_of(found)))  # as a reader of the report finds it
+
+
+def is_results(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds results."""
+    return (Path(folder) / REPORT).is_file()
+
+
+def check_results(
+    folder: str | os.PathLike[str], overwrite: bool, settings: Callable[[], dict[str, Any]] | None = None
+) -> None:
+    """Refuse, before any work, a folder that may not be written; see `check_output`.
+
+    settings: returns those of the results to be written; without, no folder is added to.
+    Raises InputError for a folder that cannot be made or holds something else, and, unless it may be overwritten, for
+    one with results of other settings; the message names what differs.
+    """
+    adds = settings is not None and is_results(folder)
+    check_output(folder, overwrite or adds, REPORT)
+    if settings is not None and adds and not overwrite:
+        Earlier(folder, settings(), overwrite)
+
+
+class Earlier:
+    """The results in a folder, if there are any, and what becomes of them beside those of other settings.
+
+    folder: it need not exist. settings: of `settings_of`, for what will be written there.
+    Raises InputError where the results are of other settings and may not be overwritten.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], settings: dict[str, Any], overwrite: bool = False) -> None:
+        self._folder, self._settings = Path(folder), settings
+        self._report = _read(self._folder / REPORT) if is_results(folder) else {}
+        known = self._report.get("settings")
+        differing = _differences(known, settings) if isinstance(known, dict) else ["its report names none"]
+        self._same = bool(self._report) and not differing
+        if is_results(folder) and differing and not overwrite:
+            told = f"{folder} holds results of other settings ({'; '.join(differing)})"
+            raise InputError(f"{told}: give another `output`, or replace them by `overwrite`")
+
+    def joined(self, report: dict[str, Any]) -> dict[str, Any]:
+        """Return a report of new results together with those that stay, its `files` those of both.
+
+        Files of other settings stay too, but no report names them; a DataWarning does.
+        """
+        names = self._report.get("files")
+        names = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+        left = [name for name in names if name not in report["files"] and (self._folder / name).is_file()]
+        if self._same:
+            joined = {**self._report, **report, "settings": {**self._report["settings"], **self._settings}}
+            return {**joined, "files": left + list(report["files"])}
+        if left:
+            message = (
+                f"{self._folder}: files of other settings stay there, and the report leaves them out ({len(left)})"
+            )
+            message = f"{message}: {' '.join(left)}"
+            warnings.warn(message, DataWarning, stacklevel=3)
+        return {**report, "settings": self._settings}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """The report, or nothing where it is none."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """What two settings do not share, in words."""
+    found = []
+    for name in (name for name in before if name in now and before[name] != now[name]):
+        first, second = _shown(before[name]), _shown(now[name])
+        if name == "scene":
+            found.append("the scene was another")
+        elif first == second:
+            found.append(f"`{name}` {first} had another content")
+        else:
+            found.append(f"`{name}` {first}, now {second}")
+    return found
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return str(value.get("name"))
+    if isinstance(value, list):
+        return " ".join(map(_shown, value)) or "none"
+    return f"{value:g}" if isinstance(value, float) else "not given" if value is None else str(value)
+
+
+def _described(source: Any) -> Any:
+    """An Environment, array, file or name as JSON: its name, and the digest of what it holds."""
+    if source is None:
+        return None
+    if isinstance(source, np.ndarray):
+        return {"name": "array", "sha256": _digest([source])}
+    if hasattr(source, "radiance"):
+        return {"name": source.name, "sha256": _digest([source.radiance])}
+    path = Path(source)
+    if path.is_file():
+        return {"name": path.name, "sha256": _file_digest(path)}
+    return {"name": str(source).lower()}
+
+
+def _described_scene(scene: Any) -> Any:
+    if isinstance(scene, (str, os.PathLike)):
+        path = Path(scene)
+        meta = path / _SCENE
+        if meta.is_file():
+            return {"sha256": _read(meta).get("sha256") or _file_digest(meta)}
+        return {"sha256": _file_digest(path)} if path.is_file() else {}
+    from splat2mesh.scene.foreign import as_scene
+
+    scene = as_scene(scene)
+    return {"sha256": _digest(np.asarray(getattr(scene, name)) for name in _ARRAYS)}
+
+
+def _file_digest(path: Path) -> str:
+    state = os.stat(path)
+    return _digest_of_state(path, state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)  # of every angle the same
+def _digest_of_state(path: Path, size: int, time_ns: int) -> str:
+    from splat2mesh.scene.folder import sha256_of
+
+    return sha256_of(path)
+
+
+def _digest(arrays: Iterable[np.ndarray[Any, Any]]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _reduced(angle_deg: float) -> float:
+    return round(float(angle_deg) % 360.0, 6) % 360.0
