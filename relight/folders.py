@@ -15,10 +15,10 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 
+from .earlier import check_results, is_results, settings_of
 from .job import Job
 from .light.environment import Environment
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
-from .output.earlier import check_results, is_results, settings_of
 from .output.kinds import SHEET
 from .request import AnyLight, RelightRequest
 from .writing import Writer

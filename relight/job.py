@@ -244,7 +244,7 @@ class Job:
         def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
             if room and not look.kept and look.room is not None:
                 radiance = room.as_captured(radiance, self.options.unplanned)
-            return look.received(radiance, exposure)
+            return np.asarray(look.received(radiance, exposure), np.float32)
 
         def binding() -> "Binding":
             if not look.kept:
@@ -254,7 +254,9 @@ class Job:
         looks = {chosen: SplatLook(look.irradiance, received)}
         if chosen != "captured" and room is None:
             least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
-            looks["captured"] = SplatLook(np.ones_like(look.captured), lambda radiance, _: radiance / least)
+            looks["captured"] = SplatLook(
+                np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
+            )
         return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look))
 
     @cached_property

@@ -21,9 +21,9 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
+from .earlier import REPORT, Earlier, check_results, is_results, settings_of
 from .job import Job, Shaded, light_of
 from .light.skies import BUILTIN
-from .output.earlier import REPORT, Earlier, check_results, is_results, settings_of
 from .output.engine_files import EngineFiles
 from .output.kinds import FOR_ENGINES
 from .output.live_files import LiveFiles

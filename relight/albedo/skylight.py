@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
-from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
+from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
 
 from ..sh import harmonics
 from . import fit

@@ -22,7 +22,7 @@ from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from .look import DILATION, FOGS, LEVELS, look, probe
-from .pieces import Piece, is_url, pieces_of, size_of
+from .pieces import CityPiece, is_url, pieces_of, size_of
 from .plan import FILE, Plan, folder_of
 from .store import Store
 from .surface import mesh
@@ -159,7 +159,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     return False
 
 
-def _surveyed(steps: _Steps, pieces: list[Piece], asked: dict[str, Any]) -> None:
+def _surveyed(steps: _Steps, pieces: list[CityPiece], asked: dict[str, Any]) -> None:
     most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
     tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
     found = steps.run("survey", tasks)

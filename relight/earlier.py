@@ -22,7 +22,7 @@ from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
 if TYPE_CHECKING:
-    from ..request import AnyLight, RelightRequest
+    from .request import AnyLight, RelightRequest
 
 REPORT = "report.json"
 """In every folder of results, which is how they are told from other folders."""
