@@ -9,10 +9,10 @@ from splat2mesh.base.arrays import Floats, Indices, Mask
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.scene.scene import Scene
-from splat2mesh.tiles.plan import FAR, folder_of
+from splat2mesh.tiles.plan import FAR, folder_of, grown, within_box
 from splat2mesh.tiles.store import Store
 
-from .parts import TilePart, grown, parts_of
+from .parts import TilePart, parts_of
 from .shared import Shared, joined_meshes, scene_of
 
 NEAR = 2.0
@@ -101,7 +101,7 @@ class Surroundings:
         far = [each for each in (_part(mesh, box, inside=False) for mesh in self._far) if len(each.faces)]
         chunks = [*near, *joined_meshes(far)]
         exact = grown(part.box, EXACT * self.spacing)
-        shown = [_between(each.vertices[:, [0, 2]], exact) for each in near]
+        shown = [within_box(each.vertices[:, [0, 2]], exact) for each in near]
         shown[0] |= own[rows]
         shown += [np.zeros(len(each.vertices), bool) for each in chunks[len(near) :]]
         return Local(scene_of(chunks, self._shared), len(near), rows, own[rows], np.concatenate(shown))
@@ -112,13 +112,9 @@ def far_scene(shared: Shared) -> Scene:
     return scene_of(joined_meshes([mesh for mesh in shared.coarse if mesh is not None]), shared)
 
 
-def _between(places: Floats, box: Floats) -> Mask:
-    return ((places >= box[0]) & (places < box[1])).all(axis=1)
-
-
 def _within(mesh: Mesh, box: Floats) -> Mask:
     """(F,) bool: the faces of a Mesh whose middles lie in a box of x and z."""
-    return _between(mesh.vertices[mesh.faces].mean(axis=1)[:, [0, 2]], box)
+    return within_box(mesh.vertices[mesh.faces].mean(axis=1)[:, [0, 2]], box)
 
 
 def _part(mesh: Mesh, box: Floats, inside: bool) -> Mesh:

@@ -5,12 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Mask
-from splat2mesh.base.errors import InputError
+from splat2mesh.tiles.memory import BASE_GB, check_memory
+from splat2mesh.tiles.plan import grown, within_box
 
-BASE_GB, GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 0.5, 2.8e-6, 1.2e-6, 1.0e-6
-"""Peak of a process: what its libraries take, and what is added by a vertex whose own light is found, by one that
-stands around them, and by a splat of the tile."""
+GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 2.8e-6, 1.2e-6, 1.0e-6
+"""Of the peak of a process, what is added by a vertex whose own light is found, by one that stands around them, and by
+a splat of the tile."""
 
 USUAL_GB = 4.0
 """Of a process, where nobody says."""
@@ -37,7 +37,7 @@ class TilePart(NamedTuple):
         """(N,) bool of places of the tile, (N, 2) x and z: those beyond its core belong to the part beside them, so
         that each is in one part."""
         low, high = self.core
-        return _inside(np.clip(places, low, np.nextafter(high, low)), self.box)
+        return within_box(np.clip(places, low, np.nextafter(high, low)), self.box)
 
     @property
     def grown(self) -> NDArray[np.float64]:
@@ -45,19 +45,12 @@ class TilePart(NamedTuple):
         return grown(self.box, self.distance)
 
 
-def grown(box: NDArray, distance: float) -> NDArray[np.float64]:
-    """A box, (2, 2) lowest and highest x and z, with so much more around it."""
-    return box + np.array([[-distance], [distance]])
-
-
 def room_for(memory_gb: float | None, splats: int, coarse: int) -> float:
     """Vertices whose light a process may find at once beside what is always there: splats of a tile, and the coarse
     city. Raises InputError for a memory that these alone fill."""
     memory_gb = USUAL_GB if memory_gb is None else memory_gb
     taken = BASE_GB + splats * GB_PER_SPLAT + coarse * GB_PER_NEAR
-    if memory_gb < taken + LEAST_VERTICES * GB_PER_LIT:
-        least = np.ceil(10 * (taken + LEAST_VERTICES * GB_PER_LIT)) / 10
-        raise InputError(f"`memory` {memory_gb:g}: a process needs {least:g} GiB at least")
+    check_memory(memory_gb, taken + LEAST_VERTICES * GB_PER_LIT)
     return (memory_gb - taken) / GB_PER_LIT
 
 
@@ -79,7 +72,7 @@ def parts_of(
     pending, done = [(whole, np.arange(len(places)))], []
     while pending:
         part, rows = pending.pop()
-        near = rows[_inside(places[rows], part.grown) | (lit[rows] & part.holds(places[rows]))]
+        near = rows[within_box(places[rows], part.grown) | (lit[rows] & part.holds(places[rows]))]
         inside = near[lit[near] & part.holds(places[near])]
         cost = len(inside) + lit_share * (len(near) - len(inside))
         sides = part.box[1] - part.box[0]
@@ -98,7 +91,3 @@ def parts_of(
             low[1, axis] = high[0, axis] = middle
             pending += [(part._replace(box=high), near), (part._replace(box=low), near)]
     return done
-
-
-def _inside(places: Floats, box: Floats) -> Mask:
-    return ((places >= box[0]) & (places < box[1])).all(axis=1)

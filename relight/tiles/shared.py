@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_from_ply_bytes
 from splat2mesh.scene.scene import Scene
@@ -137,11 +136,7 @@ def _sky_from(kept: dict[str, Any]) -> Environment:
 
 @lru_cache(1)
 def _read_shared(root: str, folder: str, key: str) -> Shared:
-    store, name = Store(root), f"{folder}/{LIGHT}"
-    data = store.read(name)
-    if sha256(data).hexdigest() != key:
-        raise InputError(f"{store.path(name)} has changed while it was worked on")
-    kept = arrays_of(data)
+    kept = arrays_of(Store(root).read_unchanged(f"{folder}/{LIGHT}", key))
     ends = {part: np.cumsum(kept[f"coarse_{part}_counts"]) for part in ("vertices", "faces")}
     fields = list(Mesh.__dataclass_fields__)
     split = {

@@ -17,7 +17,7 @@ from ..surface.adaptive import FusionSight
 from ..surface.extract import dilated, thickness_of
 from ..surface.place import PLACE
 from ..views.eyes import Eye, around
-from .plan import CARVE, INFLUENCE, RING, CityPlan
+from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of
 from .store import Store
 from .survey import splats_of
@@ -97,8 +97,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
 def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[int]]) -> tuple[Splats, list[Eye]]:
     """The splats of a tile and all that its stations see, as training saw them, and its stations."""
     core = plan.core(tile)
-    box = core + np.array([[-1.0], [1.0]]) * plan.reach
-    splats = splats_of(store, plan, sources, box)
+    splats = splats_of(store, plan, sources, grown(core, plan.reach))
     stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
     if len(splats):
         splats = splats.take(splats.spatial_order())
@@ -157,8 +156,7 @@ def sight_of(face: Face, plan: CityPlan, tile: int) -> FusionSight:
 
 def _range(plan: CityPlan, tile: int) -> Floats:
     """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
-    margin = (RING + INFLUENCE) * plan.block
-    return plan.core(tile) + np.array([[-margin], [margin]])
+    return grown(plan.core(tile), (RING + INFLUENCE) * plan.block)
 
 
 def carve_of(plan: CityPlan) -> float:

@@ -1,7 +1,14 @@
-"""How a process that works on tiles hands out memory. Elsewhere than in glibc nothing changes."""
+"""What memory a process that works on tiles needs, and how it hands it out. Elsewhere than in glibc nothing changes in
+how."""
 
 import ctypes
+import math
 import os
+
+from ..base.errors import InputError
+
+BASE_GB = 0.5
+"""Peak of a process that works on tiles, before it has any: what its libraries take."""
 
 MAPPED, KEPT, ARENAS = 32 << 20, 256 << 20, 1
 """How glibc hands out memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
@@ -12,6 +19,12 @@ its pages filled with zeros anew. That took 17 of 59 processor seconds of a city
 the same peak of memory."""
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of mallopt in malloc.h of glibc
+
+
+def check_memory(memory_gb: float, least_gb: float) -> None:
+    """Raise InputError for a memory, GiB of a process, that is less than what must fit."""
+    if memory_gb < least_gb:
+        raise InputError(f"`memory` {memory_gb:g}: a process needs {math.ceil(10 * least_gb) / 10:g} GiB at least")
 
 
 def give_back() -> None:

@@ -8,7 +8,6 @@ import json
 import math
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
-from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from ..base.arrays import Floats, Mask
 from ..base.errors import InputError
 from ..surface.octree import HALF
+from .memory import BASE_GB, check_memory
 from .store import Store
 
 FILE = "plan.json"
@@ -60,9 +60,9 @@ along z, which is 10.4 along the ray in the corner of a view."""
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
 
-BASE_GB, GB_PER_SPLAT = 0.5, 5.0e-6
-"""Peak of a process: what its libraries take, and what a splat of the core and its halo adds: 2e-6 in generated
-cities, 3.6e-6 in a trained plaza whose trees are fog, with eleven vertices of the raw surface for each splat."""
+GB_PER_SPLAT = 5.0e-6
+"""Of the peak of a process, what a splat of the core and its halo adds: 2e-6 in generated cities,
+3.6e-6 in a trained plaza whose trees are fog, with eleven vertices of the raw surface for each splat."""
 
 USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
 """Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
@@ -121,7 +121,7 @@ class CityPlan:
 
     def near(self, tile: int, distance: float) -> list[int]:
         """The tiles whose cores reach into the core of a tile grown by a distance, itself among them, in order."""
-        low, high = self.core(tile) + np.array([[-distance], [distance]])
+        low, high = grown(self.core(tile), distance)
         touching = (self._cores[:, 0] < high).all(axis=1) & (self._cores[:, 1] > low).all(axis=1)
         return np.flatnonzero(touching).tolist()
 
@@ -177,6 +177,11 @@ def apart(places: NDArray, weights: NDArray) -> float:
     return math.sqrt(area / max(float(weights[inside].sum()), 1.0))
 
 
+def grown(box: Floats, distance: float) -> NDArray[np.float64]:
+    """A box, (2, 2) lowest and highest x and z, with so much more around it."""
+    return box + np.array([[-distance], [distance]])
+
+
 def folder_of(tile: int) -> str:
     """The folder of a tile."""
     return f"tiles/{tile:05d}"
@@ -184,10 +189,7 @@ def folder_of(tile: int) -> str:
 
 @lru_cache(2)
 def _read_plan(root: str, key: str) -> CityPlan:
-    data = Store(root).read(FILE)
-    if sha256(data).hexdigest() != key:
-        raise InputError(f"{root}: its {FILE} has changed while it was worked on")
-    return CityPlan(**json.loads(data)["plan"])
+    return CityPlan(**json.loads(Store(root).read_unchanged(FILE, key))["plan"])
 
 
 def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
@@ -196,11 +198,8 @@ def splats_for(memory_gb: float | None, wanted: int | None = None) -> int:
         return wanted
     if memory_gb is None:
         return USUAL_SPLATS
-    room = (memory_gb - BASE_GB) / GB_PER_SPLAT
-    if room < LEAST_SPLATS:
-        least = BASE_GB + LEAST_SPLATS * GB_PER_SPLAT
-        raise InputError(f"`memory` {memory_gb:g}: a process needs {math.ceil(10 * least) / 10:g} GiB at least")
-    return int(min(room, MOST_SPLATS))
+    check_memory(memory_gb, BASE_GB + LEAST_SPLATS * GB_PER_SPLAT)
+    return int(min((memory_gb - BASE_GB) / GB_PER_SPLAT, MOST_SPLATS))
 
 
 def cut(
@@ -226,8 +225,8 @@ def cut(
     while pending:
         (x0, z0, x1, z1), splats = pending.pop()
         box = np.array([[x0, z0], [x1, z1]]) * block
-        splats = splats[:, _within(splats, box[0] - halo, box[1] + halo)]
-        own = splats[:, _within(splats, box[0], box[1])]
+        splats = splats[:, within_box(splats[:2].T, grown(box, halo))]
+        own = splats[:, within_box(splats[:2].T, box)]
         axis = 0 if x1 - x0 >= z1 - z0 else 1
         start, stop = ((x0, x1), (z0, z1))[axis]
         if splats[2].sum() <= most or stop - start < 2 * least:
@@ -242,7 +241,6 @@ def cut(
     return [tile for tile, _ in done], [count for _, count in done]
 
 
-def _within(splats: Floats, low: Floats, high: Floats) -> Mask:
-    """Which of (3, N) splats lie in a box on the ground."""
-    x, z = splats[:2]
-    return (x >= low[0]) & (x < high[0]) & (z >= low[1]) & (z < high[1])
+def within_box(places: Floats, box: Floats) -> Mask:
+    """(N,) bool: which places (N, 2), x and z, lie in a box (2, 2) from its lowest to below its highest."""
+    return ((places >= box[0]) & (places < box[1])).all(axis=1)

@@ -73,6 +73,13 @@ class Store:
         except Exception as error:
             raise InputError(f"cannot read {path}: {_reason(error)}") from error
 
+    def read_unchanged(self, name: str, sha256: str) -> bytes:
+        """The bytes of a file that all tasks share. Raises InputError where its checksum is another one."""
+        data = self.read(name)
+        if hashlib.sha256(data).hexdigest() != sha256:
+            raise InputError(f"{self.path(name)} has changed while it was worked on")
+        return data
+
     def exists(self, name: str) -> bool:
         """Whether there is such a file."""
         if self.is_local:

@@ -14,7 +14,7 @@ from ..surface.extract import training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of
 from .pieces import CityPiece, read_piece
-from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for
+from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, cut, splats_for, within_box
 from .store import Store
 
 SAMPLE = 1_000_000
@@ -127,8 +127,7 @@ def splats_of(
             part = placed(Splats(**{field: kept[field] for field in NUMBERS}), plan.rotation)
             part = part.take(usable(part)[0])
             if box is not None:
-                at = part.means[:, [0, 2]]
-                part = part.take(((at >= box[0]) & (at < box[1])).all(axis=1))
+                part = part.take(within_box(part.means[:, [0, 2]], box))
             parts.append(part)
     if not parts:
         return Splats(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (1, 3))))
