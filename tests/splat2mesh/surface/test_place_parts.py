@@ -1,0 +1,61 @@
+"""The parts of the way of places by themselves: floaters, far background, and the level that a fog calls for."""
+
+import numpy as np
+import pytest
+
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.surface.place import PLACE, SMALLEST_FACES, parted, without_floaters
+
+
+def grid(count, shift=(0.0, 0.0, 0.0)):
+    """A level square of count x count quads of side 1: points (V, 3) float32, faces (F, 3) int32."""
+    x, z = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    points = np.stack([x, np.zeros_like(x), z], axis=-1).reshape(-1, 3) + np.asarray(shift)
+    index = np.arange(len(points)).reshape(count + 1, count + 1)
+    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+    return points.astype(np.float32), quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.int32)
+
+
+def together(*parts):
+    starts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+    return (
+        np.concatenate([points for points, _ in parts]),
+        np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)]).astype(np.int32),
+    )
+
+
+def test_parts_of_few_faces_go_and_the_others_keep_every_bit():
+    large, small = grid(10), grid(2, (50.0, 0.0, 0.0))
+    assert len(small[1]) < SMALLEST_FACES < len(large[1])
+    points, faces = together(small, large)
+    cells = np.arange(len(points), dtype=float)
+    kept, kept_faces, kept_cells, dropped = without_floaters(points, faces, cells)
+    np.testing.assert_array_equal(kept, large[0])
+    np.testing.assert_array_equal(kept_faces, large[1])
+    np.testing.assert_array_equal(kept_cells, cells[len(small[0]) :])
+    assert dropped == 1
+
+
+def test_a_mesh_parted_by_a_ball_is_whole_together_and_shares_no_face():
+    points, faces = together(grid(10), grid(10, (100.0, 0.0, 0.0)))
+    colors = np.arange(len(points) * 3).reshape(-1, 3).astype(np.uint8)
+    mesh = Mesh(points, np.tile(np.float32([0, 1, 0]), (len(points), 1)), faces, colors)
+    near, far = parted(mesh, np.zeros(3), 30.0)
+    assert far is not None and len(near.faces) + len(far.faces) == len(faces)
+    for part, rows in ((near, slice(0, 121)), (far, slice(121, 242))):
+        np.testing.assert_array_equal(part.vertices, points[rows])
+        np.testing.assert_array_equal(part.colors_srgb, colors[rows])
+    # A face that reaches into the ball is near.
+    near, far = parted(mesh, np.zeros(3), 5.0)
+    reaching = (np.linalg.norm(mesh.vertices, axis=1) <= 5.0)[mesh.faces].any(axis=1)
+    assert far is not None and len(near.faces) == reaching.sum() and len(far.faces) == (~reaching).sum()
+    for radius in (0.0, 1000.0):  # all of it beyond, but for the corner in the middle, or none
+        near, far = parted(mesh, np.array([0.0, 1.0, 0.0]), radius)
+        assert near is mesh and far is None
+
+
+def test_the_level_falls_with_the_fog_and_is_held_outside():
+    clear, foggy = PLACE.fogs
+    assert [PLACE.level(0.0), PLACE.level(clear)] == [PLACE.levels[0]] * 2
+    assert [PLACE.level(foggy), PLACE.level(1.0)] == [PLACE.levels[1]] * 2
+    assert PLACE.level((clear + foggy) / 2) == pytest.approx(sum(PLACE.levels) / 2)
