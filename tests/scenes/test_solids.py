@@ -78,15 +78,15 @@ def test_patterns_repeat_and_use_no_other_colours():
     rng = np.random.default_rng(0)
     points, pair = rng.uniform(-3, 3, (500, 3)), np.array([[0.1, 0.2, 0.3], [0.6, 0.5, 0.4]])
     np.testing.assert_array_equal(
-        stripes(points, pair, (0, 2, 0), 0.5), stripes(points + [1, 0.5, 1], pair, (0, 1, 0), 0.5)
+        stripes(points, pair, (0, 2, 0), 0.5), stripes(points + np.array([1, 0.5, 1]), pair, (0, 1, 0), 0.5)
     )
-    turned = stripes(points + [0, 0.25, 0], pair, (0, 1, 0), 0.5)
+    turned = stripes(points + np.array([0, 0.25, 0]), pair, (0, 1, 0), 0.5)
     np.testing.assert_array_equal(
         turned, pair[::-1][(stripes(points, pair, (0, 1, 0), 0.5) == pair[1]).all(axis=1) * 1]
     )
     shown = checker(points, pair, 0.5)
-    np.testing.assert_array_equal(shown, checker(points + [0.5, 0.5, 0], pair, 0.5))
-    assert (np.abs(shown - checker(points + [0.5, 0, 0], pair, 0.5)).max(axis=1) > 0).all()
+    np.testing.assert_array_equal(shown, checker(points + np.array([0.5, 0.5, 0]), pair, 0.5))
+    assert (np.abs(shown - checker(points + np.array([0.5, 0, 0]), pair, 0.5)).max(axis=1) > 0).all()
     colors = random_colors(rng, 40)
     assert colors.min() >= DARKEST and colors.max() <= LIGHTEST
     mosaic = patches(points, colors, rng)
