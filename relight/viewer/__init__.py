@@ -4,7 +4,8 @@
     view(scene, "sunset")
 
 Modules: `session` state and light, `worker` and `lighting` the heavy work in a process of its own, `modes` what
-colours the surface, `controls` the keys, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films.
+colours the surface, `splats` and `splat_painter` relit splats in its place, `controls` the keys, `window`, `stage`,
+`panel` and `camera` what VTK draws, `recording` films.
 """
 
 import os
@@ -69,9 +70,9 @@ def view(
     try:
         window = Window(session, size or SIZE, off_screen)
         if notebook:
-            from .notebook import shown
+            from .notebook import show_widget
 
-            return shown(window)
+            return show_widget(window)
         if screenshot:
             window.finish()
             write_image(screenshot, window.picture(panel))

@@ -1,9 +1,12 @@
 """The camera of the session: it orbits a point, stays upright, and cannot lose the scene."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 HIGHEST_DEG = 89.0
 """Elevation at which looking down stops: straight down has no upright."""
@@ -31,7 +34,7 @@ class Orbit:
     elevation_deg: of the eye, towards +y. fov_deg: horizontal. diagonal: of the scene.
     """
 
-    target: tuple
+    target: tuple[float, ...]
     distance: float
     azimuth_deg: float
     elevation_deg: float
@@ -39,7 +42,7 @@ class Orbit:
     diagonal: float
 
     @classmethod
-    def of(cls, camera, vertices, diagonal):
+    def of(cls, camera: Mapping[str, Any], vertices: NDArray, diagonal: float) -> "Orbit":
         """From a dict of eye, target and fov_deg, as `Scene.preview_camera`; its up is taken to be +y.
 
         A target close before the eye gives only a direction, as from within a room: move it to the surface seen there.
@@ -58,7 +61,7 @@ class Orbit:
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
 
-    def in_window(self, aspect, bars=(0.0, 0.0), within=False):
+    def in_window(self, aspect: float, bars: tuple[float, float] = (0.0, 0.0), within: bool = False) -> "Orbit":
         """The same view in a window of which a part is free: there all of a picture of PICTURE_ASPECT is seen.
 
         aspect: of the window, width over height. bars: shares of its height that are covered above and below. within:
@@ -77,7 +80,7 @@ class Orbit:
         return replace(self, distance=factor * self.distance, target=tuple(np.array(self.target) + shift))
 
     @property
-    def axes(self):
+    def axes(self) -> NDArray:
         """Unit vectors (3, 3) in the scene frame: right, up, and backward, from the target to the eye."""
         azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
         right = (math.cos(azimuth), 0.0, -math.sin(azimuth))
@@ -86,27 +89,27 @@ class Orbit:
         return np.array([right, np.cross(backward, right), backward])
 
     @property
-    def eye(self):
+    def eye(self) -> NDArray:
         """(3,) scene frame."""
         return np.array(self.target) + self.distance * self.axes[2]
 
-    def dragged(self, right, up):
+    def dragged(self, right: float, up: float) -> "Orbit":
         """Look around: drag the scene by these parts of the height of the window."""
         elevation = min(max(self.elevation_deg - ORBIT_DEG * up, -HIGHEST_DEG), HIGHEST_DEG)
         return replace(self, azimuth_deg=(self.azimuth_deg - ORBIT_DEG * right) % 360.0, elevation_deg=elevation)
 
-    def moved(self, right, up, aspect):
+    def moved(self, right: float, up: float, aspect: float) -> "Orbit":
         """Move sideways by parts of the height of the window: the target follows the mouse."""
         height = 2.0 * self.distance * math.tan(math.radians(self.fov_deg) / 2.0) / aspect
         shift = -height * (right * self.axes[0] + up * self.axes[1])
         return replace(self, target=tuple(np.array(self.target) + shift))
 
-    def nearer(self, steps):
+    def nearer(self, steps: float) -> "Orbit":
         """Towards the target by steps of the wheel; negative ones lead away."""
         distance = self.distance * WHEEL**-steps
         return replace(self, distance=min(max(distance, NEAREST * self.diagonal), FARTHEST * self.diagonal))
 
-    def split_plane(self, share, aspect):
+    def split_plane(self, share: float, aspect: float) -> NDArray:
         """Normal (3,) of the plane through the eye and the vertical line at `share` of the width; it points right."""
         right, up, backward = self.axes
         direction = right * (2.0 * share - 1.0) * math.tan(math.radians(self.fov_deg) / 2.0) - backward
@@ -114,7 +117,7 @@ class Orbit:
         return normal / np.linalg.norm(normal)
 
 
-def _depth_ahead(offsets, forward, least):
+def _depth_ahead(offsets: NDArray, forward: NDArray, least: float) -> float:
     """Distance to the nearest of the vertices, (V, 3) from the eye, within 5 degrees of `forward`; `least` at least."""
     depth = offsets @ forward
     ahead = depth[depth > np.maximum(least, _AHEAD_COSINE * np.linalg.norm(offsets, axis=1))]

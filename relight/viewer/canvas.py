@@ -4,6 +4,8 @@ Two kinds of VTK actors draw them, one for all rectangles and one for each text,
 a window, off screen and in a browser.
 """
 
+from typing import Any
+
 from vtkmodules.vtkCommonCore import vtkPoints, vtkUnsignedCharArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import (
@@ -29,8 +31,10 @@ class Canvas:
     boxes: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as shown. scale: pixels in a unit.
     """
 
-    def __init__(self, renderer):
-        self._renderer, self._texts, self._drawn = renderer, [], None
+    def __init__(self, renderer: Any) -> None:
+        self._renderer = renderer
+        self._texts: list[list[Any]] = []  # actors, and what each shows
+        self._drawn: tuple[list[tuple], list[tuple]] | None = None
         self._points, self._quads, self._colors = vtkPoints(), vtkCellArray(), vtkUnsignedCharArray()
         self._colors.SetNumberOfComponents(4)
         shapes = vtkPolyData()
@@ -46,35 +50,40 @@ class Canvas:
         self._shapes.SetMapper(self._mapper)
         renderer.AddViewProp(self._shapes)
         self._measure = vtkTextRenderer.GetInstance()
-        self._widths = {}
-        self.boxes, self.scale = {}, 1.0
+        self._widths: dict[tuple[str, int, bool], tuple[int, int, int, int]] = {}
+        self.boxes: dict[tuple[str, int, int], tuple[int, int, int, int]] = {}
+        self.scale = 1.0
+        self._rectangles: list[tuple] = []
+        self._written: list[tuple] = []
         self.clear(1.0)
 
-    def hide(self):
+    def hide(self) -> None:
         """Show nothing of it, until `show` is called again."""
         self._shapes.VisibilityOff()
         for actor, _ in self._texts:
             actor.VisibilityOff()
         self._drawn = None
 
-    def clear(self, scale):
+    def clear(self, scale: float) -> None:
         """Begin anew with units of so many pixels."""
         self._rectangles, self._written, self.scale = [], [], scale
 
-    def rectangle(self, left, base, width, height, color):
+    def rectangle(self, left: float, base: float, width: float, height: float, color: tuple[int, ...]) -> None:
         """color: (4,) bytes."""
         self._rectangles.append((*(self.scale * n for n in (left, base, left + width, base + height)), color))
 
-    def text(self, left, base, string, color, size=NORMAL, bold=False):
+    def text(
+        self, left: float, base: float, string: str, color: tuple[int, ...], size: int = NORMAL, bold: bool = False
+    ) -> None:
         """color: (3,) bytes."""
         place = round(self.scale * left), round(self.scale * base)
         self._written.append((string, place, color, self._pixels(size), bold))
 
-    def width(self, string, size=NORMAL):
+    def width(self, string: str, size: int = NORMAL) -> float:
         """Width of a text in units."""
         return self._extent(string, self._pixels(size), False)[1] / self.scale
 
-    def fitted(self, string, room):
+    def fitted(self, string: str, room: float) -> str:
         """The small text, cut short where it is wider than `room` units."""
         stem = string
         while stem and self.width(string, SMALL) > room:
@@ -82,7 +91,7 @@ class Canvas:
             string = stem + "..." if stem else ""
         return string
 
-    def show(self):
+    def show(self) -> bool:
         """Hand rectangles and texts to VTK; returns whether they differ from what is shown.
 
         Texts keep their actors, which draw themselves anew when they change.
@@ -125,10 +134,10 @@ class Canvas:
             self.boxes[string, x, y] = x + left, y + low, wide, tall
         return True
 
-    def _pixels(self, size):
+    def _pixels(self, size: int) -> int:
         return max(_LEAST_SIZE, round(self.scale * size))
 
-    def _extent(self, string, size, bold):
+    def _extent(self, string: str, size: int, bold: bool) -> tuple[int, int, int, int]:
         """Left, width, lower, height in pixels of a text about its origin; kept, since measuring draws it."""
         key = string, size, bold
         if key not in self._widths:
@@ -140,7 +149,7 @@ class Canvas:
         return self._widths[key]
 
 
-def _text_property(color, size, bold):
+def _text_property(color: tuple[int, ...], size: int, bold: bool) -> vtkTextProperty:
     properties = vtkTextProperty()
     properties.SetFontFamilyToArial()
     properties.SetFontSize(size)

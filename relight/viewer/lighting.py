@@ -7,12 +7,15 @@ longer. It knows nothing of windows.
 
 import time
 import warnings
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.scene import Scene
 
 from ..engine.relighter import Relighter
 from ..light.environment import Environment
@@ -23,6 +26,12 @@ from ..sh.sphere import fibonacci_sphere
 from ..transfer.analytic import analytic
 from ..transfer.checks import checked_albedo
 from ..transfer.settings import Settings
+
+if TYPE_CHECKING:
+    from ..planning.plan import Plan
+    from ..transfer.occluder import Occluder
+    from ..transfer.store import Cache
+    from ..transfer.volume import Foliage
 
 CONVERGED = Settings("raytraced", harmonics.MAX_BANDS, 512, None, 0.003, 256, 1e-4, 2048)
 """Settings of the reference at every vertex, for the error mode."""
@@ -58,7 +67,7 @@ STAGES = {
 """What the panel calls the stages of the engine; others keep their names."""
 
 
-class Wish(NamedTuple):
+class LightWish(NamedTuple):
     """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.planning.effects.EFFECTS`.
 
     reference: whether it also wants converged light at every vertex, for the error view.
@@ -72,7 +81,7 @@ class Wish(NamedTuple):
     reference: bool = False
 
 
-class Light(NamedTuple):
+class SessionLight(NamedTuple):
     """An environment as the window needs it, unrotated.
 
     coefficients: (100, 3) float64 of radiance, bands 10. sky: (H, W, 3) float32 linear, canonical lat-long.
@@ -84,7 +93,7 @@ class Light(NamedTuple):
     warning: str
 
 
-class Lit(NamedTuple):
+class FinishedShading(NamedTuple):
     """A finished shading. radiance: (V, 3) float32. sun_count, bounces: as of `Shading`. settings: in words.
 
     effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
@@ -100,14 +109,14 @@ class Lit(NamedTuple):
     seconds: float
 
 
-class Reference(NamedTuple):
+class ConvergedLight(NamedTuple):
     """Converged light. radiance: (V, 3) float32. error: its own, relative L2, on the sampled vertices."""
 
     radiance: np.ndarray
     error: float
 
 
-class Lighting:
+class SessionLighting:
     """A scene and all the lights and albedos that the session may choose from.
 
     environments: dict of name -> Environment, or what `Environment.load` takes. albedos: dict of name -> (V, 3)
@@ -116,20 +125,34 @@ class Lighting:
     step: (kind, key) of the result in progress, or None.
     """
 
-    def __init__(self, scene, environments, albedos, stages, options=None, cache=None):
+    def __init__(
+        self,
+        scene: Scene,
+        environments: Mapping[str, Any],
+        albedos: Mapping[str, NDArray | None],
+        stages: Any,
+        options: LightingOptions | None = None,
+        cache: "Cache | None" = None,
+    ) -> None:
         self.scene, self.environments, self.albedos, self.stages = scene, environments, albedos, stages
-        self.step = None
-        self._options, self._relighters, self._converged = LightingOptions.of(options), {}, None
+        self.step: tuple[str, Any] | None = None
+        self._options = LightingOptions.of(options)
+        self._relighters: dict[float, Relighter] = {}
+        self._converged: Relighter | None = None
         self._relighter = Relighter(scene, self._options, stages=stages, cache=cache)
         self._foliage = self._relighter.precomputed.foliage
-        self._loaded, self._sample, self._sent, self._transfer_sent = (None, None), (None, None), {}, None
+        self._loaded: tuple[str, Environment] | None = None
+        self._sample: tuple[Any, NDArray] | None = None
+        self._sent: dict[str, Any] = {}
+        self._transfer_sent: Any = None
 
-    def answers(self, wish):
+    def answers(self, wish: LightWish) -> Iterator[tuple[str, Any, Any]]:
         """Yield (kind, key, payload) for everything that the wish needs and that was not yielded before.
 
-        Kinds in order: "unshadowed" ((V, K) float32), "light" (Light), "transfer" ((V, K)), "shading" (Lit), "bounced"
-        ((V, K', 3) float32: what bounces add to a transfer), "error" (float), "reference" (Reference). Of each kind the
-        receiver needs only the last. Raises InputError for a light that cannot be read.
+        Kinds in order: "unshadowed" ((V, K) float32), "light" (SessionLight), "transfer" ((V, K)), "shading"
+        (FinishedShading), "bounced" ((V, K', 3) float32: what bounces add to a transfer), "error" (float), "reference"
+        (ConvergedLight). Of each kind the receiver needs only the last. Raises InputError for a light that cannot be
+        read.
         """
         for kind, key in keys(wish).items():
             if self._sent.get(kind) != key:
@@ -139,18 +162,18 @@ class Lighting:
                 if payload is not None:
                     yield kind, key, payload
 
-    def _light(self, wish):
+    def _light(self, wish: LightWish) -> SessionLight:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             environment = self._environment(wish)
             coefficients = environment.rotated(-environment.rotation_deg).sh(harmonics.MAX_BANDS)
         step = -(-environment.radiance.shape[1] // SKY_WIDTH)
-        return Light(coefficients, _pooled(environment.radiance, step), "; ".join(str(w.message) for w in caught))
+        return SessionLight(coefficients, _pool(environment.radiance, step), "; ".join(str(w.message) for w in caught))
 
-    def _unshadowed(self, wish):
+    def _unshadowed(self, wish: LightWish) -> NDArray:
         return np.asarray(analytic(self.scene.normals, UNSHADOWED_BANDS), np.float32)
 
-    def _transfer(self, wish):
+    def _transfer(self, wish: LightWish) -> NDArray | None:
         relighter, plan = self._planned(wish)
         if plan is None:
             if relighter.method == "blinn-phong":
@@ -162,22 +185,24 @@ class Lighting:
         self._transfer_sent = done[:4]
         return np.ascontiguousarray(transfer[:, : plan.settings.bands**2])
 
-    def _shading(self, wish):
+    def _shading(self, wish: LightWish) -> FinishedShading:
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
         relighter, plan = self._planned(wish)
         whole = relighter.shading(environment, albedo)  # with all effects, once, which also checks the plan
-        settings = restricted(whole.settings, wish.effects)
+        settings = restrict(whole.settings, wish.effects)
         start = time.perf_counter()
         shading = relighter.shading(environment, albedo, settings)
         seconds = time.perf_counter() - start
         predicted = None if plan is None else plan.error
         words = str(shading.settings)
-        return Lit(*shading[:3], words, whole.settings.effects, predicted, seconds)
+        return FinishedShading(*shading[:3], words, whole.settings.effects, predicted, seconds)
 
-    def _bounced(self, wish):
+    def _bounced(self, wish: LightWish) -> NDArray | None:
         albedo, (relighter, plan) = self.albedos[wish.albedo], self._planned(wish)
-        rays = 0 if plan is None else restricted(plan.settings, wish.effects).bounce_rays
-        if not rays or albedo is None:
+        if plan is None or albedo is None:
+            return None
+        rays = restrict(plan.settings, wish.effects).bounce_rays
+        if not rays:
             return None
         from ..transfer.bounces import transfer_with_bounces
 
@@ -185,22 +210,22 @@ class Lighting:
         bounced, _ = transfer_with_bounces(plain, albedo, relighter.precomputed.interreflection(rays, plain))
         return bounced - plain[:, :, None] * np.asarray(albedo, np.float32)[:, None, :]
 
-    def _error(self, wish):
+    def _error(self, wish: LightWish) -> float:
         environment, albedo = self._environment(wish), self.albedos[wish.albedo]
         relighter, _ = self._planned(wish)
         whole = relighter.shading(environment, albedo)
-        shown = relighter.shading(environment, albedo, restricted(whole.settings, wish.effects))
+        shown = relighter.shading(environment, albedo, restrict(whole.settings, wish.effects))
         return self._error_of(shown.radiance, whole.radiance, wish)
 
-    def _reference(self, wish):
+    def _reference(self, wish: LightWish) -> ConvergedLight | None:
         if not wish.reference:
             return None
         if self._converged is None:  # rays of its own: what is shown must not be measured by itself
             self._converged = Relighter(self.scene, "raytraced", seed=self._options.seed + 1, stages=self.stages)
         shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
-        return Reference(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
+        return ConvergedLight(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
 
-    def _error_of(self, shown, whole, wish):
+    def _error_of(self, shown: NDArray, whole: NDArray, wish: LightWish) -> float:
         """Relative L2 error of radiance (V, 3) on the sample, against rays to every part of the light.
 
         Direct light comes from `transfer.reference`; bounced light is gathered by `SAMPLE_RAYS` rays from `whole`,
@@ -212,14 +237,14 @@ class Lighting:
         occluder = self._relighter.occluder
         rows = np.random.default_rng(0).permutation(len(whole))[:SAMPLE]
         key = wish.environment, wish.angle_deg
-        if self._sample[0] != key:
+        if self._sample is None or self._sample[0] != key:
             self._sample = key, reference(occluder, rows, environment, foliage=self._foliage)
-        expected = self._sample[1]
+        expected: NDArray = self._sample[1]
         if albedo is not None:
-            expected = albedo[rows] * (expected + _gathered(occluder, rows, whole, self._foliage))
-        return float(np.linalg.norm(shown[rows] - expected) / max(np.linalg.norm(expected), 1e-30))
+            expected = albedo[rows] * (expected + _gather(occluder, rows, whole, self._foliage))
+        return float(np.linalg.norm(shown[rows] - expected) / max(float(np.linalg.norm(expected)), 1e-30))
 
-    def _planned(self, wish):
+    def _planned(self, wish: LightWish) -> tuple[Relighter, "Plan | None"]:
         """The Relighter of the wish's tolerance, and its Plan for the light, None where nothing can be planned.
 
         All share what was traced.
@@ -233,9 +258,9 @@ class Lighting:
         relighter = self._relighters[wish.tolerance]
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
-    def _environment(self, wish):
+    def _environment(self, wish: LightWish) -> Environment:
         """The Environment of a wish, turned. The last one stays loaded."""
-        if self._loaded[0] != wish.environment:
+        if self._loaded is None or self._loaded[0] != wish.environment:
             source = self.environments[wish.environment]
             with self.stages.stage("environment"):
                 self._loaded = wish.environment, source if isinstance(source, Environment) else Environment.load(source)
@@ -243,8 +268,8 @@ class Lighting:
         return environment.rotated(wish.angle_deg - environment.rotation_deg)
 
 
-def keys(wish):
-    """What each kind of result depends on: a dict in the order of `Lighting.answers`. Equal keys, equal results."""
+def keys(wish: LightWish) -> dict[str, Any]:
+    """What each kind of result depends on: a dict in the order of `SessionLighting.answers`."""
     plan = wish.environment, wish.tolerance, wish.albedo
     lit = (*plan, wish.angle_deg, wish.effects)
     return {
@@ -258,7 +283,7 @@ def keys(wish):
     }
 
 
-def restricted(settings, effects):
+def restrict(settings: Settings, effects: frozenset[str]) -> Settings:
     """The Settings without what is not among `effects`."""
     if SHADOWS not in effects and settings.rays:
         return Settings("analytic", settings.bands)
@@ -269,7 +294,7 @@ def restricted(settings, effects):
     return settings if BOUNCES in effects else settings._replace(bounce_rays=0, bounce_tolerance=0.0)
 
 
-def check_albedos(scene, albedos):
+def check_albedos(scene: Scene, albedos: Mapping[str, NDArray | None]) -> dict[str, NDArray | None]:
     """`albedos` as a dict of name -> (V, 3) float32 or None. Raises InputError for one that does not fit the scene."""
     count = sum(len(chunk.vertices) for chunk in scene.chunks)
     if not albedos:
@@ -282,7 +307,7 @@ def check_albedos(scene, albedos):
     return checked
 
 
-def _gathered(occluder, rows, radiance, foliage=None):
+def _gather(occluder: "Occluder", rows: NDArray, radiance: NDArray, foliage: "Foliage | None" = None) -> NDArray:
     """Light (R, 3) float32 that white vertices `rows` receive from a scene whose exit radiance is `radiance` (V, 3).
 
     Like rows of `relight.transfer.bounces` but with many more rays. Backs of faces are black. What is a volume of a
@@ -308,7 +333,7 @@ def _gathered(occluder, rows, radiance, foliage=None):
     return light * (hidden / np.maximum(met, 1.0 / SAMPLE_RAYS)).astype(np.float32)[:, None]
 
 
-def _pooled(image, step):
+def _pool(image: NDArray, step: int) -> NDArray:
     """The image with `step` by `step` texels averaged; a remainder at the right and lower edge is dropped."""
     if step <= 1:
         return np.asarray(image, np.float32)

@@ -1,13 +1,17 @@
 """What the session colours the surface by, in each of its modes."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
 from ..sh.normals import unit_normals
+
+if TYPE_CHECKING:
+    from .session import Session
 
 PLAIN = 96
 """Grey of a surface while its colours are computed."""
@@ -35,7 +39,7 @@ _CHUNKS = np.array(
 _LAMP = np.array([0.35, 0.8, 0.48], np.float32)  # gives the flat colours of chunks their shape
 
 
-class Mode(NamedTuple):
+class ColorMode(NamedTuple):
     """One way to colour. title: on screen. text: for the help. colors: of a Session, (V, 3) uint8.
 
     lights: whether it depends on the light. reference: whether it needs converged light at every vertex.
@@ -44,34 +48,34 @@ class Mode(NamedTuple):
 
     title: str
     text: str
-    colors: Callable
+    colors: Callable[["Session"], NDArray]
     lights: bool = False
     reference: bool = False
-    scale: Callable | None = None
+    scale: Callable[["Session"], float] | None = None
 
 
-def _relit(session):
+def _relit(session: "Session") -> NDArray:
     return session.shown_bytes()
 
 
-def _albedo(session):
+def _albedo(session: "Session") -> NDArray:
     albedo = session.albedos[session.state.albedo]
     if albedo is None:
         return np.full((len(session.scene.vertices), 3), 255, np.uint8)
     return bytes_from_unit(srgb_from_linear(albedo))
 
 
-def _normals(session):
+def _normals(session: "Session") -> NDArray:
     return bytes_from_unit(0.5 + 0.5 * unit_normals(session.scene.normals))
 
 
-def _chunks(session):
+def _chunks(session: "Session") -> NDArray:
     sizes = [len(chunk.vertices) for chunk in session.scene.chunks]
     color = _CHUNKS[np.repeat(np.arange(len(sizes)) % len(_CHUNKS), sizes)]
     return bytes_from_unit(color / 255.0 * (0.72 + 0.28 * (unit_normals(session.scene.normals) @ _LAMP))[:, None])
 
 
-def _error(session):
+def _error(session: "Session") -> NDArray:
     errors = vertex_errors(session)
     if errors is None:
         return np.full((len(session.scene.vertices), 3), PLAIN, np.uint8)
@@ -79,15 +83,17 @@ def _error(session):
 
 
 MODES = {
-    "relit": Mode("Relit", "under the light", _relit, True),
-    "albedo": Mode("Albedo", "the colour of the surface itself", _albedo),
-    "normals": Mode("Normals", "red to the right, green up, blue to the front", _normals),
-    "chunks": Mode("Chunks", "the parts that the mesh is cut into", _chunks),
-    "error": Mode("Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)),
+    "relit": ColorMode("Relit", "under the light", _relit, True),
+    "albedo": ColorMode("Albedo", "the colour of the surface itself", _albedo),
+    "normals": ColorMode("Normals", "red to the right, green up, blue to the front", _normals),
+    "chunks": ColorMode("Chunks", "the parts that the mesh is cut into", _chunks),
+    "error": ColorMode(
+        "Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)
+    ),
 }
 
 
-def vertex_errors(session):
+def vertex_errors(session: "Session") -> NDArray | None:
     """How far what is shown is from the reference, (V,) float32: the difference over the reference's length and
     `DARKEST`, or None while there is no reference."""
     reference, shown = session.reference, session.radiance()
@@ -98,7 +104,7 @@ def vertex_errors(session):
     )
 
 
-def error_scale(session):
+def error_scale(session: "Session") -> float:
     """The end of the error scale that suits what is shown, of `SCALES`."""
     errors = vertex_errors(session)
     if errors is None:
@@ -108,8 +114,8 @@ def error_scale(session):
 
 
 def map_colors(
-    values,  # (N,) 0..1, clipped
-):
+    values: NDArray,  # (N,) 0..1, clipped
+) -> NDArray:
     """Colours of the error scale, (N, 3) uint8. They follow the square root: most errors are small."""
     place = np.sqrt(np.clip(values, 0.0, 1.0)) * (len(_MAP) - 1)
     below = np.minimum(place.astype(int), len(_MAP) - 2)
@@ -117,7 +123,7 @@ def map_colors(
     return (_MAP[below] * (1.0 - share) + _MAP[below + 1] * share + 0.5).astype(np.uint8)
 
 
-def _relative(shown, reference):
+def _relative(shown: NDArray, reference: NDArray) -> NDArray:
     length = np.linalg.norm(reference, axis=1)
     least = DARKEST * np.sqrt(np.mean(np.square(reference)) * 3.0)
     return np.linalg.norm(shown - reference, axis=1) / np.maximum(length + least, 1e-30)

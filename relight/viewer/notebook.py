@@ -4,11 +4,16 @@ import asyncio
 import secrets
 import socket
 import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.errors import InputError
 
 from .window import IDLE_SECONDS
+
+if TYPE_CHECKING:
+    from .window import Window
 
 _MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
 
@@ -16,7 +21,7 @@ TOKEN_BYTES = 16
 """Of the token in the address: whoever does not have it cannot talk to the session, not even from this machine."""
 
 
-def shown(window):
+def show_widget(window: "Window") -> Any:
     """A widget that shows a Window in the notebook's cell; its loop runs beside the notebook's own."""
     try:
         from trame_pyvista.ui import get_viewer
@@ -25,11 +30,11 @@ def shown(window):
     window.tick()
     window.plotter.notebook = True  # or PyVista shows nothing: the window was made without one
     widget = window.plotter.show(jupyter_backend="server", return_viewer=True, auto_close=False)
-    window.loop = asyncio.get_running_loop().create_task(ticking(window, get_viewer(window.plotter).update))
+    window.loop = asyncio.get_running_loop().create_task(run_loop(window, get_viewer(window.plotter).update))
     return widget
 
 
-def serve(window, port=0, announce=lambda url: None):
+def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lambda url: None) -> None:
     """Serve a Window to browsers until it is closed; `announce` is told the address, which holds a token.
 
     Only this machine can reach it. port: 0 for any free one. Raises InputError where trame is missing, and for a port
@@ -48,18 +53,22 @@ def serve(window, port=0, announce=lambda url: None):
     server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # Ctrl-C is ours
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
     window.tick()
+
+    def press(key: str) -> None:
+        window.press_key(_SYMBOLS.get(key, key))
+
     with VAppLayout(server) as layout:
         keys = html.Div(
             style="position:fixed;inset:0;outline:none;background:#141519",
             tabindex=0,
-            keydown=(lambda key: window.press_key(_SYMBOLS.get(key, key)), "[$event.key]"),
+            keydown=(press, "[$event.key]"),
         )
         with keys:
             plotter_ui(window.plotter, server=server, mode="server", add_menu=False, default_server_rendering=True)
         del layout
     viewer = get_viewer(window.plotter)
 
-    async def run():
+    async def run() -> None:
         with _no_arguments():
             task = server.start(
                 port=port, host="127.0.0.1", exec_mode="task", open_browser=False, show_connection_info=False
@@ -67,7 +76,7 @@ def serve(window, port=0, announce=lambda url: None):
         await server.ready
         announce(f"http://127.0.0.1:{server.port}/?secret={token}")
         try:
-            await ticking(window, viewer.update)
+            await run_loop(window, viewer.update)
         finally:
             with suppress(asyncio.InvalidStateError):  # it was stopped already
                 await server.stop()
@@ -76,7 +85,7 @@ def serve(window, port=0, announce=lambda url: None):
     asyncio.run(run())
 
 
-def _check_port(port):
+def _check_port(port: int) -> None:
     """Raise InputError for a port that another program has."""
     with socket.socket() as tried:
         tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -87,7 +96,7 @@ def _check_port(port):
 
 
 @contextmanager
-def _no_arguments():
+def _no_arguments() -> Iterator[None]:
     """Within it the process seems to have no arguments: trame reads them as its own."""
     kept, sys.argv = sys.argv, sys.argv[:1]
     try:
@@ -96,7 +105,7 @@ def _no_arguments():
         sys.argv = kept
 
 
-async def ticking(window, push):
+async def run_loop(window: "Window", push: Callable[[], Any]) -> None:
     """The window's loop for as long as it is open; `push` is called after every picture."""
     try:
         while window.is_open:

@@ -1,17 +1,23 @@
 """What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..planning.effects import BOUNCES, SUN
 from .canvas import SMALL, Canvas
-from .controls import CONTROLS, MOUSE, SLIDERS, key_name
-from .lighting import CONVERGED, SAMPLE, STAGES
+from .controls import CONTROLS, MOUSE, SLIDERS, Control, Slider, key_name
+from .lighting import CONVERGED, SAMPLE, STAGES, FinishedShading
 from .modes import MODES, map_colors
 from .splats import WAITING
 from .state import RANGES
+
+if TYPE_CHECKING:
+    from .session import Session
+
+Units = tuple[float, float]
+"""Width and height of the window in units."""
 
 DESIGN_SIZE = 960, 720
 """Of the window in which a unit is a pixel; others are scaled by what fits."""
@@ -28,28 +34,28 @@ _TEXT, _DIM, _DARK, _WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (
 _HELP_WIDTH, _HELP_ROW = 720, 21
 
 
-def scale_of(size):
+def scale_of(size: tuple[int, int]) -> float:
     """Pixels in a unit, in a window of this width and height."""
     return float(np.clip(min(size[0] / DESIGN_SIZE[0], size[1] / DESIGN_SIZE[1]), *SCALES))
 
 
-def bars_of(size):
+def bars_of(size: tuple[int, int]) -> tuple[float, float]:
     """Shares of the height of a window that the bars above and below take."""
     scale = scale_of(size)
     return scale * TOP / size[1], scale * BOTTOM / size[1]
 
 
-class Hot(NamedTuple):
+class HotArea(NamedTuple):
     """A part of the window that takes the mouse. box: left, bottom, width, height in pixels.
 
     name: key of a control, field of a slider, or "split". value: of a mouse position, what a slider would be set to.
     """
 
-    box: tuple
+    box: tuple[float, ...]
     name: str
-    value: Callable | None = None
+    value: Callable[[float, float], float] | None = None
 
-    def holds(self, x, y):
+    def holds(self, x: float, y: float) -> bool:
         """Whether a position is within."""
         left, bottom, width, height = self.box
         return left <= x < left + width and bottom <= y < bottom + height
@@ -58,22 +64,30 @@ class Hot(NamedTuple):
 class Panel:
     """Everything that is written over the scene.
 
-    hot: list of Hot, the topmost first.
+    hot: list of HotArea, the topmost first.
     """
 
-    def __init__(self, renderer):
-        self._canvas, self.hot = Canvas(renderer), []
+    def __init__(self, renderer: Any) -> None:
+        self._canvas = Canvas(renderer)
+        self.hot: list[HotArea] = []
 
     @property
-    def boxes(self):
+    def boxes(self) -> dict:
         """Where each text stands: dict of (text, x, y) -> (left, bottom, width, height) in pixels, as drawn."""
         return self._canvas.boxes
 
-    def hide(self):
+    def hide(self) -> None:
         """Draw nothing of it, until `draw` is called again."""
         self._canvas.hide()
 
-    def draw(self, session, size, frames_per_second=None, note="", bare=False):
+    def draw(
+        self,
+        session: "Session",
+        size: tuple[int, int],
+        frames_per_second: float | None = None,
+        note: str = "",
+        bare: bool = False,
+    ) -> bool:
         """Bring the panel up to date; returns whether anything of it changed.
 
         size: width, height of the window. frames_per_second: to be shown, or None. note: a line of the window's own.
@@ -92,11 +106,11 @@ class Panel:
             self._bottom(session, units, frames_per_second, note)
             if session.state.help:
                 self._help(session, units)
-            elif MODES[session.state.mode].scale:
-                self._scalar_bar(session, units)
+            elif scale_end := MODES[session.state.mode].scale:
+                self._scalar_bar(session, units, scale_end(session))
         return self._canvas.show()
 
-    def _top(self, session, units):
+    def _top(self, session: "Session", units: Units) -> None:
         width, height = units
         base = height - TOP
         self._canvas.rectangle(0, base, width, TOP, _BAR)
@@ -113,14 +127,14 @@ class Panel:
             share = progress[1] if progress[1] is not None else 1.0
             self._canvas.rectangle(0, base - 2, width * share, 2, _LINE if progress[1] is not None else _TRACK)
 
-    def _bottom(self, session, units, frames_per_second, note):
+    def _bottom(self, session: "Session", units: Units, frames_per_second: float | None, note: str) -> None:
         width, _ = units
         self._canvas.rectangle(0, 0, width, BOTTOM, _BAR)
         sliders = [slider for slider in SLIDERS if slider.there(session)]
         each = (width - 2 * _MARGIN - 2 * (len(sliders) - 1) * _GAP) / len(sliders)
         for index, slider in enumerate(sliders):
             self._slider(session, slider, _MARGIN + index * (each + 2 * _GAP), 54, each)
-        left = _MARGIN
+        left: float = _MARGIN
         for control in CONTROLS:
             if control.row == "choices" and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
@@ -134,13 +148,13 @@ class Panel:
         self._plate(_MARGIN, BOTTOM + 8, figures, _TEXT)
         self._plate(_MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
 
-    def _plate(self, left, base, string, color):
+    def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
         """A line of text on a plate of its own, over the scene."""
         if string:
             self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, _BAR)
             self._canvas.text(left, base + 5, string, color, SMALL)
 
-    def _slider(self, session, slider, left, base, width):
+    def _slider(self, session: "Session", slider: Slider, left: float, base: float, width: float) -> None:
         low, high = RANGES[slider.field]
         value = getattr(session.state, slider.field)
         to, back = (np.log, np.exp) if slider.logarithmic else (float, float)
@@ -158,7 +172,7 @@ class Panel:
         self._canvas.rectangle(left + (width - 6) * share, base - 1, 6, 13, _HANDLE)
         scale = self._canvas.scale
 
-        def value_at(x, y):
+        def value_at(x: float, y: float) -> float:
             place = min(max((x / scale - left - 3) / (width - 6), 0.0), 1.0)
             # A full turn is no turn: the right end stops just short of where the angle begins again.
             place = min(place, 1.0 - 1e-6) if slider.field == "angle_deg" else place
@@ -166,9 +180,9 @@ class Panel:
 
         self._hot(left - 4, base - 6, width + 8, 36, slider.field, value_at)
 
-    def _chip(self, session, control, place, base, from_right=False):
+    def _chip(self, session: "Session", control: Control, place: float, base: float, from_right: bool = False) -> float:
         """A button; returns its width."""
-        text, lit = control.chip(session), control.lit(session)
+        text, lit = control.chip(session) if control.chip else "", control.lit(session)
         width = self._canvas.width(text, SMALL) + 18
         left = place - width if from_right else place
         self._canvas.rectangle(left, base, width, 24, _ON if lit == 1 else _IDLE if lit else _CHIP)
@@ -176,7 +190,7 @@ class Panel:
         self._hot(left, base, width, 24, control.key)
         return width
 
-    def _split(self, session, units, panel):
+    def _split(self, session: "Session", units: Units, panel: bool) -> None:
         width, height = units
         x = session.state.split_at * width
         low, high = (BOTTOM, height - TOP) if panel else (0, height)
@@ -191,11 +205,10 @@ class Panel:
                     self._canvas.text(left, high - 29, text, _TEXT, SMALL)
         self._hot(x - 8, low, 16, high - low, "split_at", lambda at, _: at / scale / width)
 
-    def _scalar_bar(self, session, units):
+    def _scalar_bar(self, session: "Session", units: Units, end: float) -> None:
         width, _ = units
         steps, tall = 48, 220
         left, base = width - _MARGIN - 16, BOTTOM + 76
-        end = MODES[session.state.mode].scale(session)
         known = session.reference is not None
         title = "relative error" if known else "reference follows"
         title_width = max(self._canvas.width(title, SMALL), 76)
@@ -213,7 +226,7 @@ class Panel:
             text = f"{100 * end * share:.3g} %"
             self._canvas.text(left - self._canvas.width(text, SMALL), base + share**0.5 * tall - 4, text, _DIM, SMALL)
 
-    def _help(self, session, units):
+    def _help(self, session: "Session", units: Units) -> None:
         width, height = units
         rows = [(key_name(control), control.text) for control in CONTROLS if control.there(session)] + list(MOUSE)
         half = -(-len(rows) // 2)
@@ -228,12 +241,20 @@ class Panel:
                 self._canvas.text(left + key_at, y, key, _ON[:3], SMALL, bold=True)
                 self._canvas.text(left + text_at, y, text, _TEXT, SMALL)
 
-    def _hot(self, left, base, width, height, name, value=None):
+    def _hot(
+        self,
+        left: float,
+        base: float,
+        width: float,
+        height: float,
+        name: str,
+        value: Callable[[float, float], float] | None = None,
+    ) -> None:
         box = tuple(self._canvas.scale * number for number in (left, base, width, height))
-        self.hot.insert(0, Hot(box, name, value))
+        self.hot.insert(0, HotArea(box, name, value))
 
 
-def status(session, frames_per_second=None):
+def status(session: "Session", frames_per_second: float | None = None) -> tuple[str, str]:
     """(figures, what follows): the two lines about the light that is shown."""
     if session.light is None:
         return "", "starting: the captured colours until the first light"
@@ -248,14 +269,15 @@ def status(session, frames_per_second=None):
     if frames_per_second:
         figures.append(f"{frames_per_second:.0f} pictures/s")
     follows = ""
-    if session.shows_splats and session.splats.waiting:
+    reference = session.reference
+    if session.splats is not None and session.shows_splats and session.splats.waiting:
         follows = WAITING
     elif session.state.environment != session.light_name:
         follows = f"loading {session.state.environment}"
-    elif session.state.mode == "error" and session.reference is None:
+    elif session.state.mode == "error" and reference is None:
         follows = f"computing the reference: {CONVERGED}"
-    elif session.state.mode == "error":
-        follows = f"against {CONVERGED}, itself within {100 * session.reference.error:.2g} %"
+    elif session.state.mode == "error" and reference is not None:
+        follows = f"against {CONVERGED}, itself within {100 * reference.error:.2g} %"
     elif session.waiting_for:
         follows = f"{session.waiting_for} " + ("when the light rests" if session.state.turning else "on the way")
     if session.progress and not session.settled:
@@ -265,7 +287,7 @@ def status(session, frames_per_second=None):
     return "   ".join(figures), follows
 
 
-def _parts(session, lit):
+def _parts(session: "Session", lit: FinishedShading) -> str:
     parts = [f"{lit.sun_count} suns" if lit.sun_count != 1 else "1 sun"] if lit.sun_count else []
     parts += [f"{len(lit.bounces)} bounce" + "s" * (len(lit.bounces) > 1)] if lit.bounces else []
     return ", ".join(parts) or "nothing to add"

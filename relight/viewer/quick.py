@@ -5,6 +5,7 @@ NumPy takes several times as long for either, mostly for products with three col
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.base.threads import in_slices, read_only
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
@@ -18,11 +19,11 @@ _TABLE = bytes_from_unit(srgb_from_linear(np.linspace(0.0, 1.0, _STEPS)))
 
 
 def harmonic_light(
-    transfer,  # (V, K) float32 of the white scene
-    coefficients,  # (K', 3) of radiance, K' at least K and K''
-    albedo=None,  # (V, 3) float32; white without
-    bounced=None,  # (3, V, K'') float32, what bounces add for each colour; it holds the albedo
-):
+    transfer: NDArray,  # (V, K) float32 of the white scene
+    coefficients: NDArray,  # (K', 3) of radiance, K' at least K and K''
+    albedo: NDArray | None = None,  # (V, 3) float32; white without
+    bounced: NDArray | None = None,  # (3, V, K'') float32, what bounces add for each colour; it holds the albedo
+) -> NDArray:
     """Exit radiance (V, 3) float32: albedo * max(transfer c, 0) + bounced c, and nothing below 0."""
     columns = np.ascontiguousarray(np.asarray(coefficients, np.float32).T)
     radiance = np.zeros((len(transfer), 3), np.float32)
@@ -35,10 +36,10 @@ def harmonic_light(
 
 
 def display_bytes(
-    radiance,  # (V, 3) float32 linear
-    exposure,  # display value per unit of radiance
-    out=None,  # (V, 3) uint8 to write into
-):
+    radiance: NDArray,  # (V, 3) float32 linear
+    exposure: float,  # display value per unit of radiance
+    out: NDArray | None = None,  # (V, 3) uint8 to write into
+) -> NDArray:
     """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, but for one in the last place.
 
     Source: Khronos PBR Neutral, as `relight.light.tonemap.compress_highlights`.
@@ -50,14 +51,16 @@ def display_bytes(
     return out
 
 
-def prepare():
+def prepare() -> None:
     """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
     light = harmonic_light(np.zeros((2, 1), np.float32), np.zeros((1, 3)))
     display_bytes(light, 1.0)
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _light(begin, end, transfer, columns, albedo, bounced, radiance):
+def _light(
+    begin: int, end: int, transfer: NDArray, columns: NDArray, albedo: NDArray, bounced: NDArray, radiance: NDArray
+) -> None:
     """Three dot products at once for each vertex; the relaxed order of sums lets them run in vectors."""
     count, more = transfer.shape[1], bounced.shape[2]
     for v in range(begin, end):
@@ -81,7 +84,16 @@ def _light(begin, end, transfer, columns, albedo, bounced, radiance):
 
 
 @njit(cache=True, nogil=True)
-def _display(begin, end, radiance, exposure, start, desaturation, table, out):
+def _display(
+    begin: int,
+    end: int,
+    radiance: NDArray,
+    exposure: np.float32,
+    start: np.float32,
+    desaturation: np.float32,
+    table: NDArray,
+    out: NDArray,
+) -> None:
     one, steps = np.float32(1.0), np.float32(len(table) - 1)
     for v in range(begin, end):
         red = max(radiance[v, 0] * exposure, np.float32(0.0))

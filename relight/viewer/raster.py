@@ -11,9 +11,11 @@ homogeneous coordinates", 1997.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.base.threads import read_only, shared
 
@@ -31,13 +33,14 @@ class Raster:
     size: width and height of the picture that was looked at last.
     """
 
-    def __init__(self, vertices, faces, diagonal):
+    def __init__(self, vertices: NDArray, faces: NDArray, diagonal: float) -> None:
         self._vertices = np.ascontiguousarray(vertices, np.float32)
         self._faces, self._near = read_only(faces, np.int32), _NEAR * diagonal
-        self._seen, self._sky_places = None, None
+        self._seen: tuple[Orbit, tuple[int, int]] | None = None
+        self._sky_places: NDArray | None = None
         self.size = (0, 0)
 
-    def look(self, orbit, size):
+    def look(self, orbit: Orbit, size: tuple[int, int]) -> None:
         """Find out what every pixel sees from an Orbit: once for a view, however many lights follow."""
         if (orbit, size) == self._seen:
             return
@@ -54,7 +57,15 @@ class Raster:
         _rasterise(height, local, self._faces, np.float32(self._near), self._face, self._weights)
         self._seen, self._sky_places = (orbit, size), None
 
-    def paint(self, colors, captured=None, split=0.0, sky=None, angle_deg=0.0, backdrop=((0, 0, 0), (0, 0, 0))):
+    def paint(
+        self,
+        colors: NDArray,
+        captured: NDArray | None = None,
+        split: float = 0.0,
+        sky: NDArray | None = None,
+        angle_deg: float = 0.0,
+        backdrop: Any = ((0, 0, 0), (0, 0, 0)),
+    ) -> NDArray:
         """The picture, (H, W, 3) uint8, BOTTOM row first.
 
         colors: (V, 3) uint8. captured: the same, shown left of `split`, 0..1 over the width. sky: (H', W', 3) uint8
@@ -64,7 +75,8 @@ class Raster:
         out = np.zeros((height, width, 3), np.uint8)
         left = width * split if captured is not None else 0.0
         captured = colors if captured is None else captured
-        ramp = np.linspace(*np.asarray(backdrop, np.float32), height).astype(np.float32)
+        low, high = np.asarray(backdrop, np.float32)
+        ramp = np.linspace(low, high, height).astype(np.float32)
         if sky is None:
             places, sky = np.zeros((0, 0, 2), np.float32), np.zeros((1, 1, 3), np.uint8)
         else:
@@ -74,9 +86,10 @@ class Raster:
         _paint(height, *arrays, places, sky, shift, ramp, out)
         return out
 
-    def _places(self):
+    def _places(self) -> NDArray:
         """Where in the unrotated sky the pixels without a face look: (H, W, 2) float32, u and v in 0..1."""
         if self._sky_places is None:
+            assert self._seen is not None
             orbit, (width, height) = self._seen
             right, up, backward = (axis.astype(np.float32) for axis in orbit.axes)
             focal = np.float32(0.5 * width / math.tan(math.radians(orbit.fov_deg) / 2.0))
@@ -85,7 +98,7 @@ class Raster:
         return self._sky_places
 
 
-def prepare():
+def prepare() -> None:
     """Compile these kernels or load them compiled, before the first picture would wait seconds for it."""
     raster = Raster(np.zeros((3, 3)), np.zeros((1, 3)), 1.0)
     raster.look(Orbit((0.0, 0.0, 0.0), 1.0, 0.0, 0.0, 40.0, 1.0), (8, 8))
@@ -94,7 +107,9 @@ def prepare():
 
 @shared
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rasterise(begin, end, local, faces, near, face, weights):
+def _rasterise(
+    begin: int, end: int, local: NDArray, faces: NDArray, near: np.float32, face: NDArray, weights: NDArray
+) -> None:
     """Find the nearest face at every pixel of rows begin..end, or -1."""
     height, width = face.shape
     middle_x, middle_y = np.float32(0.5 * width - 0.5), np.float32(0.5 * height - 0.5)
@@ -148,7 +163,9 @@ def _rasterise(begin, end, local, faces, near, face, weights):
 
 @shared
 @njit(cache=True, nogil=True)
-def _look_up(begin, end, face, right, up, ahead, focal, places):
+def _look_up(
+    begin: int, end: int, face: NDArray, right: NDArray, up: NDArray, ahead: NDArray, focal: np.float32, places: NDArray
+) -> None:
     height, width = face.shape
     turn = np.float32(0.5 / math.pi)
     for y in range(begin, end):
@@ -166,7 +183,21 @@ def _look_up(begin, end, face, right, up, ahead, focal, places):
 
 @shared
 @njit(cache=True, nogil=True)
-def _paint(begin, end, faces, face, weights, colors, captured, left, places, sky, shift, ramp, out):
+def _paint(
+    begin: int,
+    end: int,
+    faces: NDArray,
+    face: NDArray,
+    weights: NDArray,
+    colors: NDArray,
+    captured: NDArray,
+    left: np.float32,
+    places: NDArray,
+    sky: NDArray,
+    shift: np.float32,
+    ramp: NDArray,
+    out: NDArray,
+) -> None:
     _, width = face.shape
     rows, columns, _ = sky.shape
     texels, half = sky.reshape(-1), np.float32(0.5)

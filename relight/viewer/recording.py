@@ -1,12 +1,18 @@
 """Record a turn of the light as a film, every picture with all effects."""
 
+import os
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+
+if TYPE_CHECKING:
+    from .window import Window
 
 FRAMES = 72
 FRAMES_PER_SECOND = 18
@@ -21,14 +27,23 @@ class Recording:
     Raises InputError for another kind of file and for one that cannot be written.
     """
 
-    def __init__(self, window, path=None, frames=FRAMES, what="light", panel=False, overwrite=False):
+    def __init__(
+        self,
+        window: "Window",
+        path: str | os.PathLike[str] | None = None,
+        frames: int = FRAMES,
+        what: str = "light",
+        panel: bool = False,
+        overwrite: bool = False,
+    ) -> None:
         path = _free() if path is None else Path(path)
         check_film(path, frames, what, overwrite)
         import imageio
 
         self.path, self._window, self._frames, self._what, self._panel = path, window, frames, what, panel
         self._state, self._orbit, self._done = window.session.state, window.orbit, 0
-        self._started, self._shape, self.asked = time.perf_counter(), None, False
+        self._started, self.asked = time.perf_counter(), False
+        self._shape: tuple[int, ...] | None = None
         self._looked = window.orbit
         window.session.change(turning=False, help=False)
         options = {"fps": FRAMES_PER_SECOND} if path.suffix == ".mp4" else {"duration": 1000 / FRAMES_PER_SECOND}
@@ -39,7 +54,7 @@ class Recording:
         except OSError as error:
             raise InputError(f"cannot write {path}: {error}") from None
 
-    def tick(self):
+    def tick(self) -> None:
         """Take the picture of this angle if its light is complete, else wait for it."""
         session, window = self._window.session, self._window
         if session.failure:
@@ -52,26 +67,26 @@ class Recording:
             return
         image = window.picture(self._panel)
         self._shape = self._shape or image.shape[:2]
-        self._writer.append_data(fitted(image, self._shape))
+        self._writer.append_data(fit_to(image, self._shape))
         self._done += 1
-        window.note = self._told()
+        window.note = self._describe()
         if self._done == self._frames:
             self._end()
             window.recorded(f"saved {self.path.absolute()}")
             return
         self._turn()
 
-    def _turned(self):
+    def _turned(self) -> float:
         return 360.0 * self._done / self._frames
 
-    def _turn(self):
+    def _turn(self) -> None:
         if self._what == "light":
             self._window.session.change(angle_deg=self._state.angle_deg + self._turned())
         else:
             self._looked = self._orbit.dragged(-self._turned() / 180.0, 0.0)
             self._window.look(self._looked)
 
-    def _moved_away(self):
+    def _moved_away(self) -> bool:
         """Whether somebody turned or reset what the film turns; it is turned back."""
         if self._what == "light":
             away = self._window.session.state.angle_deg - self._state.angle_deg - self._turned()
@@ -82,26 +97,26 @@ class Recording:
             self._turn()
         return moved
 
-    def _told(self):
+    def _describe(self) -> str:
         """The line on the window: how far it is, how long it will take, and how it ends."""
         each = (time.perf_counter() - self._started) / self._done
         left = each * (self._frames - self._done)
         ends = "q again drops it" if self.asked else "v stops it"
         return f"recording {self._done} of {self._frames}, about {left:.0f} s left; {ends}"
 
-    def stop(self, reason="stopped"):
+    def stop(self, reason: str = "stopped") -> None:
         """Drop the recording."""
         self._end()
         self.path.unlink(missing_ok=True)
         self._window.recorded(f"recording dropped: {reason}")
 
-    def _end(self):
+    def _end(self) -> None:
         self._writer.close()
         self._window.session.change(angle_deg=self._state.angle_deg, turning=self._state.turning)
         self._window.look(self._orbit)
 
 
-def fitted(image, shape):
+def fit_to(image: NDArray, shape: tuple[int, ...]) -> NDArray:
     """A picture, (H, W, 3) uint8, in the size that a film began with: cut, and filled with black, about its middle."""
     if image.shape[:2] == shape:
         return image
@@ -115,7 +130,7 @@ def fitted(image, shape):
     return result
 
 
-def check_film(path, frames, what, overwrite=False):
+def check_film(path: str | os.PathLike[str], frames: int, what: str, overwrite: bool = False) -> None:
     """Raises InputError unless a film of this name, length and subject can be recorded."""
     path = Path(path)
     if path.suffix not in KINDS:
@@ -132,11 +147,11 @@ def check_film(path, frames, what, overwrite=False):
         raise InputError(f"{path}: its folder does not exist")
 
 
-def _free():
+def _free() -> Path:
     return free_name("turn_{:04d}" + (".mp4" if find_spec("imageio_ffmpeg") else ".gif"))
 
 
-def free_name(pattern):
+def free_name(pattern: str) -> Path:
     """The first path of this pattern, counted from 1, that does not exist."""
     number = 1
     while Path(pattern.format(number)).exists():

@@ -6,22 +6,29 @@ is added in few bands. Suns and bounces in full, errors and references follow fr
 """
 
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.scene import Scene
 
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
-from .lighting import Wish, check_albedos, keys
+from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, check_albedos, keys
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
-from .splats import RelitSplats
-from .state import RANGES, State, checked
-from .worker import Process
+from .splats import RelitSplats, SplatSource
+from .state import RANGES, State, check_field
+from .worker import ProcessWorker
+
+if TYPE_CHECKING:
+    from ..transfer.store import Cache
 
 REST_SECONDS = 0.15
 """Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
@@ -30,6 +37,19 @@ TURN_DEG_PER_SECOND = 36.0
 
 START_TOLERANCE = 0.02
 """Where none is asked for."""
+
+
+class LightWorker(Protocol):
+    """What answers the wishes of a session: `worker.ProcessWorker`, or another that does the same."""
+
+    def submit(self, wish: LightWish) -> None:
+        """Ask for the newest wish; what an older one still needs is dropped."""
+
+    def poll(self) -> list[tuple[Any, ...]]:
+        """Messages since the last call."""
+
+    def close(self) -> None:
+        """End it."""
 
 
 class Session:
@@ -43,19 +63,24 @@ class Session:
 
     def __init__(
         self,
-        scene,
-        environments,  # dict of name -> Environment or what Environment.load takes; the first is shown first
-        options=None,  # LightingOptions, whose tolerance the session starts with
-        albedos=None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
-        exposure=None,  # display value per unit of radiance; default: by the brightest vertices, for each light
-        worker=Process,
-        cache=None,  # as of Relighter
-        lamps=None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
-        clock=time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
-        splats=None,  # SplatSource: what the scene was made of, shown in place of the mesh
-        lamps_known=True,  # whether the lamps can be told from other light, and dimmed
-        **wishes,  # fields of LightingOptions, such as tolerance
-    ):
+        scene: Scene,
+        environments: Mapping[
+            str, Any
+        ],  # dict of name -> Environment or what Environment.load takes; the first is shown first
+        options: LightingOptions | str | None = None,  # LightingOptions, whose tolerance the session starts with
+        albedos: Mapping[str, NDArray | None]
+        | None = None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
+        exposure: float
+        | None = None,  # display value per unit of radiance; default: by the brightest vertices, for each light
+        worker: Callable[..., LightWorker] = ProcessWorker,
+        cache: "Cache | None" = None,  # as of Relighter
+        lamps: Mapping[str, NDArray]
+        | None = None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
+        clock: Callable[[], float] = time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
+        splats: SplatSource | None = None,  # SplatSource: what the scene was made of, shown in place of the mesh
+        lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
+        **wishes: Any,  # fields of LightingOptions, such as tolerance
+    ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
         options = LightingOptions.of(options, **wishes)
         tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
@@ -74,19 +99,24 @@ class Session:
         angle = getattr(self.environments[first], "rotation_deg", 0.0)
         self.start = State(first, next(iter(self.albedos)), angle_deg=angle, tolerance=tolerance)
         self.start = replace(self.start, effects=frozenset(self.available))
-        self.state, self.revision, self.message, self.progress = self.start, 0, "", None
-        self._given_exposure, self._exposures = exposure, {}
-        self._found, self._memory = {}, {}  # newest results by kind; what was derived from them, by name
-        self._asked, self._answered, self._ended, self._moved = None, None, "", -np.inf
-        self.light_seconds = None
+        self.state, self.revision, self.message = self.start, 0, ""
+        self.progress: tuple[str, float | None] | None = None
+        self._given_exposure = exposure
+        self._exposures: dict[tuple[str | None, str], float] = {}
+        self._found: dict[str, tuple[Any, Any]] = {}  # newest results by kind
+        self._memory: dict[str, tuple[Any, Any]] = {}  # what was derived from them, by name
+        self._asked: LightWish | None = None
+        self._answered: tuple[LightWish, str] | None = None
+        self._ended, self._moved = "", -np.inf
+        self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         self._worker = worker(scene, self.environments, self.albedos, options, cache)
         self._ask()
         prepare()
 
-    def change(self, **changes):
+    def change(self, **changes: Any) -> None:
         """Set fields of the state; values outside their range are brought into it. Raises InputError for names."""
-        changes = {name: checked(name, value, self.choices) for name, value in changes.items()}
+        changes = {name: check_field(name, value, self.choices) for name, value in changes.items()}
         state = replace(self.state, **changes)
         if state == self.state:
             return
@@ -99,11 +129,11 @@ class Session:
         else:
             self._ask()
 
-    def reset(self):
+    def reset(self) -> None:
         """Everything as at the start."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
 
-    def poll(self):
+    def poll(self) -> None:
         """Take in the results of the worker, without waiting. Call it often."""
         for kind, *rest in self._worker.poll():
             getattr(self, f"_take_{kind}")(*rest)
@@ -113,12 +143,12 @@ class Session:
         if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
-    def hurry(self):
+    def hurry(self) -> None:
         """Ask the worker for the present light at once, as if it had rested."""
         self._moved = -np.inf
         self._ask()
 
-    def finish(self, timeout=600.0):
+    def finish(self, timeout: float = 600.0) -> None:
         """Wait until the worker has answered the present state. Raises InputError if it cannot."""
         deadline = time.perf_counter() + timeout
         self.hurry()
@@ -130,78 +160,78 @@ class Session:
                 raise InputError(f"the light did not come within {timeout:g} s; give it longer, or a larger tolerance")
             time.sleep(0.002)
 
-    def close(self):
+    def close(self) -> None:
         """End the worker."""
         self._worker.close()
         if self.splats is not None:
             self.splats.close()
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Name of the scene."""
         return self.scene.path.name if self.scene.path else "scene"
 
     @property
-    def wish(self):
+    def wish(self) -> LightWish:
         """What the present state needs from the worker."""
         s = self.state
-        return Wish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, MODES[s.mode].reference)
+        return LightWish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, MODES[s.mode].reference)
 
     @property
-    def effects(self):
+    def effects(self) -> frozenset[str]:
         """The effects that take part: those switched on; sun and bounces only among shadows."""
         on = self.state.effects & self.available
         return on if SHADOWS in on else frozenset()
 
     @property
-    def settled(self):
+    def settled(self) -> bool:
         """Whether the worker has answered the present state in full, and nothing newer has come in since."""
         return self._answered == (self.wish, "")
 
     @property
-    def failure(self):
+    def failure(self) -> str:
         """Why the worker cannot answer the present state, or ""."""
-        answered = self._answered is not None and self._answered[0] == self._asked
-        return self._answered[1] if answered else self._ended
+        answered = self._answered
+        return answered[1] if answered is not None and answered[0] == self._asked else self._ended
 
     @property
-    def light(self):
-        """The Light loaded last, or None. It may be that of the state before."""
+    def light(self) -> SessionLight | None:
+        """The SessionLight loaded last, or None. It may be that of the state before."""
         return self._found["light"][1] if "light" in self._found else None
 
     @property
-    def light_name(self):
+    def light_name(self) -> str | None:
         """Name of the environment that is shown, or None before the first."""
         return self._found["light"][0] if "light" in self._found else None
 
     @property
-    def complete(self):
+    def complete(self) -> bool:
         """Whether suns, bounces and shadows are all in what `radiance` returns."""
         return self._lit() is not None
 
     @property
-    def lit(self):
-        """The Lit that is shown, or None while it is on its way."""
+    def lit(self) -> FinishedShading | None:
+        """The FinishedShading that is shown, or None while it is on its way."""
         return self._lit()
 
     @property
-    def error(self):
+    def error(self) -> float | None:
         """Relative L2 error of what is shown, on sampled vertices, or None while it is unknown."""
         return self._current("error")
 
     @property
-    def called_for(self):
+    def called_for(self) -> frozenset[str]:
         """The effects that the plan calls for at this tolerance; all while it is unknown."""
         key, lit = self._found.get("shading", (None, None))
         return lit.effects if lit is not None and key[:3] == keys(self.wish)["shading"][:3] else self.available
 
     @property
-    def reference(self):
-        """The Reference of the present light, or None."""
+    def reference(self) -> ConvergedLight | None:
+        """The ConvergedLight of the present light, or None."""
         return self._current("reference")
 
     @property
-    def waiting_for(self):
+    def waiting_for(self) -> str:
         """What is still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.light is None:
             return ""
@@ -214,7 +244,7 @@ class Session:
             return "the light"
         return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
-    def radiance(self):
+    def radiance(self) -> NDArray | None:
         """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light.
 
         With all effects once they are there, before that by spherical harmonics alone.
@@ -230,7 +260,7 @@ class Session:
         key = wish.angle_deg, wish.effects, wish.albedo, self.state.lamps, *newest
         return self.remembered("quick", key, self.quick_radiance)
 
-    def exposure(self):
+    def exposure(self) -> float:
         """Display value per unit of radiance. The automatic one is that of the starting angle, so that the
         brightness of the picture is steady while the light turns."""
         if self._given_exposure is None:
@@ -241,28 +271,28 @@ class Session:
         base = self._given_exposure if self._given_exposure is not None else self._exposures[key]
         return base * 2.0**self.state.exposure_ev
 
-    def colors(self):
+    def colors(self) -> NDArray:
         """What the present mode colours the surface by: (V, 3) uint8 sRGB."""
         mode = MODES[self.state.mode]
         if mode.lights:
             return mode.colors(self)
         return self.remembered("colors", (self.state.mode, self.state.albedo), lambda: mode.colors(self))
 
-    def shown_bytes(self):
+    def shown_bytes(self) -> NDArray:
         """sRGB bytes (V, 3) of the relit scene: the captured colours before the first light."""
         radiance = self.radiance()
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
-    def _ask(self):
+    def _ask(self) -> None:
         wish = self.wish
         if wish != self._asked:
             self._asked, self._answered = wish, None  # an older answer to the same wish says nothing of what comes now
             self._worker.submit(wish)
 
-    def _take_progress(self, label, fraction):
+    def _take_progress(self, label: str, fraction: float | None) -> None:
         self.progress = label, fraction
 
-    def _take_result(self, kind, key, payload):
+    def _take_result(self, kind: str, key: Any, payload: Any) -> None:
         if kind == "bounced":
             payload = np.ascontiguousarray(np.moveaxis(payload, 2, 0))  # a colour's coefficients beside each other
         self._found[kind] = key, payload
@@ -270,55 +300,56 @@ class Session:
         if kind == "light" and payload.warning:
             self.message = payload.warning
 
-    def _take_done(self, wish):
+    def _take_done(self, wish: LightWish) -> None:
         self._answered = wish, ""
         self.progress = None
 
-    def _take_failed(self, wish, text):
+    def _take_failed(self, wish: LightWish, text: str) -> None:
         self._answered = wish, text
         if wish == self._asked:
             self.message, self.progress = text, None
 
-    def _take_ended(self, text):
+    def _take_ended(self, text: str) -> None:
         self.message, self.progress = text + ": what is shown stays by spherical harmonics", None
         self._ended = text
 
-    def _current(self, kind):
+    def _current(self, kind: str) -> Any:
         """The payload of a kind if it belongs to the present wish, else None."""
         key, payload = self._found.get(kind, (None, None))
         return payload if key is not None and key == keys(self.wish)[kind] else None
 
-    def _lit(self):
+    def _lit(self) -> FinishedShading | None:
         return self._current("shading")
 
-    def _bounced(self):
+    def _bounced(self) -> NDArray | None:
         """Bounced light per coefficient for the present albedo, (3, V, K'), or None; of a coarser level if need be."""
         key, payload = self._found.get("bounced", (None, None))
         return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
 
-    def quick_radiance(self, angle_deg=None):
+    def quick_radiance(self, angle_deg: float | None = None) -> NDArray:
         """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from what is there."""
         began = time.perf_counter()
         shadowed = SHADOWS in self.effects and "transfer" in self._found
         transfer = self._found["transfer" if shadowed else "unshadowed"][1]
+        assert self.light is not None  # before the first there is no transfer either
         turned = turned_about_y(self.light.coefficients, self.state.angle_deg if angle_deg is None else angle_deg)
         bounced = self._bounced() if BOUNCES in self.effects else None
         radiance = harmonic_light(transfer, turned, self.albedos[self.state.albedo], bounced)
         self.light_seconds = time.perf_counter() - began
         return self.beside_lamps(radiance)
 
-    def beside_lamps(self, radiance):
+    def beside_lamps(self, radiance: NDArray) -> NDArray:
         """Radiance (V, 3) with what the lamps of a room add to it."""
         lamps = self.lamps.get(self.state.albedo)
         return radiance if lamps is None else radiance + np.float32(self.state.lamps) * lamps
 
     @property
-    def shows_splats(self):
+    def shows_splats(self) -> bool:
         """Whether the picture is of splats; the mesh shows where there are none, and in all views but the relit one."""
         splats, state = self.splats, self.state
         return splats is not None and state.mode == "relit" and not state.mesh and state.albedo in splats.source.looks
 
-    def remembered(self, name, key, compute):
+    def remembered(self, name: str, key: Any, compute: Callable[[], Any]) -> Any:
         """What `compute()` returned, kept under this name until it is asked for with another key."""
         if self._memory.get(name, (None,))[0] != key:
             self._memory[name] = key, compute()

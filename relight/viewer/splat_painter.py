@@ -36,8 +36,8 @@ class SplatLayer(NamedTuple):
     def over(self, behind: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Before a picture (H, W, 3) uint8 sRGB."""
         through = (1.0 - self.alpha)[..., None] * (behind * np.float32(1.0 / 255.0))
-        shown = np.clip(self.color + through, 0.0, 1.0) * np.float32(255.0) + np.float32(0.5)
-        return np.asarray(shown, np.uint8)
+        shown = np.clip(self.color + through, 0.0, 1.0)
+        return (shown * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
 
 
 class _Seen(NamedTuple):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..light.environment import Environment
@@ -27,7 +28,7 @@ class SplatLook(NamedTuple):
     captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure."""
 
     before: NDArray[np.float32]
-    received: Callable[[NDArray[np.float32], float], NDArray[np.float32]]
+    received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
 
 
 class SplatSource(NamedTuple):
@@ -130,12 +131,11 @@ class RelitSplats:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _under(splats: Splats, rows: NDArray[np.int64], sky: NDArray[np.float32], wanted: _Wanted, scene: object) -> Splats:
+def _under(splats: Splats, rows: NDArray[np.int64], sky: NDArray[np.float32], wanted: _Wanted, scene: Scene) -> Splats:
     """The Splats with those of the sky in the new one, or gone where no sky is shown."""
     from ..splats import under_sky
 
     assert wanted.sky is not None
     name, angle_deg, shown = wanted.sky
     environment = Environment(sky, name).rotated(angle_deg)
-    frame = scene.scene_from_splat  # type: ignore[attr-defined]
-    return under_sky(splats, rows, environment, frame, wanted.exposure, "new" if shown else "drop")
+    return under_sky(splats, rows, environment, scene.scene_from_splat, wanted.exposure, "new" if shown else "drop")

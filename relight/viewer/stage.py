@@ -1,13 +1,18 @@
 """Draw what the window shows behind its panel: the surface in the colours of the session, the captured one, the sky."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
 from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPlane, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkTexture, vtkWindowToImageFilter
 
+from splat2mesh.scene.scene import Scene
+
+from .camera import Orbit
 from .quick import display_bytes
 from .raster import SOFTWARE, Raster
 from .splat_painter import SplatPainter
@@ -28,7 +33,7 @@ MOVING_SAMPLES, RESTING_SAMPLES = 0, 8
 class Stage:
     """Surface and sky in a VTK renderer. Colours are written in place: no geometry is sent twice."""
 
-    def __init__(self, renderer, scene):
+    def __init__(self, renderer: Any, scene: Scene) -> None:
         self._renderer = renderer
         points = vtkPoints()
         points.SetData(numpy_to_vtk(np.ascontiguousarray(scene.vertices, np.float32), deep=True))
@@ -41,11 +46,12 @@ class Stage:
         self._captured.VisibilityOff()
         self._planes = vtkPlane(), vtkPlane()
         self._sky, self._texture = _dome()
-        self._sky_bytes = None
+        self._sky_bytes: NDArray | None = None
         self._picture = vtkTexture()
         self._picture.SetColorModeToDirectScalars()
         self._picture.InterpolateOn()
-        self._raster = self._behind = None
+        self._raster: Raster | None = None
+        self._behind: Raster | None = None
         self.splats = SplatPainter(scene)
         for actor in (self._surface, self._captured, self._sky):
             renderer.AddActor(actor)
@@ -53,12 +59,12 @@ class Stage:
         renderer.SetBackground2(*BACKDROP[1])
         renderer.GradientBackgroundOn()
 
-    def color(self, colors):
+    def color(self, colors: NDArray) -> None:
         """Show the surface in these sRGB bytes, (V, 3) uint8."""
         self._shown[:] = colors
         self._colors.Modified()
 
-    def paint_sky(self, sky, exposure):
+    def paint_sky(self, sky: NDArray, exposure: float) -> None:
         """Draw the sky, (H, W, 3) linear in canonical lat-long, unrotated."""
         height, width = sky.shape[:2]
         shown = display_bytes(np.ascontiguousarray(sky).reshape(-1, 3), exposure).reshape(height, width, 3)
@@ -74,20 +80,20 @@ class Stage:
         self._sky.GetMapper().GetInput().GetPointData().SetTCoords(numpy_to_vtk(places.astype(np.float32), deep=True))
         self._sky_bytes = shown
 
-    def turn_sky(self, angle_deg):
+    def turn_sky(self, angle_deg: float) -> None:
         """Turn the sky by an active Ry(+angle)."""
         self._sky.SetOrientation(0.0, angle_deg, 0.0)
 
-    def show_sky(self, shown):
+    def show_sky(self, shown: bool) -> None:
         """Whether the sky stands behind the scene."""
         self._sky.SetVisibility(bool(shown) and self._sky_bytes is not None)
 
-    def split(self, normal=None, eye=None):
+    def split(self, normal: NDArray | None = None, eye: NDArray | None = None) -> None:
         """Show the captured colours where `normal` of a plane through `eye` points away from; without one, nowhere."""
         self._captured.SetVisibility(normal is not None)
         for actor, plane, sign in ((self._surface, self._planes[0], 1.0), (self._captured, self._planes[1], -1.0)):
             mapper = actor.GetMapper()
-            if normal is None:
+            if normal is None or eye is None:
                 mapper.RemoveAllClippingPlanes()
                 continue
             plane.SetOrigin(*eye)
@@ -95,13 +101,15 @@ class Stage:
             if mapper.GetNumberOfClippingPlanes() == 0:
                 mapper.AddClippingPlane(plane)
 
-    def software(self):
+    def software(self) -> bool:
         """Whether OpenGL draws on the CPU. Known once there is a window."""
         name = self._renderer.GetRenderWindow().ReportCapabilities().lower()
         lines = [line for line in name.splitlines() if "renderer string" in line]
         return any(kind in line for line in lines for kind in SOFTWARE)
 
-    def rasterised(self, orbit, size, split=None, angle_deg=None):
+    def rasterised(
+        self, orbit: Orbit, size: tuple[int, int], split: float | None = None, angle_deg: float | None = None
+    ) -> NDArray:
         """The picture as `look` and the rest would draw it, without smooth edges: (H, W, 3) uint8, bottom row first.
 
         split: place of the split line, or None. angle_deg: of the sky; None for the plain backdrop.
@@ -113,7 +121,7 @@ class Stage:
         backdrop = np.round(255.0 * np.array(BACKDROP))
         return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
 
-    def behind(self, orbit, size, angle_deg=None):
+    def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray:
         """What stands behind the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
         if self._behind is None:
             self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)), self._scene.diagonal)
@@ -124,7 +132,7 @@ class Stage:
             nothing, sky=sky, angle_deg=angle_deg or 0.0, backdrop=np.round(255.0 * np.array(BACKDROP))
         )
 
-    def show_picture(self, picture):
+    def show_picture(self, picture: NDArray | None) -> None:
         """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that.
 
         A smaller picture fills the window too.
@@ -143,7 +151,7 @@ class Stage:
         self._renderer.SetBackgroundTexture(self._picture)
         self._renderer.TexturedBackgroundOn()
 
-    def look(self, orbit):
+    def look(self, orbit: Orbit) -> None:
         """Look from an Orbit."""
         camera = self._renderer.GetActiveCamera()
         camera.SetPosition(*orbit.eye)
@@ -160,7 +168,7 @@ class Stage:
         camera.SetClippingRange(min(near, farthest / 2.0), SKY_RADIUS**2 * farthest)
 
 
-def pixels(render_window):
+def pixels(render_window: Any) -> NDArray:
     """What a window shows, (H, W, 3) uint8, top row first."""
     grabber = vtkWindowToImageFilter()
     grabber.SetInput(render_window)
@@ -173,13 +181,13 @@ def pixels(render_window):
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, 3)[::-1].copy()
 
 
-def _grid():
+def _grid() -> NDArray:
     """Places (N, 2) in 0..1 of the dome's vertices in the unrotated image: to the right, and upwards."""
     right, up = np.meshgrid(np.linspace(0.0, 1.0, DOME[1] + 1), np.linspace(0.0, 1.0, DOME[0] + 1))
     return np.stack([right.ravel(), up.ravel()], axis=1)
 
 
-def _dome():
+def _dome() -> tuple[vtkActor, vtkTexture]:
     """A sphere to paint the sky on from within, and its texture; its vertices stand in the canonical directions.
 
     VTK's own skybox looks its texels up by arc tangents for every pixel, which software rendering feels, and cannot
@@ -215,7 +223,7 @@ def _dome():
     return actor, texture
 
 
-def _surface(points, cells, colors):
+def _surface(points: Any, cells: Any, colors: NDArray) -> tuple[vtkActor, Any, NDArray]:
     """An actor that shows bytes (V, 3) as they are, the VTK array of the bytes, and the bytes that it reads."""
     mesh = vtkPolyData()
     mesh.SetPoints(points)

@@ -1,7 +1,10 @@
 """What a person can set in a session: names, ranges, and the lights there are to choose from."""
 
+import os
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +51,7 @@ class State:
     lamps: float = 1.0
 
 
-def checked(name, value, choices):
+def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:
     """The value that a field of the State takes when `value` is asked for. choices: dict of field -> its names.
 
     Raises InputError for a name that is none of them and for a number that is not finite.
@@ -66,7 +69,7 @@ def checked(name, value, choices):
     return float(f"{value:.2g}") if name == "tolerance" else value  # each tolerance is a plan of its own
 
 
-def choices_of(environment, folder=None):
+def choices_of(environment: Any, folder: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """The lights of a session: a dict of name -> Environment or path, the given one first.
 
     environment: an Environment, or what `Environment.load` takes. folder: its .exr and .hdr files follow; the built-in

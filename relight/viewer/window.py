@@ -3,10 +3,13 @@
 import os
 import sys
 import time
+from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 
@@ -16,6 +19,11 @@ from .controls import CONTROLS, SLIDERS
 from .raster import prepare
 from .session import TURN_DEG_PER_SECOND
 from .splat_painter import coarser, joined
+
+if TYPE_CHECKING:
+    from .panel import HotArea
+    from .recording import Recording
+    from .session import Session
 
 SIZE = 1280, 800
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
@@ -35,7 +43,7 @@ class Window:
     Raises InputError where PyVista or a display is missing.
     """
 
-    def __init__(self, session, size=SIZE, off_screen=False):
+    def __init__(self, session: "Session", size: tuple[int, int] = SIZE, off_screen: bool = False) -> None:
         pyvista = load_pyvista(off_screen)
         from vtkmodules.vtkInteractionStyle import vtkInteractorStyleUser
 
@@ -51,11 +59,16 @@ class Window:
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
         self._home = self.orbit = orbit.in_window(size[0] / size[1], bars, session.scene.is_place)
-        self._open, self._recording, self._drag = True, None, None
-        self._drawn, self._sky, self._resting = None, None, False
-        self._software = self._seen_from = None
+        self._open, self._resting = True, False
+        self._recording: Recording | None = None
+        self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
+        self._drawn: tuple | None = None
+        self._sky: tuple[int, float] | None = None
+        self._software: bool | None = None
+        self._seen_from: tuple[Orbit, tuple[int, int]] | None = None
+        self.loop: Any = None  # of a notebook
         self._moved = self._panelled = self._ticked = -np.inf
-        self._times = []
+        self._times: list[float] = []
         style = vtkInteractorStyleUser()
         style.AddObserver("CharEvent", lambda *_: None)  # or VTK's own keys would act too
         self.plotter.iren.style = style
@@ -74,19 +87,19 @@ class Window:
         self._interactor = interactor
 
     @property
-    def size(self):
+    def size(self) -> tuple[int, int]:
         """Width and height in pixels, as they are now."""
         return tuple(self.plotter.render_window.GetSize())
 
     @property
-    def frames_per_second(self):
+    def frames_per_second(self) -> float | None:
         """Of the last pictures while something moves, else None."""
         times = self._times
         if len(times) < 3 or times[-1] == times[0] or self.session.clock() - times[-1] > 0.5:
             return None
         return (len(times) - 1) / (times[-1] - times[0])
 
-    def run(self):
+    def run(self) -> None:
         """Show the window until it is closed."""
         self.tick()
         self.plotter.show(auto_close=False, interactive=False, interactive_update=True)
@@ -97,7 +110,7 @@ class Window:
                 time.sleep(IDLE_SECONDS)
         self.close()
 
-    def tick(self):
+    def tick(self) -> bool:
         """Run one round of the loop: take in results, move what moves, and draw a picture if it would differ.
 
         Returns whether it drew one.
@@ -130,12 +143,12 @@ class Window:
         self.plotter.render_window.Render()
         return True
 
-    def finish(self, timeout=600.0):
+    def finish(self, timeout: float = 600.0) -> None:
         """Wait until the picture is complete, and draw it with smooth edges."""
         self.session.finish(timeout)
         self._draw_now()
 
-    def picture(self, panel=True):
+    def picture(self, panel: bool = True) -> NDArray:
         """What the window shows, (H, W, 3) uint8, with smooth edges, with or without the panel."""
         from .stage import pixels
 
@@ -145,7 +158,7 @@ class Window:
             self._drawn = None  # the panel has to come back
         return image
 
-    def press_key(self, key):
+    def press_key(self, key: str) -> None:
         """Do what the control of this VTK key symbol does; other keys do nothing."""
         for control in CONTROLS:
             if control.key in (key, key.lower() if len(key) == 1 else key):
@@ -153,16 +166,16 @@ class Window:
                 control.act(self)
                 return
 
-    def look(self, orbit):
+    def look(self, orbit: Orbit) -> None:
         """Look from an Orbit."""
         self.orbit = orbit
 
-    def reset(self):
+    def reset(self) -> None:
         """Everything as at the start, the camera too."""
         self.session.reset()
         self.orbit, self.note = self._home, ""
 
-    def save_picture(self, path=None):
+    def save_picture(self, path: str | os.PathLike[str] | None = None) -> None:
         """Save what is shown, without the panel, as a PNG: by default under the first free name in this folder."""
         from ..output.mesh_files import write_png
         from .recording import free_name
@@ -175,7 +188,7 @@ class Window:
         else:
             self.note = f"saved {path.absolute()}"
 
-    def record(self, path=None, **options):
+    def record(self, path: str | os.PathLike[str] | None = None, **options: Any) -> None:
         """Start to record a turn of the light, or stop and drop the recording that runs."""
         from .recording import Recording
 
@@ -184,28 +197,28 @@ class Window:
         else:
             self._recording = Recording(self, path, **options)
 
-    def recorded(self, note):
+    def recorded(self, note: str) -> None:
         """A recording has ended, as its note tells."""
         self._recording, self.note = None, note
 
     @property
-    def is_open(self):
+    def is_open(self) -> bool:
         """Whether nobody has closed it yet."""
         return self._open
 
     @property
-    def recording(self):
+    def recording(self) -> bool:
         """Whether a recording runs."""
         return self._recording is not None
 
-    def quit(self, asked=False):
+    def quit(self, asked: bool = False) -> None:
         """Close the window soon; while a film is recorded, say that it would be dropped, and close the second time."""
         if self._recording is not None and not asked and not self._recording.asked:
             self._recording.asked, self.note = True, "a film is recorded: q again drops it"
             return
         self._open = False
 
-    def close(self):
+    def close(self) -> None:
         """Close the window and end the worker; a film that is not complete is dropped. Once more does nothing."""
         self._open = False
         if self._recording is not None:
@@ -213,13 +226,13 @@ class Window:
         self.session.close()
         self.plotter.close()
 
-    def _draw_now(self, panel=True):
+    def _draw_now(self, panel: bool = True) -> None:
         self.session.poll()
         self._draw_scene(True, wait=True)
         self.panel.draw(self.session, self.size, None, self.note, bare=not panel)
         self.plotter.render_window.Render()
 
-    def _draw_scene(self, rests, wait=False):
+    def _draw_scene(self, rests: bool, wait: bool = False) -> None:
         """Bring surface, sky and camera up to date, for a picture at rest or in motion.
 
         wait: for what splats still need.
@@ -239,7 +252,7 @@ class Window:
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
         stage.color(session.colors())
         behind = state.sky and state.mode == "relit" and session.light is not None
-        if behind:
+        if behind and session.light is not None:
             painted = id(session.light), session.exposure()
             if painted != self._sky:
                 self._sky = painted
@@ -273,21 +286,22 @@ class Window:
             glass.SetMultiSamples(MOVING_SAMPLES)
             stage.show_picture(picture)
 
-    def _splats_drawn(self, rests, still, behind, wait):
+    def _splats_drawn(self, rests: bool, still: bool, behind: bool, wait: bool) -> NDArray:
         """The picture of the splats, bottom row first: coarse while the camera moves, exact at rest."""
-        session, stage, orbit = self.session, self._stage, self.orbit
+        session, stage, orbit, splats = self.session, self._stage, self.orbit, self.session.splats
+        assert splats is not None
         moves = not (rests or still)
         size = coarser(self.size) if moves else self.size
         draw = stage.splats.exact if rests or moves else stage.splats.again
         back = stage.behind(orbit, size, session.state.angle_deg if behind else None)[::-1]
-        picture = draw(session.splats.shown(session, rests, wait), orbit, size).over(back)
+        picture = draw(splats.shown(session, rests, wait), orbit, size).over(back)
         if session.state.split:
-            before = draw(session.splats.source.captured, orbit, size).over(back)
+            before = draw(splats.source.captured, orbit, size).over(back)
             picture = joined(before, picture, session.state.split_at)
         return picture[::-1]
 
-    def _press(self, button):
-        def press():
+    def _press(self, button: str) -> Callable[[], None]:
+        def press() -> None:
             x, y = self._interactor.GetEventPosition()
             hot = next((hot for hot in self.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
             self._drag = button, hot, (x, y)
@@ -300,7 +314,7 @@ class Window:
 
         return press
 
-    def _move(self):
+    def _move(self) -> None:
         if self._drag is None:
             return
         button, hot, (before_x, before_y) = self._drag
@@ -318,11 +332,11 @@ class Window:
         else:
             self.orbit = self.orbit.dragged(right, up)
 
-    def _release(self):
+    def _release(self) -> None:
         self._drag = None
 
 
-def load_pyvista(off_screen):
+def load_pyvista(off_screen: bool) -> Any:
     """The module, told which kind of OpenGL there is. Raises InputError where it is missing or has no display."""
     screen = os.name == "nt" or os.uname().sysname == "Darwin"
     if not screen and not os.environ.get("DISPLAY"):
@@ -338,7 +352,7 @@ def load_pyvista(off_screen):
     return pyvista
 
 
-def in_notebook():
+def in_notebook() -> bool:
     """Whether this Python runs in a notebook's kernel."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     return shell is not None and hasattr(shell, "kernel")

@@ -1,6 +1,6 @@
 """Heavy work in a process of its own, so that neither the interpreter's lock nor a busy core stops the window.
 
-The process (`command`) reads pickled messages from stdin, of which the newest wish
+The process (`worker_command`) reads pickled messages from stdin, of which the newest wish
 counts, and writes to stdout. A thread would not do: tracing holds the interpreter's lock for up to half a second. The
 process has a lower priority, so that drawing comes first on a busy machine.
 """
@@ -13,13 +13,22 @@ import sys
 import threading
 import time
 import warnings
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
 
 from splat2mesh.base.compiling import allow_read_only_install
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.scene import Scene
 
-from .lighting import Lighting, keys
+from ..options import LightingOptions
+from .lighting import LightWish, SessionLighting, keys
+
+if TYPE_CHECKING:
+    from ..transfer.store import Cache
 
 NICENESS = 5
 """Added to the priority of the process: drawing comes first, but idle cores are used in full."""
@@ -31,23 +40,24 @@ class Superseded(Exception):
     """A newer wish has made the step in progress pointless."""
 
 
-class Steps:
+class ReportedStages:
     """The stages of an answer: like `base.progress.Stages`, but each advance is reported and may end the answer.
 
     report(label, fraction): called now and then, fraction in 0..1 or None where the length is unknown.
     check(): called at every advance; may raise `Superseded`.
     """
 
-    def __init__(self, report, check):
-        self.seconds, self._report, self._check, self._last = {}, report, check, 0.0
+    def __init__(self, report: Callable[..., None], check: Callable[[], None]) -> None:
+        self.seconds: dict[str, float] = {}
+        self._report, self._check, self._last = report, check, 0.0
 
     @contextmanager
-    def stage(self, label, total=None):
+    def stage(self, label: str, total: int | None = None) -> Iterator[Callable[..., None]]:
         """Run one stage; yields `advance(count=1)`, as `Stages.stage` does."""
         start, done = time.perf_counter(), 0
         self._report(label, 0.0 if total else None)
 
-        def advance(count=1):
+        def advance(count: int = 1) -> None:
             nonlocal done
             done += count
             self._check()
@@ -59,29 +69,37 @@ class Steps:
         self.seconds[label] = self.seconds.get(label, 0.0) + time.perf_counter() - start
 
 
-class Inline:
+class InlineWorker:
     """The same in this process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
 
-    def __init__(self, scene, environments, albedos, options=None, cache=None):
-        steps = Steps(lambda *progress: None, lambda: None)
-        self._lighting, self._wish = Lighting(scene, environments, albedos, steps, options, cache), None
+    def __init__(
+        self,
+        scene: Scene,
+        environments: Mapping[str, Any],
+        albedos: Mapping[str, NDArray | None],
+        options: LightingOptions | None = None,
+        cache: "Cache | None" = None,
+    ) -> None:
+        steps = ReportedStages(lambda *progress: None, lambda: None)
+        self._lighting = SessionLighting(scene, environments, albedos, steps, options, cache)
+        self._wish: LightWish | None = None
 
-    def submit(self, wish):
+    def submit(self, wish: LightWish) -> None:
         """Ask for the newest wish; what an older one still needs is dropped."""
         self._wish = wish
 
-    def poll(self):
-        """Messages since the last call: a list of tuples, as `Process.poll` returns them."""
+    def poll(self) -> list[tuple]:
+        """Messages since the last call: a list of tuples, as `ProcessWorker.poll` returns them."""
         if self._wish is None:
             return []
         wish, self._wish = self._wish, None
         return list(_messages(self._lighting, wish))
 
-    def close(self):
+    def close(self) -> None:
         """Nothing to end."""
 
 
-def command() -> list[str]:
+def worker_command() -> list[str]:
     """What starts the process: this interpreter, which looks for modules where this one does.
 
     `python -m` and `python -c` look in the current folder first, and run a queue.py that lies there. Isolated mode does
@@ -95,23 +113,33 @@ def command() -> list[str]:
     return [sys.executable, "-I", "-c", start, *paths]
 
 
-class Process:
+class ProcessWorker:
     """The worker process of one session."""
 
-    def __init__(self, scene, environments, albedos, options=None, cache=None):
-        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    def __init__(
+        self,
+        scene: Scene,
+        environments: Mapping[str, Any],
+        albedos: Mapping[str, NDArray | None],
+        options: LightingOptions | None = None,
+        cache: "Cache | None" = None,
+    ) -> None:
         # Ctrl-C in the terminal is the window's to answer: it ends this process.
-        self._process = subprocess.Popen(command(), **pipes, start_new_session=True)
-        self._answers, self._wishes = queue.SimpleQueue(), queue.SimpleQueue()
-        threading.Thread(target=self._read, daemon=True).start()
-        threading.Thread(target=self._write, daemon=True).start()
+        self._process = subprocess.Popen(
+            worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        self._answers: queue.SimpleQueue[tuple] = queue.SimpleQueue()
+        self._wishes: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
+        threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True).start()
+        threading.Thread(target=self._write, args=(self._process.stdin,), daemon=True).start()
         self._wishes.put((scene, environments, albedos, options, cache))
 
-    def submit(self, wish):
+    def submit(self, wish: LightWish) -> None:
         """Ask for the newest wish; what an older one still needs is dropped."""
         self._wishes.put(wish)
 
-    def poll(self):
+    def poll(self) -> list[tuple]:
         """Messages since the last call, without waiting: a list of tuples.
 
         ("progress", label, fraction or None), ("result", kind, key, payload), ("done", wish), ("failed", wish, text),
@@ -122,28 +150,28 @@ class Process:
             messages.append(self._answers.get())
         return messages
 
-    def close(self):
+    def close(self) -> None:
         """End the process, whatever it is doing."""
         self._process.kill()
         self._process.wait()
 
-    def _read(self):
+    def _read(self, stream: IO[bytes]) -> None:
         try:
             while True:
-                self._answers.put(pickle.load(self._process.stdout))
+                self._answers.put(pickle.load(stream))
         except (EOFError, OSError, pickle.UnpicklingError, ValueError):
             self._answers.put(("ended", f"the worker process ended (code {self._process.poll()})"))
 
-    def _write(self):
+    def _write(self, stream: IO[bytes]) -> None:
         try:
             while True:
-                pickle.dump(self._wishes.get(), self._process.stdin, pickle.HIGHEST_PROTOCOL)
-                self._process.stdin.flush()
+                pickle.dump(self._wishes.get(), stream, pickle.HIGHEST_PROTOCOL)
+                stream.flush()
         except (OSError, ValueError):
             pass  # the process is gone: the reader says so
 
 
-def _messages(lighting, wish):
+def _messages(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
     """Yield the messages that answer one wish."""
     try:
         for answer in lighting.answers(wish):
@@ -158,7 +186,7 @@ def _messages(lighting, wish):
         yield "done", wish
 
 
-def main():
+def main() -> None:
     """Answer the wishes of the parent process until it goes away."""
     messages_in, messages_out = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a library prints must not land between the messages
@@ -168,9 +196,10 @@ def main():
         warnings.simplefilter("ignore", DataWarning)  # the command has said it
         allow_read_only_install()
     scene, environments, albedos, options, cache = pickle.load(messages_in)
-    newest, arrived = [None], threading.Event()
+    newest: list[Any] = [None]  # LightWish
+    arrived = threading.Event()
 
-    def listen():
+    def listen() -> None:
         try:
             while True:
                 newest[0] = pickle.load(messages_in)
@@ -178,18 +207,18 @@ def main():
         except (EOFError, OSError):
             os._exit(0)  # the window is gone; nobody waits for what is being computed
 
-    def send(*message):
+    def send(*message: Any) -> None:
         pickle.dump(message, messages_out, pickle.HIGHEST_PROTOCOL)
         messages_out.flush()
 
-    def check():
+    def check() -> None:
         if arrived.is_set() and lighting.step is not None:
             kind, key = lighting.step
             if keys(newest[0])[kind] != key:
                 raise Superseded
 
-    steps = Steps(lambda *progress: send("progress", *progress), check)
-    lighting = Lighting(scene, environments, albedos, steps, options, cache)
+    steps = ReportedStages(lambda *progress: send("progress", *progress), check)
+    lighting = SessionLighting(scene, environments, albedos, steps, options, cache)
     threading.Thread(target=listen, daemon=True).start()
     while True:
         arrived.wait()

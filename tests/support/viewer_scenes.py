@@ -4,10 +4,10 @@ import numpy as np
 import open3d as o3d
 
 from relight import Environment
-from relight.viewer.lighting import Lit, keys
+from relight.viewer.lighting import FinishedShading, keys
 from relight.viewer.session import Session
 from relight.viewer.state import choices_of
-from relight.viewer.worker import Inline
+from relight.viewer.worker import InlineWorker
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -49,7 +49,7 @@ class ByHand:
     def shade(self, wish):
         """Give the light of a wish: black."""
         radiance = np.zeros((1, 3), np.float32)
-        lit = Lit(radiance, 0, [], "", frozenset(), None, 0.0)
+        lit = FinishedShading(radiance, 0, [], "", frozenset(), None, 0.0)
         self._said.append(("result", "shading", keys(wish)["shading"], lit))
 
     def say(self, *message):
@@ -71,7 +71,7 @@ class Clock:
 
 def session_of(scene, environment="noon", **options):
     """A Session whose worker works within `poll`, and for which no time passes: a light that is moved never rests."""
-    options = {"worker": Inline, "tolerance": 0.05, "clock": Clock()} | options
+    options = {"worker": InlineWorker, "tolerance": 0.05, "clock": Clock()} | options
     return Session(scene, choices_of(environment), **options)
 
 

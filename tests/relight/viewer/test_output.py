@@ -12,8 +12,8 @@ pytest.importorskip("pyvista")
 from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
 from relight.viewer import record_turntable, view
-from relight.viewer.notebook import serve, shown, ticking
-from relight.viewer.recording import fitted
+from relight.viewer.notebook import run_loop, serve, show_widget
+from relight.viewer.recording import fit_to
 from relight.viewer.window import Window
 from splat2mesh.base.errors import InputError
 
@@ -94,14 +94,14 @@ def test_in_a_notebook_the_loop_pushes_every_picture_until_it_is_closed(window):
         elif pushed[-1] == 5.0:
             window.quit()
 
-    asyncio.run(ticking(window, push))
+    asyncio.run(run_loop(window, push))
     assert pushed[0] == 0.0 and pushed[-1] == 5.0 and not window.is_open
 
 
 def test_without_trame_one_line_says_what_to_do(window, monkeypatch):
     for name in ("trame", "trame_pyvista", "trame_pyvista.ui"):
         monkeypatch.setitem(sys.modules, name, None)
-    for start in (shown, serve):
+    for start in (show_widget, serve):
         with pytest.raises(InputError, match="pip install"):
             start(window)
 
@@ -146,6 +146,6 @@ def test_a_film_goes_on_after_a_reset_and_a_resize_and_is_dropped_only_when_aske
 
 def test_pictures_of_another_size_are_cut_and_filled_about_their_middle():
     image = np.arange(5 * 3 * 3, dtype=np.uint8).reshape(5, 3, 3)
-    found = fitted(image, (3, 5))
+    found = fit_to(image, (3, 5))
     assert found.shape == (3, 5, 3) and np.array_equal(found[:, 1:4], image[1:4]) and not found[:, [0, 4]].any()
-    assert fitted(image, (5, 3)) is image
+    assert fit_to(image, (5, 3)) is image

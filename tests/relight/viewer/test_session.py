@@ -13,11 +13,11 @@ from relight.transfer.volume import Foliage
 from relight.viewer import quick
 from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
-from relight.viewer.lighting import SAMPLE, Lighting, _gathered, keys
+from relight.viewer.lighting import SAMPLE, SessionLighting, _gather, keys
 from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
 from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
-from relight.viewer.worker import Inline, Process
+from relight.viewer.worker import InlineWorker, ProcessWorker
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb
@@ -133,7 +133,7 @@ def test_each_effect_that_is_off_is_the_engine_without_it(scene):
 def test_the_stated_error_is_the_distance_from_the_truth():
     # Convex, white, under a constant sky: every vertex sends out exactly 1.
     ball = as_scene(o3d.geometry.TriangleMesh.create_sphere(1.0, 20))
-    lighting = Lighting(ball, {"constant": constant()}, {"white": None}, Stages())
+    lighting = SessionLighting(ball, {"constant": constant()}, {"white": None}, Stages())
     session = session_of(ball, constant(), albedos={"white": None})
     for factor in (0.9, 1.0, 1.1):
         shown = np.full((len(ball.vertices), 3), factor, np.float32)
@@ -148,9 +148,9 @@ def test_what_the_stated_error_gathers_is_what_surrounds_a_vertex():
     inward = Occluder(vertices, -np.asarray(hollow.vertex_normals, np.float32), faces)
     rows = np.arange(0, len(vertices), 7)
     sent = np.tile(np.float32([0.2, 0.5, 1.0]), (len(vertices), 1))
-    assert np.abs(_gathered(inward, rows, sent) - sent[rows]).max() < 1e-5  # a thousand float32 summed
+    assert np.abs(_gather(inward, rows, sent) - sent[rows]).max() < 1e-5  # a thousand float32 summed
     outward = Occluder(vertices, np.asarray(hollow.vertex_normals, np.float32), faces)
-    assert _gathered(outward, rows, sent).max() == 0.0  # nothing but sky before them
+    assert _gather(outward, rows, sent).max() == 0.0  # nothing but sky before them
 
 
 @pytest.mark.parametrize("per_cell", [0.0, 0.02, 0.5])
@@ -165,7 +165,7 @@ def test_what_leaves_do_not_see_of_a_white_sky_they_gather(per_cell):
     foliage = Foliage(vertices, np.linspace(0.0, 1.0, len(vertices)), depth)
     rows = np.arange(0, len(vertices), 5)
     direct = reference(occluder, rows, constant(), foliage=foliage)
-    whole = direct + _gathered(occluder, rows, np.ones((len(vertices), 3), np.float32), foliage)
+    whole = direct + _gather(occluder, rows, np.ones((len(vertices), 3), np.float32), foliage)
     # The directions of both differ: of 8192 and 1024, through a grid of cells.
     assert np.abs(whole - 1.0).max() < 0.02
     assert per_cell == 0.0 or direct[-1].max() < 0.9
@@ -276,7 +276,7 @@ def test_the_error_scale_grows_brighter_all_the_way():
 def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
     (tmp_path / "broken.hdr").write_bytes(b"#?RADIANCE\nnothing")
     lights = choices_of("noon", tmp_path)
-    session = Session(scene, lights, tolerance=0.05, worker=Process)
+    session = Session(scene, lights, tolerance=0.05, worker=ProcessWorker)
     try:
         session.finish()
         here = session_of(scene)
@@ -422,7 +422,7 @@ def test_a_picture_fits_into_what_the_panel_leaves_free(within, aspect):
 
 
 def test_without_a_process_the_same_messages_come(scene):
-    worker = Inline(scene, {"noon": "noon"}, {"white": None})
+    worker = InlineWorker(scene, {"noon": "noon"}, {"white": None})
     assert worker.poll() == []
     worker.submit(session_of(scene, albedos={"white": None}).wish)
     kinds = [message[0] if message[0] != "result" else message[1] for message in worker.poll()]

@@ -20,7 +20,7 @@ from relight.viewer.session import Session
 from relight.viewer.stage import BACKDROP
 from relight.viewer.state import choices_of
 from relight.viewer.window import Window
-from relight.viewer.worker import Inline
+from relight.viewer.worker import InlineWorker
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")
 
@@ -190,7 +190,7 @@ def test_a_bright_texel_stands_where_its_light_comes_from(angle):
 
 
 def test_before_the_first_light_the_captured_colours_show(scene):
-    class Silent(Inline):
+    class Silent(InlineWorker):
         def poll(self):
             return []
 
@@ -287,7 +287,7 @@ def test_every_button_does_what_its_key_does(window):
 @pytest.mark.parametrize("size", [(960, 720), (1600, 1000), (1280, 800)])
 def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
     names = ["a very long name of a light from a folder.0001", "noon"]
-    session = Session(scene, {name: "noon" for name in names}, tolerance=0.05, worker=Inline)
+    session = Session(scene, {name: "noon" for name in names}, tolerance=0.05, worker=InlineWorker)
     window = Window(session, (64, 48), off_screen=True)
     panel = Panel(window.plotter.renderer)
     states = [

@@ -13,7 +13,7 @@ def test_a_module_in_the_current_folder_is_not_run(tmp_path, monkeypatch):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').write({name!r})\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", ["", ".", *sys.path])
-    command = worker.command()
+    command = worker.worker_command()
     assert "-I" in command and not {"", ".", str(tmp_path)} & set(command)
     at = command.index("-c") + 1
     command[at] = command[at].replace(
@@ -27,4 +27,4 @@ def test_a_module_in_the_current_folder_is_not_run(tmp_path, monkeypatch):
 def test_the_current_folder_comes_last_where_it_was_asked_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [os.getcwd(), *sys.path])
-    assert worker.command()[-1] == os.getcwd()
+    assert worker.worker_command()[-1] == os.getcwd()
