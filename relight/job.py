@@ -242,7 +242,9 @@ class Job:
         assert splats is not None
 
         def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-            if room and not look.kept and look.room is not None:
+            if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
+                return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
+            if room and look.room is not None:
                 radiance = room.as_captured(radiance, self.options.unplanned)
             return np.asarray(look.received(radiance, exposure), np.float32)
 
@@ -257,7 +259,8 @@ class Job:
             looks["captured"] = SplatLook(
                 np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
             )
-        return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look))
+        level = self._brightness if look.kept else None
+        return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look), level)
 
     @cached_property
     def room(self) -> "RelitRoom | None":

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from ..splats import Binding
     from .session import Session
 
+LEAST_LIGHT = 1e-6
+"""Mean luminance of an environment below which its sky is black."""
+
 WAITING = "binding the splats to the mesh"
 """What the panel says until then; the captured splats are shown."""
 
@@ -35,13 +38,15 @@ class SplatSource(NamedTuple):
     """The splats that a scene was made of, and what relights them.
 
     captured: Splats, in their own frame. binding: returns their Binding. looks: name of an albedo -> SplatLook; with
-    others the mesh is shown. sky: returns the rows (M,) of splats that show the sky.
+    others the mesh is shown. sky: returns the rows (M,) of splats that show the sky. sky_level: mean luminance at which
+    they show it, in captured units, where that is not by the session's exposure.
     """
 
     captured: Splats
     binding: Callable[[], "Binding"]
     looks: Mapping[str, SplatLook]
     sky: Callable[[], NDArray[np.int64]] = lambda: np.zeros(0, np.int64)
+    sky_level: float | None = None
 
 
 class _Wanted(NamedTuple):
@@ -115,7 +120,9 @@ class RelitSplats:
             after = look.received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
             found = binding.relit(look.before, after, wanted.exposure, **more)
-            return found if sky is None or light is None else _under(found, rows, light.sky, wanted, session.scene)
+            if sky is None or light is None:
+                return found
+            return _under(found, rows, light.sky, wanted, session.scene, self.source.sky_level)
 
         if wait:
             self._exact = wanted, relit(None)
@@ -131,11 +138,19 @@ class RelitSplats:
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
-def _under(splats: Splats, rows: NDArray[np.int64], sky: NDArray[np.float32], wanted: _Wanted, scene: Scene) -> Splats:
+def _under(
+    splats: Splats,
+    rows: NDArray[np.int64],
+    sky: NDArray[np.float32],
+    wanted: _Wanted,
+    scene: Scene,
+    level: float | None,
+) -> Splats:
     """The Splats with those of the sky in the new one, or gone where no sky is shown."""
     from ..splats import under_sky
 
     assert wanted.sky is not None
     name, angle_deg, shown = wanted.sky
     environment = Environment(sky, name).rotated(angle_deg)
-    return under_sky(splats, rows, environment, scene.scene_from_splat, wanted.exposure, "new" if shown else "drop")
+    exposure = wanted.exposure * (1.0 if level is None else level / max(environment.mean_luminance, LEAST_LIGHT))
+    return under_sky(splats, rows, environment, scene.scene_from_splat, exposure, "new" if shown else "drop")

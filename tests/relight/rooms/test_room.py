@@ -79,6 +79,19 @@ def under(env, **wishes):
     return RelitRoom(look, relighter, 1.0).shading(Environment.load(env)).radiance
 
 
+def test_what_a_session_shows_of_a_room_is_what_is_written_of_it():
+    relighter = Relighter(room()[0], tolerance=0.1, lamps=0.5)
+    look = kept_on()[0].appearance._replace(kept=False)
+    place = RelitRoom(look, relighter, 2.0)
+    written = place.shading(Environment.load("overcast"))
+    _, by_lamps = place.session()
+    found = place.as_captured(0.5 * by_lamps, written.settings)
+    lit = ~look.room.glow.any(axis=1)
+    # The light of what glows itself is told apart only there, and weighs little in the mean change.
+    np.testing.assert_allclose(found[lit], written.radiance[lit], rtol=0.01, atol=1e-4)
+    np.testing.assert_allclose(found[~lit], written.radiance[~lit], rtol=1e-4)
+
+
 def test_with_its_only_lamp_off_a_closed_box_is_dark_and_with_half_of_it_half_as_bright():
     captured = room()[0].colors_linear
     unclipped = captured.max(axis=1) < 0.9

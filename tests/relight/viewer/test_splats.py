@@ -177,5 +177,10 @@ def test_splats_of_the_sky_show_the_new_one_or_go(scene, source):
     window.session.change(sky=True)
     window.finish()
     shown = window.session.splats.shown(window.session, True)
+    bright = shown.sh[rows, 0]
+    dim = window_of(scene, source._replace(sky=lambda: rows, sky_level=1e-3))
+    dim.finish()
+    assert (dim.session.splats.shown(dim.session, True).sh[rows, 0] < bright).all()
+    dim.close()
     assert (shown.opacities == source.captured.opacities).all() and not shown.sh[rows, 1:].any()
     window.close()
