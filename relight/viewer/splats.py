@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
@@ -124,13 +125,17 @@ class RelitSplats:
                 return found
             return _under(found, rows, light.sky, wanted, session.scene, self.source.sky_level)
 
-        if wait:
-            self._exact = wanted, relit(None)
-            return self._exact[1]
-        if rests and self._pending is None:
-            self._pending = wanted, self._thread.submit(relit, None)
-        if self._quick is None or not wanted.same(self._quick[0]):
-            self._quick = wanted, relit(0)
+        try:
+            if wait:
+                self._exact = wanted, relit(None)
+                return self._exact[1]
+            if rests and self._pending is None:
+                self._pending = wanted, self._thread.submit(relit, None)
+            if self._quick is None or not wanted.same(self._quick[0]):
+                self._quick = wanted, relit(0)
+        except InputError as error:
+            self.failure = f"the splats stay as captured: {error}"
+            return self.source.captured
         return self._quick[1]
 
     def close(self) -> None:

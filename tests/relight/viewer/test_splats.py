@@ -167,6 +167,16 @@ def test_splats_that_cannot_be_bound_stay_as_captured(scene, source):
     window.close()
 
 
+def test_light_that_splats_cannot_take_leaves_them_as_captured(scene, source):
+    before = source.looks["captured"].before
+    window = window_of(scene, source._replace(looks={"captured": SplatLook(before, lambda light, _: -light)}))
+    window.finish()
+    window.tick()
+    assert window.session.splats.shown(window.session, False) is source.captured
+    assert any("not negative" in text for text, *_ in window.panel.boxes)
+    window.close()
+
+
 def test_splats_of_the_sky_show_the_new_one_or_go(scene, source):
     rows = np.arange(50)
     window = window_of(scene, source._replace(sky=lambda: rows))
