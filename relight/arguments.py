@@ -51,7 +51,7 @@ def parser() -> argparse.ArgumentParser:
     )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP", help=rotate)
-    exposure = "show radiance times 2^EV (default: by the brightest vertices, the same for all angles)"
+    exposure = "show radiance times 2^EV (default: as the capture was exposed, else by the brightest vertices)"
     lamps = f"of a closed room: keep, off, or a factor on their light (default: {LightingOptions.lamps})"
     add("--lamps", metavar="keep|off|FACTOR", help=lamps)
     add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")

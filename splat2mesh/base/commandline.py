@@ -6,7 +6,7 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .errors import InputError
 
@@ -22,15 +22,34 @@ class Parser(argparse.ArgumentParser):
 
     signed: tuple[str, ...] = ()
 
-    def parse_args(self, args=None, namespace=None):
-        return super().parse_args(joined(sys.argv[1:] if args is None else args, self.signed), namespace)
+    _given: Sequence[str] = ()
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the words of a command line; ends the process with one line where they make no sense."""
+        self._given = joined(sys.argv[1:] if args is None else args, self.signed)
+        return super().parse_args(self._given, namespace)
 
     def error(self, message: str) -> NoReturn:
-        unknown = re.match(r"unrecognized arguments: (--[\w-]+)", message)
-        if unknown:
+        """End the process with exit code 2 and a message."""
+        unknown = re.match(r"unrecognized arguments: (\S+)", message)
+        if unknown and unknown[1].startswith("--"):
             options = [text for action in self._actions for text in action.option_strings]
             message = f"{unknown[1]}: no such option" + _guess(unknown[1], options)
+        elif unknown:
+            message = self._second_value(unknown[1]) or message
         self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
+
+    def _second_value(self, word: str) -> str:
+        """What to say of a word that is one too many behind an option of one value; nothing where it is not."""
+        at = self._given.index(word) if word in self._given else 0
+        if at < 2:
+            return ""
+        for action in self._actions:
+            if self._given[at - 2] in action.option_strings and action.nargs is None:
+                folder = isinstance(action.metavar, str) and "FOLDER" in action.metavar
+                several = ": give a folder that holds them" if folder else ""
+                return f"{self._given[at - 2]} takes one value, found {self._given[at - 1]} and {word}{several}"
+        return ""
 
 
 def joined(arguments: Sequence[str], signed: Iterable[str]) -> list[str]:

@@ -39,7 +39,7 @@ def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | No
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise InputError(f"cannot write to {parent}: choose an `output` that can be written")
+        raise InputError(f"cannot write to {parent}, where {path} would be: give another `output`, or make it writable")
 
 
 @contextmanager

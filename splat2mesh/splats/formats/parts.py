@@ -12,7 +12,8 @@ from . import sog, streamed
 SUFFIXES = (".ply", ".splat", ".spz", ".sog")
 """By which the tiles in a folder are told from what else lies there."""
 
-_LEVEL_AND_TILE = re.compile(r"(\d+)_\d+")
+_LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
+"""The level in the name of a tile, as streamed SOGs and their tools have it: 0_3, lod1_0, robot.lod3.sog."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +95,16 @@ def _tiles_in(folder: Path) -> tuple[Path, ...]:
             f"{folder} is a folder without {sog.META} or {streamed.META}, and no splat file lies in it: "
             "expected a splat file, an unbundled SOG folder, a streamed SOG or a folder of tiles"
         )
-    levels = {match[1] for entry in bundles if (match := _LEVEL_AND_TILE.fullmatch(entry.name))}
+    levels: dict[int, list[Path]] = {}
+    for entry in sorted(tiles + bundles, key=lambda entry: entry.name):
+        match = _LEVEL.search(entry.name)
+        if match:
+            levels.setdefault(int(match[1] or match[2]), []).append(entry)
     if len(levels) > 1:
+        finest = levels[min(levels)]
+        instead = f"give one of them, such as {finest[0]}" if len(finest) == 1 else "copy the whole folder"
         raise InputError(
             f"{folder} holds the tiles of {len(levels)} levels of detail but no {streamed.META}, "
-            "which tells them apart: copy the whole folder"
+            f"which tells them apart: {instead}"
         )
     return tuple(sorted(tiles + bundles, key=lambda entry: entry.name))

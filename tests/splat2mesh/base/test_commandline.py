@@ -2,7 +2,7 @@
 
 import pytest
 
-from splat2mesh.base.commandline import Parser, chosen, joined, several, share
+from splat2mesh.base.commandline import Parser, chosen, count, joined, several, share
 from splat2mesh.base.errors import InputError
 
 
@@ -62,3 +62,39 @@ def test_an_option_that_is_nearly_right_is_told_in_one_line(capsys):
     assert capsys.readouterr().err == (
         "error: --rotte: no such option; did you mean --rotate?; tool --help shows all\n"
     )
+
+
+@pytest.mark.parametrize("words", [["a", "--env", "b.exr", "c.exr"], ["a", "-e", "b.exr", "c.exr", "d.exr"]])
+def test_a_second_value_is_told_with_what_to_do_instead(capsys, words):
+    parser = Parser(prog="tool")
+    parser.add_argument("scene")
+    parser.add_argument("-e", "--env", metavar="FILE|FOLDER")
+    with pytest.raises(SystemExit) as exit_:
+        parser.parse_args(words)
+    assert exit_.value.code == 2
+    told = f"{words[1]} takes one value, found b.exr and c.exr: give a folder that holds them"
+    assert capsys.readouterr().err == f"error: {told}; tool --help shows all\n"
+
+
+@pytest.mark.parametrize("words", [["a", "b"], ["a", "--flag", "b"], ["a", "--env", "c", "--flag", "b"]])
+def test_a_word_too_many_behind_nothing_is_no_second_value(capsys, words):
+    parser = Parser(prog="tool")
+    parser.add_argument("scene")
+    parser.add_argument("--env")
+    parser.add_argument("--flag", action="store_true")
+    with pytest.raises(SystemExit):
+        parser.parse_args(words)
+    assert "unrecognized arguments: b;" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("20000", 20_000), ("2k", 2000), ("1.5M", 1_500_000), (" 0.5K ", 500), ("0", 0)]
+)
+def test_counts_may_be_in_thousands_and_millions(text, value):
+    assert count("--vertices", text) == value
+
+
+@pytest.mark.parametrize("text", ["2kk", "k", "1.2345k", "1e5", "-3", "many", ""])
+def test_what_is_no_count_is_refused(text):
+    with pytest.raises(InputError, match=r"--vertices .*: expected a whole number, such as 20000, 20k or 1\.5M"):
+        count("--vertices", text)

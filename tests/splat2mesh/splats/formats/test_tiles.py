@@ -51,6 +51,25 @@ def test_a_folder_without_splats_and_levels_without_their_meta_are_refused(tmp_p
     assert len(read_splats(tmp_path)) == 60
 
 
+@pytest.mark.parametrize("names", [("lod1_0", "lod3_0"), ("robot_lod1", "robot_LOD3"), ("robot.lod-1", "robot.lod-3")])
+def test_levels_of_one_capture_side_by_side_are_not_put_together(tmp_path, names):
+    for name in names:
+        (tmp_path / name).mkdir()
+        store_folder(tmp_path / name, sog_parts(palette_splats(20, 0), 2))
+    with pytest.raises(InputError, match=rf"2 levels of detail .*: give one of them, such as .*{names[0]}$"):
+        read_splats(tmp_path)
+    assert len(read_splats(tmp_path / names[0])) == 20
+
+
+def test_files_of_two_levels_are_not_put_together_and_names_that_only_look_like_it_are(tmp_path):
+    for name in ("explodes_1.ply", "lodge.ply", "melod3.ply", "lod2.ply"):
+        write_splats(tmp_path / name, make_splats(20, 0, 1))
+    assert len(read_splats(tmp_path)) == 80
+    write_splats(tmp_path / "a_lod0.ply", make_splats(20, 0, 1))
+    with pytest.raises(InputError, match=r"give one of them, such as .*a_lod0\.ply"):
+        read_splats(tmp_path)
+
+
 def test_joining_takes_little_more_than_the_whole():
     def parts():
         return [make_splats(20_000, degree, degree) for degree in (3, 3, 1, 3, 3, 0, 3, 3)]
