@@ -46,7 +46,7 @@ def is_soft(environment: "Environment", pixel: float) -> bool:
     return environment.formula is None and np.pi / environment.radiance.shape[0] > COARSE * pixel
 
 
-def _sky(name, directions, exposure):
+def _sky(name: str, directions: NDArray, exposure: float) -> NDArray[np.float32]:
     shown = skies.seen(name, directions) * np.float32(exposure)
     sun = skies.sun_of(name)
     if sun is not None:
@@ -58,14 +58,14 @@ def _sky(name, directions, exposure):
     return shown
 
 
-def _unturned(directions, angle_deg):
+def _unturned(directions: NDArray, angle_deg: float) -> NDArray[np.float64]:
     """Directions (N, 3) in the frame of the environment's image."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     x, y, z = np.asarray(directions, np.float64).T
     return np.stack([c * x - s * z, y, s * x + c * z], axis=-1)
 
 
-def _soft_lookup(environment, directions):
+def _soft_lookup(environment: "Environment", directions: NDArray) -> NDArray[np.float32]:
     splines = environment.derived("out of focus", lambda: _out_of_focus(environment.radiance))
     height = splines.shape[0]
     width = splines.shape[1] - 2 * PADDING
@@ -79,7 +79,7 @@ def _soft_lookup(environment, directions):
     return np.maximum(np.stack(found, axis=-1), 0.0).astype(np.float32)
 
 
-def _out_of_focus(radiance):
+def _out_of_focus(radiance: NDArray[np.float32]) -> NDArray[np.float32]:
     """Cubic spline coefficients (H, W + 2 PADDING, 3) float32 of the blurred image, repeated across its seam."""
     soft = gaussian_filter1d(radiance, DEFOCUS, axis=0, mode="nearest")
     height = len(soft)

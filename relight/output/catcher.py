@@ -78,7 +78,7 @@ class Catcher:
         ]
         return (1.0 - fade * (1.0 - np.stack(found, axis=-1))).astype(np.float32)
 
-    def _arriving(self, environment):
+    def _arriving(self, environment: "Environment") -> NDArray[np.float32]:
         """Irradiance (K, 3) float32 of level ground from around each direction."""
         height, width = environment.radiance.shape[:2]
         above = texel_directions(height, width)[: height // 2].reshape(-1, 3)
@@ -99,17 +99,17 @@ class Catcher:
         return arriving.astype(np.float32)
 
 
-def _upper_hemisphere():
+def _upper_hemisphere() -> NDArray[np.float32]:
     directions = even_directions(2 * DIRECTIONS)[:, [0, 2, 1]]
     return directions[directions[:, 1] > 0.0].astype(np.float32)
 
 
-def _spread(u):
+def _spread(u: NDArray) -> NDArray:
     """Positions in [-1, 1] of even steps in [-1, 1]: denser about 0."""
     return u * (CROWDED + (1.0 - CROWDED) * u * u)
 
 
-def _gathered(position):
+def _gathered(position: NDArray) -> NDArray:
     """The inverse of `_spread`, between the steps of a table: to within a thousandth of a point."""
     steps = np.linspace(-1.0, 1.0, 2001)
     return np.interp(position, _spread(steps), steps)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,7 @@ class EngineFiles:
         look = self._appearance
         return np.ones_like(look.captured) if look.albedo is None else look.albedo
 
-    def _write_live(self, folder, light, exposure):
+    def _write_live(self, folder: Path, light: "Environment", exposure: float) -> list[str]:
         from ..engine.nine import nine_coefficients
         from .live_glb import FILE, write_live_glb
 
@@ -98,29 +98,31 @@ class EngineFiles:
             with self._stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)
         with self._stages.stage("write"):
-            write_live_glb(folder / FILE, self._scene, self._surface, *self._nine, light, exposure)
+            grey, tint = self._nine
+            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure)
         return [FILE]
 
-    def _albedo(self, bound):
+    def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:
         """The splats with the light of the capture taken out, and their normals (N, 3)."""
         from ..splats import albedo_splats, normals_of, shown_as_sky
 
         if self._bare is None:
+            assert self._splats is not None  # no kind that needs them gets here without
             binding, rows = bound(), shown_as_sky(self._splats, self._scene, self._appearance)
             with self._stages.stage("albedo splats"):
                 sky = "keep" if self._sky == "keep" else "drop"
                 used = None if self._appearance.kept else binding
                 bare = albedo_splats(self._splats, used, self._appearance, rows, self._harmonics, sky)
                 self._bare = bare, normals_of(binding)
-        return self._bare
+        return cast(tuple[Splats, NDArray[np.float32]], self._bare)
 
-    def _write_albedo(self, folder, bound):
+    def _write_albedo(self, folder: Path, bound: Callable[[], Any]) -> list[str]:
         """The splats as albedo, and the mesh in their frame and in that of PlayCanvas."""
         from ..splats import write_relit_ply
         from .proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
 
         splats, normals = self._albedo(bound)
-        back = np.linalg.inv(self._scene.scene_from_splat)
+        back = np.asarray(np.linalg.inv(self._scene.scene_from_splat), np.float64)
         with self._stages.stage("write"):
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["albedo-splat"], splats, source, normals)

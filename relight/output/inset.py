@@ -63,17 +63,17 @@ def add_inset(
     return rows, columns
 
 
-def _chrome(normal, axes, environment, exposure):
+def _chrome(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray:
     mirrored = np.array([0.0, 0.0, 1.0]) - 2.0 * normal[:, 2:] * normal  # the line of sight, (0, 0, 1), thrown back
     return CHROME * behind(environment, mirrored @ axes, np.pi / 90.0, exposure)
 
 
-def _matt(normal, axes, environment, exposure):
+def _matt(normal: NDArray, axes: NDArray, environment: "Environment", exposure: float) -> NDArray[np.float32]:
     leaving = harmonics.evaluate(normal @ axes, 3) @ harmonics.convolve(environment.sh(3)) / np.pi
     return (GREY * exposure * np.maximum(leaving, 0.0)).astype(np.float32)
 
 
-def _strongest(environment):
+def _strongest(environment: "Environment") -> NDArray | None:
     """Unit direction (3,) that most light comes from, scene frame; None where it comes from all sides alike."""
     bands = luminance(environment.sh(2))
     toward = np.array([bands[3], bands[1], bands[2]])
@@ -81,7 +81,7 @@ def _strongest(environment):
     return toward / length if length > 0.02 * abs(bands[0]) and length > 0.0 else None
 
 
-def _outside_plate(x, y, width, height):
+def _outside_plate(x: NDArray, y: NDArray, width: float, height: float) -> NDArray[np.bool_]:
     """Whether points lie beyond a rectangle with round corners."""
     round_off = 0.5
     dx = np.maximum(np.abs(x - width / 2) - width / 2 + round_off, 0.0)
@@ -89,7 +89,9 @@ def _outside_plate(x, y, width, height):
     return np.hypot(dx, dy) > round_off
 
 
-def _draw_arrow(x, y, centre, light, color, cover):
+def _draw_arrow(
+    x: NDArray, y: NDArray, centre: tuple[float, float], light: NDArray, color: NDArray, cover: NDArray
+) -> None:
     """An arrow towards the ball from where the light comes; a ring on the ball where it comes along the view."""
     flat = np.hypot(light[0], light[1])
     u, v = x - centre[0], y - centre[1]

@@ -5,7 +5,7 @@ Every writer takes `radiance`, (V, 3) linear in the scene's vertex order, and wr
 
 import os
 import warnings
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,8 @@ def write_npy(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray) -
         np.save(file, radiance)
 
 
-IMAGES = {".png": {}, ".jpg": {"quality": 92}, ".jpeg": {"quality": 92}, ".webp": {"quality": 90}}
+_JPEG = {"quality": 92}
+IMAGES: dict[str, dict[str, Any]] = {".png": {}, ".jpg": _JPEG, ".jpeg": _JPEG, ".webp": {"quality": 90}}
 """Kinds of pictures, by the end of their names, and how they are written."""
 
 
@@ -99,7 +100,7 @@ def check_image(path: str | os.PathLike[str]) -> str:
     return kind
 
 
-def _write_image(path, image, kind):
+def _write_image(path: str | os.PathLike[str], image: NDArray, kind: str) -> None:
     import imageio.v3 as iio
 
     packed = iio.imwrite("<bytes>", image, extension=kind, **IMAGES[kind])  # a file would be its own to close
@@ -133,7 +134,7 @@ def unit_normals(normals: NDArray) -> NDArray[np.float32]:
     return unit.astype(np.float32)
 
 
-def _unlit_material():
+def _unlit_material() -> Any:
     """White times COLOR_0 and no shading: the light is in the vertices already."""
     import pygltflib as gltf
 

@@ -35,7 +35,7 @@ NEAR = 0.002
 """Near plane of the splats, in diagonals of the scene."""
 
 
-class Picture:
+class RelitPicture:
     """A camera before a scene. What does not depend on the light is found once.
 
     The splats, where there are any, are drawn as any viewer draws them, else the mesh, in its texture or by its
@@ -70,7 +70,7 @@ class Picture:
         return self._finished(image, environment, exposure, inset)
 
     def of_vertices(
-        self, radiance: NDArray, environment: "Environment", exposure: float, inset: bool = True
+        self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True
     ) -> NDArray:
         """The same of the mesh: radiance (V, 3), linear."""
         return self._of_layer(*self.mesh.layer(radiance, exposure), environment, exposure, inset)
@@ -79,19 +79,25 @@ class Picture:
         """The same of the mesh in a texture: image (size, size, 3) uint8 sRGB, in the light of the environment."""
         return self._of_layer(*self.mesh.texture_layer(atlas, image), environment, exposure, True)
 
-    def _of_layer(self, color, alpha, environment, exposure, inset):
+    def _of_layer(
+        self, color: NDArray, alpha: NDArray, environment: "Environment | None", exposure: float, inset: bool
+    ) -> NDArray[np.uint8]:
         image = srgb_from_linear(color)
         if not alpha.all():
             image = _over(color, alpha, self._behind(environment, exposure, alpha < 1.0))
         return self._finished(image, environment, exposure, inset)
 
-    def _finished(self, image, environment, exposure, inset):
+    def _finished(
+        self, image: NDArray, environment: "Environment | None", exposure: float, inset: bool
+    ) -> NDArray[np.uint8]:
         image = np.ascontiguousarray(image, np.float32)
         if inset and environment is not None:
             add_inset(image, self.view, environment, exposure)
         return bytes_from_unit(image)
 
-    def _behind(self, environment, exposure, wanted):
+    def _behind(
+        self, environment: "Environment | None", exposure: float, wanted: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
         """Display values, (H, W, 3) float32 sRGB, of the light and of the ground, without the scene.
 
         wanted: (H, W) bool, the pixels that are asked for; the others are black.
@@ -110,7 +116,7 @@ class Picture:
         image[wanted] = srgb_from_linear(mean)
         return image
 
-    def _toward(self, wanted, samples):
+    def _toward(self, wanted: NDArray[np.bool_], samples: int) -> NDArray[np.float32]:
         """Unit directions (N * samples^2, 3) float32 through the N pixels wanted, so many along a side of each."""
         view, (rows, columns) = self.view, np.nonzero(wanted)
         within = (np.arange(samples) + 0.5) / samples
@@ -120,7 +126,7 @@ class Picture:
         seen /= np.linalg.norm(seen, axis=1, keepdims=True)
         return (seen @ view.camera_from_world[:3, :3]).astype(np.float32)
 
-    def _shade_ground(self, shown, directions, environment):
+    def _shade_ground(self, shown: NDArray, directions: NDArray, environment: "Environment") -> None:
         if self._catcher is None:
             self._catcher = Catcher(self._scene, self.mesh.caster)
         eye, down = self.view.center, -directions[:, 1]
@@ -133,18 +139,18 @@ class Picture:
         shown[met] *= self._catcher.shadow(environment, ground)
 
 
-def _over(color, alpha, back):
+def _over(color: NDArray, alpha: NDArray, back: NDArray) -> NDArray:
     """A layer of linear light, premultiplied, over display values: what covers a part of a pixel mixes with them."""
     alpha = alpha[..., None]
     own = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0.0)
     return srgb_from_linear(own) * alpha + back * (1.0 - alpha)
 
 
-def _scale(matrix):
+def _scale(matrix: NDArray) -> float:
     """Size of a unit after a similarity (4, 4)."""
     return float(np.cbrt(abs(np.linalg.det(matrix[:3, :3]))))
 
 
-def _rigid(matrix):
+def _rigid(matrix: NDArray) -> NDArray:
     """A similarity (4, 4) without its scale: the same picture, for all of it grows alike from the eye on."""
     return np.concatenate([matrix[:3] / _scale(matrix), matrix[3:]])

@@ -1,9 +1,9 @@
 """Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +141,7 @@ def default_camera(scene: "Scene", aspect: float = 4 / 3) -> dict:
     }
 
 
-def _view(camera, width, height):
+def _view(camera: dict[str, Any], width: int, height: int) -> View:
     try:
         eye, target, up = (np.array(camera[name], np.float64).reshape(3) for name in ("eye", "target", "up"))
         fov_deg = float(camera["fov_deg"])
@@ -153,7 +153,7 @@ def _view(camera, width, height):
     return View.look_at(eye, target, up, fov_deg, width, height)
 
 
-def _split(view, samples):
+def _split(view: View, samples: int) -> Iterator[tuple[slice, View]]:
     """Yield (rows, View) for bands of rows, once for each sample position within the pixel.
 
     The positions are a Kronecker lattice: whatever their number, no two share a column or a row, and their
@@ -168,13 +168,13 @@ def _split(view, samples):
             yield rows, replace(view, height=rows.stop - top, cx=view.cx - dx, cy=view.cy - top - dy)
 
 
-def _directions(view):
+def _directions(view: View) -> NDArray[np.float32]:
     """Unit directions through the pixel centres of a View: (H * W, 3) float32."""
     directions = view.ray_directions().reshape(-1, 3).astype(np.float32)
     return directions / np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
 
 
-def _cast(raycaster, view):
+def _cast(raycaster: RayCaster, view: View) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float32]]:
     """Where the rays of a View hit.
 
     Returns the mask of the rays that do, (H * W,) bool, and for these P rays the face, (P,) int32, and the

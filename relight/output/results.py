@@ -88,7 +88,7 @@ class Results:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
         if self._splats is not None and (pictured or (self._engines is not None and self._engines.wants_relit)):
             relit = self.relit_splats(light, radiance, exposure)
-        if "splat" in self._kinds:
+        if "splat" in self._kinds and relit is not None:
             names += self._write_splats(folder, relit)
         if self._baked:
             names += self._write_textures(folder, light, radiance, exposure, told)
@@ -105,11 +105,13 @@ class Results:
             told["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, told
 
-    def _drawn(self, relit, light, radiance, exposure):
+    def _drawn(
+        self, relit: Splats | None, light: "Environment", radiance: NDArray[np.float32], exposure: float
+    ) -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
-        from .picture import Picture
+        from .picture import RelitPicture
 
-        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
         if relit is not None:
             return self._picture.of_splats(relit, light, exposure)
         if self._texture is not None:
@@ -140,10 +142,10 @@ class Results:
 
     def _before(self) -> list[tuple[str, NDArray[np.uint8]]]:
         """Names and pictures of what was captured and, where it was estimated, of its albedo, before plain grey."""
-        from .picture import Picture
+        from .picture import RelitPicture
 
         look = self._appearance
-        self._picture = self._picture or Picture(self._scene, None, *PICTURE_SIZE)
+        self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
         estimated = look.prior is not None and not look.kept and look.albedo is not None
         if self._splats is None:
             found = [(BEFORE[0], self._picture.of_vertices(look.captured, None, 1.0))]
@@ -173,7 +175,7 @@ class Results:
             relit = binding.relit(self._appearance.irradiance, received, exposure)
             return under_sky(relit, rows, light, frame, exposure, self._sky)
 
-    def _write_splats(self, folder, relit):
+    def _write_splats(self, folder: Path, relit: Splats) -> list[str]:
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
         from ..splats import write_relit_ply
 
@@ -205,7 +207,14 @@ class Results:
         cache.put("texels", key, **made.arrays())
         return made
 
-    def _write_textures(self, folder, light, radiance, exposure, told):
+    def _write_textures(
+        self,
+        folder: Path,
+        light: "Environment",
+        radiance: NDArray[np.float32],
+        exposure: float,
+        told: dict[str, Any],  # what the report tells of them goes in
+    ) -> list[str]:
         """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
         from .textured_files import write_textured_glb, write_transfer
 
@@ -229,7 +238,7 @@ class Results:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names
 
-    def _relit_texture(self, radiance, exposure):
+    def _relit_texture(self, radiance: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:
         """The texture under a light, (size, size, 3) uint8 sRGB."""
         return self._texture.relit(self._appearance.received(radiance, exposure), exposure)
 

@@ -35,13 +35,13 @@ def sheet(
     return result
 
 
-def _chosen(pictures):
+def _chosen(pictures: list[tuple[str, NDArray]]) -> list[tuple[str, NDArray]]:
     if len(pictures) <= MOST:
         return pictures
     return [pictures[round(index)] for index in np.linspace(0, len(pictures) - 1, MOST)]
 
 
-def _written(name, height, width):
+def _written(name: str, height: int, width: int) -> NDArray[np.uint8]:
     """A line of text, (height, width, 3) uint8."""
     from PIL import Image, ImageDraw, ImageFont
 

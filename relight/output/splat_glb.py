@@ -7,6 +7,7 @@ import os
 import warnings
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
@@ -20,7 +21,7 @@ EXTENSION = "KHR_gaussian_splatting"
 def write_splat_glb(
     path: str | os.PathLike[str],
     splats: Splats,  # as read, in their own frame
-    scene_from_splat,  # (4, 4) similarity: glTF is y-up, and its splats look from a world direction
+    scene_from_splat: NDArray,  # (4, 4) similarity: glTF is y-up, and its splats look from a world direction
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
 ) -> int:
     """Write splats in the scene frame, harmonics turned too; returns how many.
@@ -51,7 +52,7 @@ def write_splat_glb(
     return len(splats)
 
 
-def showable(splats: Splats) -> np.ndarray:
+def showable(splats: Splats) -> NDArray[np.bool_]:
     """(N,) bool: splats that a file without NaN can hold and a viewer would show. Warns of those that are damaged."""
     from ..splats.binding import usable
 

@@ -2,7 +2,7 @@
 
 import io
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,7 +116,7 @@ def png_bytes(image: NDArray) -> bytes:
     return file.getvalue()
 
 
-def _write_exr(path, image):
+def _write_exr(path: Path, image: NDArray) -> None:
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -124,7 +124,7 @@ def _write_exr(path, image):
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(image)}).write(str(staging))
 
 
-def _material(gltf, unlit):
+def _material(gltf: Any, unlit: bool) -> Any:
     surface = gltf.PbrMetallicRoughness(
         baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=0.0, roughnessFactor=1.0
     )

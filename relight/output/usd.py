@@ -93,7 +93,7 @@ def library() -> Any:
     return Library
 
 
-def _define_splats(pxr, stage, looks):
+def _define_splats(pxr: Any, stage: Any, looks: Mapping[str, Splats]) -> None:
     field = pxr.UsdVol.ParticleField3DGaussianSplat.Define(stage, "/World/Splat")
     prim, first = field.GetPrim(), next(iter(looks.values()))
     vt = pxr.Vt
@@ -118,7 +118,7 @@ def _define_splats(pxr, stage, looks):
     variants.SetVariantSelection(next(iter(looks)))
 
 
-def _define_colors(pxr, field, splats):
+def _define_colors(pxr: Any, field: Any, splats: Splats) -> None:
     """Opacities and harmonics: particle after particle, by degree and order, with the signs of 3DGS."""
     field.CreateOpacitiesAttr(pxr.Vt.FloatArray.FromNumpy(splats.opacities))
     field.CreateRadianceSphericalHarmonicsDegreeAttr(splats.degree)
@@ -128,7 +128,7 @@ def _define_colors(pxr, field, splats):
     coefficients.SetMetadata("interpolation", pxr.UsdGeom.Tokens.vertex)
 
 
-def _define_proxy(pxr, stage, scene, albedo):
+def _define_proxy(pxr: Any, stage: Any, scene: "Scene", albedo: NDArray) -> None:
     mesh, vt = pxr.UsdGeom.Mesh.Define(stage, "/World/Proxy"), pxr.Vt
     mesh.CreatePointsAttr(vt.Vec3fArray.FromNumpy(np.ascontiguousarray(scene.vertices)))
     mesh.CreateFaceVertexCountsAttr(vt.IntArray.FromNumpy(np.full(len(scene.faces), 3, np.int32)))

@@ -86,13 +86,13 @@ def read_only(array: ArrayLike, dtype: DTypeLike = np.float32) -> NDArray:
     return array
 
 
-def _spans(count):
+def _spans(count: int) -> Iterator[tuple[int, int]]:
     parts = max(min(cores(), count), 1)
     return pairwise(count * part // parts for part in range(parts + 1))
 
 
-def _pooled():
-    return getattr(_here, "pooled", False)
+def _pooled() -> bool:
+    return bool(getattr(_here, "pooled", False))
 
 
 @lru_cache(1)

@@ -10,7 +10,7 @@ from relight.light.environment import Environment
 from relight.output import backdrop, picture
 from relight.output.catcher import Catcher, _gathered, _spread
 from relight.output.inset import add_inset
-from relight.output.picture import Picture
+from relight.output.picture import RelitPicture
 from relight.output.sheet import sheet
 from relight.texture import bake
 from splat2mesh.render.rasterize import rasterize
@@ -38,7 +38,7 @@ def test_splats_are_drawn_as_any_viewer_draws_them_whatever_frame_they_are_in():
     matrix = np.diag([2.0, -2.0, -2.0, 1.0])
     scene = Scene(ball_on_plate().chunks, scene_from_splat=matrix)
     camera = {**FRONT, "eye": [0, 1, 10], "target": [0, 0, 0]}
-    image = Picture(scene, camera, *SIZE).of_splats(splats, None, 1.0)
+    image = RelitPicture(scene, camera, *SIZE).of_splats(splats, None, 1.0)
     view = View.look_at([0, -0.5, -5], [0, 0, 0], [0, -1, 0], 40.0, *SIZE)
     seen = rasterize(splats, view)
     expected = np.clip(seen.color, 0, 1) + (1 - seen.alpha[..., None]) * picture.PLAIN
@@ -48,7 +48,7 @@ def test_splats_are_drawn_as_any_viewer_draws_them_whatever_frame_they_are_in():
 
 def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
     scene = ball_on_plate()
-    shown = Picture(scene, FRONT, *SIZE)
+    shown = RelitPicture(scene, FRONT, *SIZE)
     radiance = np.full((len(scene.vertices), 3), 0.5, np.float32)
     image = shown.of_vertices(radiance, None, 1.0)[..., 0]
     inside = round(255 * 0.7354)  # sRGB of 0.5
@@ -60,7 +60,7 @@ def test_the_mesh_is_shown_where_there_is_no_splat_with_smooth_edges():
 
 def test_a_texture_shows_what_the_vertices_show_and_what_lies_between_them():
     scene = ball_on_plate()
-    shown = Picture(scene, FRONT, *SIZE)
+    shown = RelitPicture(scene, FRONT, *SIZE)
     baked = bake(scene, size=256)
     radiance = scene.colors_linear
     image = baked.relit(np.ones_like(radiance), 1.0)
