@@ -68,7 +68,8 @@ def bin_folder(tmp_path_factory):
 
 
 def _done(command, **options):
-    done = subprocess.run(command, capture_output=True, text=True, **options)
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}  # pip looks for packages there
+    done = subprocess.run(command, capture_output=True, text=True, env=env, **options)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -139,6 +140,33 @@ def test_one_command_makes_a_relit_splat_and_tells_what_is_next(first, home):
     assert len(read_splats(folder / "relit_splat.ply")) == 1500
     report = json.loads((folder / "report.json").read_text())
     assert report["version"] == VERSION and report["preview"]["shows"] == "splat"
+
+
+def test_other_formats_of_the_same_light_are_added_and_another_light_stands_beside_it(first, run, home):
+    """The commands of the README, one after the other, with no --overwrite."""
+    folder = home / "garden" / "relit" / "sunset_0"
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for kinds in (["web"], ["splat"], ["npy", "albedo-splat", "splat-glb"]):
+        run("relight", "garden", "--env", "sunset", "--format", *kinds, haste=True)
+    after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    added = {"relit.html", "radiance.npy", "albedo_splat.ply", "albedo_splat.collision.glb", "proxy.glb"}
+    assert after.keys() - before.keys() == {*added, "relit_splat.glb"}
+    assert all(after[name] == before[name] for name in ("relit.glb", "relit_splat.ply", "preview.png"))
+    assert {*json.loads(after["report.json"])["files"], "report.json"} == after.keys()
+    run("relight", "garden", "--env", "sunset", "--rotate", "45", "--format", "png", haste=True)
+    out, err = run("relight", "garden", "--env", "sunset", "--exposure", "1", code=2, haste=True)
+    assert out == "" and err.count("\n") == 1 and "--exposure not given, now 1" in err and "--overwrite" in err
+    assert {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()} == after
+
+
+def test_the_notebook_of_a_splat_runs_in_the_environment_of_the_wheel(run, home):
+    pytest.importorskip("IPython", reason="shows pictures in notebooks")
+    cells = json.loads((ROOT / "examples" / "relight_a_splat.ipynb").read_text("utf-8"))["cells"]
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    (home / "notebook.py").write_text(re.sub(r"^COUNT = .*$", "COUNT = 6_000", code, flags=re.MULTILINE))
+    run("python", "notebook.py", haste=True)
+    assert (home / "relight_a_splat" / "around" / "sheet.png").is_file()
+    assert len(read_splats(home / "relight_a_splat" / "sunset.ply")) == 6000
 
 
 @pytest.fixture(scope="module")
