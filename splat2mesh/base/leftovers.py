@@ -25,7 +25,17 @@ class Busy(Exception):
 
 
 def workspace_of(path: Path) -> Path:
-    """Where an output grows: beside it, so that a rename is one step."""
+    """Tell where an output grows: beside it, so that a rename is one step.
+
+    Parameters
+    ----------
+    path : Path
+        Of the output.
+
+    Returns
+    -------
+    Path
+    """
     stem = path.name
     if len(os.fsencode(stem)) > _LONGEST_STEM:
         stem = hashlib.sha256(os.fsencode(stem)).hexdigest()[:32]
@@ -33,10 +43,28 @@ def workspace_of(path: Path) -> Path:
 
 
 def claim(workspace: Path) -> int:
-    """Make the folder and lock it, empty: the lock, for `release`. Raises Busy where another run holds it, InputError
-    where something else has its name.
+    """Make the folder and lock it, empty.
 
-    What a killed run left in it is put back or removed before, with a DataWarning.
+    Parameters
+    ----------
+    workspace : Path
+
+    Returns
+    -------
+    int
+        The lock, for `release`.
+
+    Raises
+    ------
+    Busy
+        Where another run holds it.
+    InputError
+        Where something else has its name.
+
+    Warns
+    -----
+    DataWarning
+        About what a killed run left in it, which is put back or removed before.
     """
     while True:
         try:
@@ -63,7 +91,14 @@ def claim(workspace: Path) -> int:
 
 
 def release(workspace: Path, lock: int) -> None:
-    """Remove the folder with all that is in it, and its lock. What could not be put back stays in it."""
+    """Remove the folder with all that is in it, and its lock. What could not be put back stays in it.
+
+    Parameters
+    ----------
+    workspace : Path
+    lock : int
+        As `claim` returned it.
+    """
     try:
         if not os.path.lexists(workspace / OLD) or _settled(workspace):
             shutil.rmtree(workspace, ignore_errors=True)
@@ -72,7 +107,17 @@ def release(workspace: Path, lock: int) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Put back or remove what killed runs left in a folder; one DataWarning for each. What others hold is let alone."""
+    """Put back or remove what killed runs left in a folder. What others hold is let alone.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Warns
+    -----
+    DataWarning
+        One for each.
+    """
     try:
         with os.scandir(folder) as entries:
             found = [entry.name for entry in entries if entry.name[0] == "." and entry.name.endswith(SUFFIX)]

@@ -10,7 +10,12 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def add_manuals(parser: argparse.ArgumentParser) -> None:
-    """Give a parser `--completion SHELL` and `--man`, which print and end."""
+    """Give a parser `--completion SHELL` and `--man`, which print and end.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    """
     completion = f"print what makes a shell complete this command's options: {', '.join(SHELLS)}"
     parser.add_argument("--completion", action=_Printed, choices=SHELLS, metavar="SHELL", help=completion)
     parser.add_argument("--man", action=_Printed, nargs=0, help="print the manual page; `man -l -` shows it")

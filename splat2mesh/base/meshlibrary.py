@@ -20,7 +20,13 @@ class _Absent(ModuleType):
 
 
 def open3d() -> ModuleType:
-    """The package. A command never shows a page, so that in its process what draws them is not imported along."""
+    """Import open3d.
+
+    Returns
+    -------
+    module
+        A command never shows a page, so that in its process what draws them is not imported along.
+    """
     if "open3d" in sys.modules or not owns_process():
         import open3d as whole
 

@@ -14,7 +14,17 @@ _UNABLE = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM)
 
 
 def rename_new(source: Path, target: Path) -> None:
-    """Rename where nothing stands. Raises FileExistsError where something does, and leaves both as they are."""
+    """Rename where nothing stands.
+
+    Parameters
+    ----------
+    source, target : Path
+
+    Raises
+    ------
+    FileExistsError
+        Where something does; both stay as they are.
+    """
     if not _renameat2(source, target, _NOREPLACE):
         if os.path.lexists(target):
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
@@ -22,7 +32,17 @@ def rename_new(source: Path, target: Path) -> None:
 
 
 def exchange(source: Path, target: Path) -> bool:
-    """Swap two that exist, in one step; False, with both as they are, where the system cannot."""
+    """Swap two that exist, in one step.
+
+    Parameters
+    ----------
+    source, target : Path
+
+    Returns
+    -------
+    bool
+        False, with both as they are, where the system cannot.
+    """
     return _renameat2(source, target, _EXCHANGE)
 
 

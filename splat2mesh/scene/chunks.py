@@ -13,12 +13,29 @@ SEAM_ALLOWANCE = 1.03
 
 
 def split(mesh: Mesh, max_vertices: int = DEFAULT_MAX_VERTICES) -> list[Mesh]:
-    """Cut a Mesh into chunks of at most `max_vertices` vertices.
+    """Cut a mesh into chunks that stay below a number of vertices.
 
-    Faces are bisected by their centroids along the longest axis until every part fits, so chunks are compact in
-    space, of similar size and few. A vertex on a seam is copied, attributes and all, into each chunk that
-    uses it: normals are equal on both sides. Vertices without a face are left out.
-    Returns a list of Mesh. Raises InputError for a limit below 3.
+    Parameters
+    ----------
+    mesh : Mesh
+    max_vertices : int
+        Of a chunk.
+
+    Returns
+    -------
+    list of Mesh
+        Vertices without a face are left out.
+
+    Raises
+    ------
+    InputError
+        For a limit below 3.
+
+    Notes
+    -----
+    Faces are bisected by their centroids along the longest axis until every part fits, so chunks are compact in space,
+    of similar size and few. A vertex on a seam is copied, attributes and all, into each chunk that uses it: normals are
+    equal on both sides.
     """
     if max_vertices < 3:
         raise InputError(f"a chunk needs room for at least 3 vertices, the limit is {max_vertices}")

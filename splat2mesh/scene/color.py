@@ -7,9 +7,20 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
-    """Linear-light values of sRGB values.
+    """Return the linear light of sRGB values.
 
-    color: any shape, sRGB in [0, 1] (values above 1 continue the curve). Returns the same shape, floating point.
+    Parameters
+    ----------
+    color : array-like
+        Any shape, sRGB in [0, 1] (values above 1 continue the curve).
+
+    Returns
+    -------
+    ndarray of floating point
+        The same shape.
+
+    Notes
+    -----
     Source: IEC 61966-2-1.
     """
     color = np.asarray(color)
@@ -19,9 +30,17 @@ def linear_from_srgb(color: ArrayLike) -> NDArray[np.floating[Any]]:
 
 
 def srgb_from_linear(color: ArrayLike) -> NDArray[np.floating[Any]]:
-    """sRGB values of linear-light values: the inverse of `linear_from_srgb`.
+    """Return the sRGB values of linear light: the inverse of `linear_from_srgb`.
 
-    color: any shape, linear in [0, 1]. Returns the same shape, floating point.
+    Parameters
+    ----------
+    color : array-like
+        Any shape, linear in [0, 1].
+
+    Returns
+    -------
+    ndarray of floating point
+        The same shape.
     """
     color = np.asarray(color)
     high = 1.055 * np.maximum(color, 1e-9) ** (1 / 2.4) - 0.055
@@ -30,10 +49,30 @@ def srgb_from_linear(color: ArrayLike) -> NDArray[np.floating[Any]]:
 
 
 def luminance(color_linear: ArrayLike) -> NDArray[np.floating[Any]]:
-    """Rec. 709 luminance of linear RGB: (..., 3) -> (...)."""
+    """Return the Rec. 709 luminance of linear RGB.
+
+    Parameters
+    ----------
+    color_linear : array-like, (..., 3)
+
+    Returns
+    -------
+    ndarray, (...)
+    """
     return np.asarray(color_linear) @ np.array([0.2126, 0.7152, 0.0722])
 
 
 def bytes_from_unit(color: ArrayLike) -> NDArray[np.uint8]:
-    """Round values in [0, 1] to uint8, clipping what lies outside. Any shape."""
+    """Round values in [0, 1] to bytes, clipping what lies outside.
+
+    Parameters
+    ----------
+    color : array-like
+        Any shape.
+
+    Returns
+    -------
+    ndarray of uint8
+        The same shape.
+    """
     return (np.clip(color, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

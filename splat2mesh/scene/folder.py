@@ -55,9 +55,23 @@ PROXY = "proxy.glb"
 
 
 def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
-    """Chunks, chunks of the background, and the other fields of the Scene in a folder.
+    """Read a scene folder.
 
-    Raises InputError where anything is broken, or differs from its checksum, and for a newer schema version.
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    chunks : list of Mesh
+    background : list of Mesh
+    fields : dict
+        The other fields of the Scene.
+
+    Raises
+    ------
+    InputError
+        Where anything is broken, or differs from its checksum, and for a newer schema version.
     """
     entries, fields, sums = _read_meta(path / META)
     chunks: list[Mesh] = []
@@ -85,9 +99,19 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
 
 
 def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a `scene.Scene`; the folder appears complete or not at all.
+    """Write a scene folder; it appears complete or not at all.
 
-    Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
+    Parameters
+    ----------
+    scene : Scene
+    path : path
+    overwrite : bool
+        Whether a scene folder that is there may be replaced.
+
+    Raises
+    ------
+    InputError
+        When `path` exists, unless it is a scene folder and may be overwritten.
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
@@ -131,7 +155,16 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
 
 
 def bounds_of(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(2, 3): lowest and highest corner of (V, 3)."""
+    """Return the lowest and highest corner of points.
+
+    Parameters
+    ----------
+    vertices : ndarray of float32, (V, 3)
+
+    Returns
+    -------
+    ndarray of float64, (2, 3)
+    """
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
 
@@ -165,7 +198,19 @@ def _relative(file: str, folder: str | os.PathLike[str]) -> str:
 
 
 def absolute(file: str | os.PathLike[str], folder: str | os.PathLike[str] = ".") -> str:
-    """A path from a folder as text, absolute: links among its folders are followed, that of the file itself is not."""
+    """Return a path from a folder as text, absolute.
+
+    Parameters
+    ----------
+    file : path
+    folder : path
+        Where a relative path starts.
+
+    Returns
+    -------
+    str
+        Links among its folders are followed, that of the file itself is not.
+    """
     whole = Path(os.path.realpath(folder), file)
     return os.path.normpath(Path(os.path.realpath(whole.parent), whole.name))
 
@@ -183,7 +228,22 @@ def _check_camera(camera: Any, bounds: Any) -> None:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a regular file, as a hex string."""
+    """Return the SHA-256 of a regular file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+        Hexadecimal.
+
+    Raises
+    ------
+    InputError
+        For what is no regular file.
+    """
     file_size(path, "file of a scene")
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest() if hasattr(hashlib, "file_digest") else _digest(file)

@@ -26,11 +26,23 @@ COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
 
 
 def as_scene(source: AnyScene) -> Scene:
-    """A Scene of whatever holds one: a mesh becomes a scene of one chunk, its vertices in their own order.
+    """Make a Scene of whatever holds one.
 
-    source: a Scene, which is returned as it is; the path of a scene folder or mesh file; a Mesh; a mesh of trimesh,
-    open3d (legacy or tensor) or PyVista, whose polygons become triangles. Missing normals are computed, missing colours
-    are white; colours are taken as sRGB. Raises InputError for anything else and for meshes that cannot be lit.
+    Parameters
+    ----------
+    source : Scene, path, Mesh, or a mesh of trimesh, open3d (legacy or tensor) or PyVista
+        A Scene is returned as it is. A path is of a scene folder or mesh file.
+
+    Returns
+    -------
+    Scene
+        A mesh becomes a scene of one chunk, its vertices in their own order; polygons become triangles, missing normals
+        are computed, missing colours are white; colours are taken as sRGB.
+
+    Raises
+    ------
+    InputError
+        For anything else and for meshes that cannot be lit.
     """
     if isinstance(source, Scene):
         return source

@@ -20,7 +20,13 @@ _LARGEST_SHORT_INDEX = 65534  # 65535 restarts a primitive in OpenGL, so glTF fo
 
 
 class Glb:
-    """A document and its one buffer. `document` holds whatever else a file needs; arrays and nodes are added here."""
+    """A document and its one buffer.
+
+    Attributes
+    ----------
+    document : pygltflib.GLTF2
+        Holds whatever else a file needs; arrays and nodes are added here.
+    """
 
     def __init__(self, generator: str = "splat2mesh", **document: Any) -> None:
         """document: fields of `pygltflib.GLTF2`, such as materials."""
@@ -30,9 +36,21 @@ class Glb:
         self._blob = bytearray()
 
     def values(self, array: NDArray, target: int = _ATTRIBUTES, **more: Any) -> int:
-        """Append (N,), (N, 2), (N, 3) or (N, 4) of float32, uint32, uint16 or int16; index of its accessor.
+        """Append an array.
 
-        more: fields of `pygltflib.Accessor`. pygltflib aligns arrays to 4 bytes on saving.
+        Parameters
+        ----------
+        array : ndarray of float32, uint32, uint16 or int16
+            (N,), (N, 2), (N, 3) or (N, 4). pygltflib aligns arrays to 4 bytes on saving.
+        target : int
+            Of the buffer view.
+        **more
+            Fields of `pygltflib.Accessor`.
+
+        Returns
+        -------
+        int
+            Index of its accessor.
         """
         import pygltflib as gltf
 
@@ -46,22 +64,65 @@ class Glb:
         return len(self.document.accessors) - 1
 
     def positions(self, points: NDArray) -> int:
-        """Append (N, 3) with the bounds that glTF asks for; index of its accessor."""
+        """Append points with the bounds that glTF asks for.
+
+        Parameters
+        ----------
+        points : ndarray, (N, 3)
+
+        Returns
+        -------
+        int
+            Index of its accessor.
+        """
         points = np.asarray(points, np.float32)
         return self.values(points, min=points.min(axis=0).tolist(), max=points.max(axis=0).tolist())
 
     def indices(self, faces: NDArray, vertex_count: int) -> int:
-        """Append (F, 3) faces, in 16 bits where those suffice; index of its accessor."""
+        """Append faces, in 16 bits where those suffice.
+
+        Parameters
+        ----------
+        faces : ndarray of integers, (F, 3)
+        vertex_count : int
+
+        Returns
+        -------
+        int
+            Index of its accessor.
+        """
         if vertex_count - 1 > _LARGEST_SHORT_INDEX:
             return self.triangles(faces)
         return self.values(faces.ravel().astype(np.uint16), _INDICES)
 
     def triangles(self, faces: NDArray) -> int:
-        """Append (F, 3) faces in 32 bits, which every loader reads; index of its accessor."""
+        """Append faces in 32 bits, which every loader reads.
+
+        Parameters
+        ----------
+        faces : ndarray of integers, (F, 3)
+
+        Returns
+        -------
+        int
+            Index of its accessor.
+        """
         return self.values(faces.ravel().astype(np.uint32), _INDICES)
 
     def data(self, content: bytes, **more: Any) -> int:
-        """Append bytes; index of their buffer view, whose fields `more` are."""
+        """Append bytes.
+
+        Parameters
+        ----------
+        content : bytes
+        **more
+            Fields of `pygltflib.BufferView`.
+
+        Returns
+        -------
+        int
+            Index of their buffer view.
+        """
         import pygltflib as gltf
 
         view = gltf.BufferView(buffer=0, byteOffset=len(self._blob), byteLength=len(content), **more)
@@ -70,8 +131,17 @@ class Glb:
         return len(self.document.bufferViews) - 1
 
     def mesh(self, name: str, attributes: dict[str, int], **primitive: Any) -> None:
-        """Add a mesh of one primitive and the node that shows it. attributes: name -> accessor; primitive: its fields;
-        triangles, where they name no mode."""
+        """Add a mesh of one primitive and the node that shows it.
+
+        Parameters
+        ----------
+        name : str
+            Of both.
+        attributes : dict of str to int
+            Name to accessor.
+        **primitive
+            Fields of `pygltflib.Primitive`; triangles, where they name no mode.
+        """
         import pygltflib as gltf
 
         part = gltf.Primitive(attributes=gltf.Attributes(), **({"mode": gltf.TRIANGLES} | primitive))
@@ -81,7 +151,17 @@ class Glb:
         self.document.nodes.append(gltf.Node(name=name, mesh=len(self.document.meshes) - 1))
 
     def content(self, extras: dict | None = None) -> bytes:
-        """The whole file, whose one scene shows all nodes. extras: JSON values of that scene."""
+        """Return the whole file, whose one scene shows all nodes.
+
+        Parameters
+        ----------
+        extras : dict or None
+            JSON values of that scene.
+
+        Returns
+        -------
+        bytes
+        """
         import pygltflib as gltf
 
         nodes = list(range(len(self.document.nodes)))
@@ -91,14 +171,26 @@ class Glb:
         return b"".join(self.document.save_to_bytes())
 
     def save(self, path: str | os.PathLike[str], extras: dict | None = None) -> None:
-        """Write the file, complete or not at all."""
+        """Write the file, complete or not at all.
+
+        Parameters
+        ----------
+        path : path
+        extras : dict or None
+            As for `content`.
+        """
         content = self.content(extras)
         with staged_file(path) as staging:
             staging.write_bytes(content)
 
 
 def matt_white() -> Any:
-    """A material of baseColor white without gloss, seen from both sides, which COLOR_0 is multiplied with."""
+    """Return a material of white without gloss, seen from both sides, which COLOR_0 is multiplied with.
+
+    Returns
+    -------
+    pygltflib.Material
+    """
     import pygltflib as gltf
 
     surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)

@@ -49,7 +49,15 @@ class Record(dict):
 class GltfData:
     """A .glb or .gltf with its buffers in memory.
 
-    document: its JSON, as Records. size: bytes of the file. node_weights: the morph weights of every node, or None.
+    Attributes
+    ----------
+    path : Path
+    document : Record
+        Its JSON, as Records.
+    size : int
+        Bytes of the file.
+    node_weights : list of (list of float or None)
+        The morph weights of every node.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -101,9 +109,23 @@ class GltfData:
         return loads(chunks[0][1], object_hook=Record), blob
 
     def array(self, index: int, what: str) -> NDArray:
-        """Accessor `index`, (N,) or (N, width), as stored or, where it is normalised, float32 in [-1, 1].
+        """Read an accessor.
 
-        Raises InputError, which names `what`, where it does not fit its buffer.
+        Parameters
+        ----------
+        index : int
+        what : str
+            What it is of, for messages.
+
+        Returns
+        -------
+        ndarray, (N,) or (N, width)
+            As stored or, where it is normalised, float32 in [-1, 1].
+
+        Raises
+        ------
+        InputError
+            Where it does not fit its buffer.
         """
         try:
             accessor = entry(self.document.accessors, index)
@@ -125,7 +147,25 @@ class GltfData:
         return values[:, 0] if width == 1 else values
 
     def vectors(self, index: Any, count: int, width: int, what: str) -> NDArray:
-        """Accessor `index` as (count, width) float32. Raises InputError for another shape, and unless it is finite."""
+        """Read an accessor of vectors.
+
+        Parameters
+        ----------
+        index : int
+        count, width : int
+            The shape that it must have.
+        what : str
+            What it is of, for messages.
+
+        Returns
+        -------
+        ndarray of float32, (count, width)
+
+        Raises
+        ------
+        InputError
+            For another shape, and unless it is finite.
+        """
         values = self.array(index, what)
         if values.shape != (count, width):
             raise InputError(f"{self.path}: {what} must have shape ({count}, {width}), found {values.shape}")
@@ -173,7 +213,13 @@ class GltfData:
         return self._buffers[index]
 
     def initial_transforms(self) -> list[dict]:
-        """Where every node stands before anything moves: translation, rotation and scale, or a matrix; float64."""
+        """Tell where every node stands before anything moves.
+
+        Returns
+        -------
+        list of dict of str to ndarray of float64
+            translation, rotation (x y z w) and scale, or matrix.
+        """
         transforms = []
         for node in self.document.nodes or []:
             if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:
@@ -189,7 +235,22 @@ class GltfData:
         return transforms
 
     def hierarchy(self) -> tuple[list[int], NDArray, NDArray]:
-        """All nodes, parents first; the parent of every node, -1 without one; whether each is in the shown scene."""
+        """Tell how nodes hang together.
+
+        Returns
+        -------
+        order : list of int
+            All nodes, parents first.
+        parent : ndarray of integers
+            Of every node, -1 without one.
+        shown : ndarray of bool
+            Whether each is in the shown scene.
+
+        Raises
+        ------
+        InputError
+            Where they do not form trees.
+        """
         nodes = self.document.nodes or []
         parent = np.full(len(nodes), -1)
         for index, node in enumerate(nodes):
@@ -212,7 +273,20 @@ class GltfData:
 
 
 def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -> NDArray:
-    """World-from-node matrices, (nodes, 4, 4) float64, also of joints outside the shown scene."""
+    """Return the world-from-node matrices, also of joints outside the shown scene.
+
+    Parameters
+    ----------
+    transforms : list of dict
+        As `GltfData.initial_transforms` returns them.
+    order : list of int
+        Parents first.
+    parent : ndarray of integers, (nodes,)
+
+    Returns
+    -------
+    ndarray of float64, (nodes, 4, 4)
+    """
     result = np.zeros((len(transforms), 4, 4))
     for index in order:
         own = transforms[index]
@@ -222,7 +296,19 @@ def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -
 
 
 def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
-    """The (4, 4) float64 matrix that scales, then rotates, then moves."""
+    """Return the matrix that scales, then rotates, then moves.
+
+    Parameters
+    ----------
+    translation : ndarray, (3,)
+    quat_xyzw : ndarray, (4,)
+        Of any length.
+    scale : ndarray, (3,)
+
+    Returns
+    -------
+    ndarray of float64, (4, 4)
+    """
     x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
     # fmt: off
     rotation = np.array([
@@ -237,7 +323,18 @@ def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) ->
 
 
 def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
-    """(F, 3) int32 of a list, a strip or a fan."""
+    """Return the triangles of a list, a strip or a fan.
+
+    Parameters
+    ----------
+    indices : ndarray of integers, (N,)
+    mode : int
+        One of `MODES`.
+
+    Returns
+    -------
+    ndarray of int32, (F, 3)
+    """
     if mode == TRIANGLES:
         faces = indices[: len(indices) // 3 * 3].reshape(-1, 3)
     elif len(indices) < 3:
@@ -251,7 +348,22 @@ def triangles(indices: NDArray, mode: int) -> NDArray[np.int32]:
 
 
 def entry(entries: Any, index: Any) -> Any:
-    """One of a list, by a number that a file gives: a negative one would count from the end."""
+    """Return one of a list, by a number that a file gives: a negative one would count from the end.
+
+    Parameters
+    ----------
+    entries : list
+    index : object
+
+    Returns
+    -------
+    object
+
+    Raises
+    ------
+    IndexError
+        For what is no number of one that is there.
+    """
     if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
         raise IndexError(f"it names entry {index} of {len(entries)}")
     return entries[index]
@@ -266,6 +378,15 @@ def _inline(uri: str) -> bytes:
 
 
 def warn_skipped(path: str | Path, count: int, what: str) -> None:
-    """One DataWarning for parts of a file that are left out."""
+    """Give one DataWarning for parts of a file that are left out.
+
+    Parameters
+    ----------
+    path : path
+    count : int
+        0 gives none.
+    what : str
+        What they are.
+    """
     if count:
         warnings.warn(f"{path}: skipped {count} {what}", DataWarning, stacklevel=3)

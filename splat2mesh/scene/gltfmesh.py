@@ -29,9 +29,25 @@ class _Piece(NamedTuple):
 
 
 def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """Read a .glb or .gltf. Raises InputError for one that is broken or packed, or that holds no triangles.
+    """Read the triangles of a .glb or .gltf at rest.
 
-    A DataWarning counts points and lines, which are left out.
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    UncheckedMesh
+
+    Raises
+    ------
+    InputError
+        For a file that is broken or packed, or that holds no triangles.
+
+    Warns
+    -----
+    DataWarning
+        With the number of points and lines, which are left out.
     """
     data = GltfData(os.fspath(path))
     with reading(path):

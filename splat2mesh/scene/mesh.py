@@ -12,8 +12,14 @@ from ..base.meshlibrary import open3d
 class Mesh:
     """A triangle mesh with one normal and one colour per vertex.
 
-    vertices: (V, 3) float32. normals: (V, 3) float32, unit, or zero where undefined.
-    faces: (F, 3) int32, counter-clockwise seen from outside. colors_srgb: (V, 3) uint8.
+    Attributes
+    ----------
+    vertices : ndarray of float32, (V, 3)
+    normals : ndarray of float32, (V, 3)
+        Unit, or zero where undefined.
+    faces : ndarray of int32, (F, 3)
+        Counter-clockwise seen from outside.
+    colors_srgb : ndarray of uint8, (V, 3)
     """
 
     vertices: NDArray[np.float32]
@@ -23,9 +29,18 @@ class Mesh:
 
 
 def vertex_normals(points: ArrayLike, faces: ArrayLike) -> NDArray[np.float32]:
-    """Unit normals (V, 3) of points (V, 3) and faces (F, 3): the mean of the face normals, as open3d takes it.
+    """Compute normals as open3d takes them: the mean of the normals of the faces around.
 
-    Where these cancel, as on the edge of a sheet of two sides, a vertex has that of its largest face; +y without any.
+    Parameters
+    ----------
+    points : array-like, (V, 3)
+    faces : array-like of integers, (F, 3)
+
+    Returns
+    -------
+    ndarray of float32, (V, 3)
+        Unit. Where those of the faces cancel, as on the edge of a sheet of two sides, that of the largest face; +y
+        without any.
     """
     o3d = open3d()
 

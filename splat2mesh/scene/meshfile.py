@@ -44,10 +44,26 @@ LOOKED_AT, INVERTED = 4096, 0.9
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
-    Vertices stand in the order of the file, for OBJ, STL and glTF in that of their first use by faces, those that hold
-    the same joined (see the readers). Raises InputError for a file that is missing, of another kind, broken, or without
-    triangles; warns with a DataWarning about what is left out, and about a mesh that was moved to the origin because
-    float32 would lose it where it is.
+    Parameters
+    ----------
+    path : path
+        Ends in one of `READABLE_SUFFIXES`.
+
+    Returns
+    -------
+    Mesh
+        Vertices stand in the order of the file, for OBJ, STL and glTF in that of their first use by faces, those that
+        hold the same joined (see the readers).
+
+    Raises
+    ------
+    InputError
+        For a file that is missing, of another kind, broken, or without triangles.
+
+    Warns
+    -----
+    DataWarning
+        About what is left out, and about a mesh that was moved to the origin because float32 would lose it where it is.
     """
     path = Path(path)
     if not os.path.lexists(path) or path.is_dir():
@@ -61,7 +77,28 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
 
 def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
-    """An UncheckedMesh as a Mesh, all of it checked. Raises InputError for what cannot be lit."""
+    """Check all of a mesh.
+
+    Parameters
+    ----------
+    surface : UncheckedMesh
+    path : path
+        Of its file, for messages.
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        For what cannot be lit.
+
+    Warns
+    -----
+    DataWarning
+        As `read_mesh` does.
+    """
     points, faces, normals, colors, moved = surface
     if len(faces) == 0:
         raise InputError(f"{path}: holds no triangles; expected a triangle mesh")
@@ -133,7 +170,13 @@ def _color_bytes(colors: NDArray | None, count: int) -> NDArray[np.uint8]:
 
 
 def write_mesh_ply(path: str | os.PathLike[str], mesh: Mesh) -> None:
-    """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour."""
+    """Write a Mesh as binary PLY: float position, float normal, uchar sRGB colour.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+    """
     with open(path, "wb") as file:
         file.write(mesh_ply_bytes(mesh))
 
@@ -143,7 +186,21 @@ _FACE = [("count", "u1"), ("indices", "<i4", 3)]
 
 
 def mesh_from_ply_bytes(data: bytes) -> Mesh:
-    """The Mesh of the bytes that `mesh_ply_bytes` made, bit by bit. Raises InputError for others."""
+    """Return the Mesh of the bytes that `mesh_ply_bytes` made, bit by bit.
+
+    Parameters
+    ----------
+    data : bytes
+
+    Returns
+    -------
+    Mesh
+
+    Raises
+    ------
+    InputError
+        For others.
+    """
     header, mark, body = data.partition(b"end_header\n")
     words = header.split()
     try:
@@ -158,7 +215,16 @@ def mesh_from_ply_bytes(data: bytes) -> Mesh:
 
 
 def mesh_ply_bytes(mesh: Mesh) -> bytes:
-    """The PLY that `write_mesh_ply` writes."""
+    """Return the PLY that `write_mesh_ply` writes.
+
+    Parameters
+    ----------
+    mesh : Mesh
+
+    Returns
+    -------
+    bytes
+    """
     vertex = np.zeros(len(mesh.vertices), _VERTEX)
     vertex["position"], vertex["normal"], vertex["color"] = mesh.vertices, mesh.normals, mesh.colors_srgb
     face = np.zeros(len(mesh.faces), _FACE)

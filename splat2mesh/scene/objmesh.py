@@ -16,7 +16,21 @@ from .surfaces import UncheckedMesh, centred, fans, joined
 
 
 def read_obj(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """Read an OBJ. Raises InputError for a line that makes no sense and for a corner that names nothing."""
+    """Read an OBJ.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    UncheckedMesh
+
+    Raises
+    ------
+    InputError
+        For a line that makes no sense and for a corner that names nothing.
+    """
     path = Path(path)
     parsed = _Parsed(path)
     corners, counts = np.array(parsed.corners, np.int64).reshape(-1, 3), np.array(parsed.counts, np.int64)
@@ -247,7 +261,21 @@ def _padded(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def read_off(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """The UncheckedMesh of an OFF file, also with colours (COFF) or normals (NOFF, CNOFF), row by row."""
+    """Read an OFF file, also with colours (COFF) or normals (NOFF, CNOFF), row by row.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    UncheckedMesh
+
+    Raises
+    ------
+    InputError
+        For a file that is none, or cut short.
+    """
     with open(path, encoding="latin-1") as file:
         lines = (line.partition("#")[0].split() for line in file)
         words = [line for line in lines if line]

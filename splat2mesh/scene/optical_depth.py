@@ -13,8 +13,17 @@ MOST = 8.0
 class OpticalDepth(NamedTuple):
     """Nested grids, innermost first, in the scene frame. L levels.
 
-    origins: (L, 3) float64 lowest corners. cells: (L,) float64 side of a cell. shapes: (L, 3) int64. starts: (L,)
-    int64, where each level begins in depth: (C,) float32, of a ray that crosses the cell from side to side.
+    Attributes
+    ----------
+    origins : ndarray of float64, (L, 3)
+        Lowest corners.
+    cells : ndarray of float64, (L,)
+        Side of a cell.
+    shapes : ndarray of int64, (L, 3)
+    starts : ndarray of int64, (L,)
+        Where each level begins in depth.
+    depth : ndarray of float32, (C,)
+        Of a ray that crosses the cell from side to side.
     """
 
     origins: np.ndarray
@@ -25,14 +34,32 @@ class OpticalDepth(NamedTuple):
 
     @classmethod
     def of_levels(cls, origins: ArrayLike, cells: ArrayLike, levels: Sequence[NDArray[Any]]) -> "OpticalDepth":
-        """From L lowest corners, sides of cells, and arrays (X, Y, Z), rounded as they are kept."""
+        """Make it of grids, rounded as they are kept.
+
+        Parameters
+        ----------
+        origins : array-like, (L, 3)
+            Lowest corners.
+        cells : array-like, (L,)
+            Sides of cells.
+        levels : sequence of ndarray, (X, Y, Z)
+
+        Returns
+        -------
+        OpticalDepth
+        """
         shapes = np.array([level.shape for level in levels], np.int64)
         starts = np.concatenate([[0], np.cumsum(shapes.prod(axis=1))[:-1]]).astype(np.int64)
         kept = _bytes(np.concatenate([level.ravel() for level in levels]))
         return cls(np.asarray(origins, np.float64), np.asarray(cells, np.float64), shapes, starts, _depths(kept))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Dict of the arrays to keep, small ones."""
+        """Return the arrays to keep, small ones.
+
+        Returns
+        -------
+        dict of str to ndarray
+        """
         return {
             "depth_origins": self.origins,
             "depth_cells": self.cells,
@@ -42,7 +69,22 @@ class OpticalDepth(NamedTuple):
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "OpticalDepth | None":
-        """From what `arrays` gave, None where it is not among them. Raises ValueError for parts that do not fit."""
+        """Make it of what `arrays` gave.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+
+        Returns
+        -------
+        OpticalDepth or None
+            None where it is not among them.
+
+        Raises
+        ------
+        ValueError
+            For parts that do not fit.
+        """
         if "depth_bytes" not in arrays:
             return None
         origins, cells, shapes = (arrays[f"depth_{name}"] for name in ("origins", "cells", "shapes"))

@@ -20,7 +20,21 @@ LISTS = ("vertex_indices", "vertex_index")
 
 
 def read_ply(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """The UncheckedMesh of a PLY, row by row. Raises InputError for one that is damaged, cut short, or no mesh."""
+    """Read a PLY, row by row.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    UncheckedMesh
+
+    Raises
+    ------
+    InputError
+        For one that is damaged, cut short, or no mesh.
+    """
     ply = Ply.open(path)
     names = ply.elements["vertex"].properties if "vertex" in ply.elements else {}
     if not {"x", "y", "z"} <= names.keys() or "list" in names.values():

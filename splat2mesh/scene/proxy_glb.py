@@ -14,7 +14,19 @@ def proxy_glb(
     bodies: Sequence[tuple[NDArray, NDArray]],  # vertices (V, 3) in the scene frame, faces (F, 3)
     suffix: str,
 ) -> bytes:
-    """The file. A node is called proxy_000 and so on, and the suffix after it, by which Godot knows what it is for."""
+    """Make the file of bodies for collisions.
+
+    Parameters
+    ----------
+    bodies : sequence of (ndarray, ndarray)
+        Vertices (V, 3) in the scene frame, faces (F, 3).
+    suffix : str
+        Of the nodes' names, proxy_000 and so on, by which Godot knows what they are for.
+
+    Returns
+    -------
+    bytes
+    """
     views: list[dict] = []
     accessors: list[dict] = []
     blob = b""

@@ -24,21 +24,38 @@ from .meshfile import read_mesh
 class Scene:
     """A chunked triangle mesh in the scene frame: right-handed, y up, unit of the splat.
 
-    chunks: list of Mesh. scene_from_splat: (4, 4) float64, from the splat file's frame to this one.
-    preview_camera: dict of eye, target, up ((3,) in the scene frame) and fov_deg, or None.
-    source: dict of `file`, its name, `sha256` and `path`, of a streamed SOG also `lod`, the level read; for a layout
-        also `objects`, each a dict of these and `name`, `scene_from_splat` (4 x 4, rows first) and `chunks`, the range
-        [first, last) of those made from it.
-        Paths are absolute here; scene.json has them relative to its folder, so that both can be moved together.
-    settings, statistics: dicts kept in scene.json. path: the folder or file it was loaded from, or None.
-    background: list of Mesh, what the capture shows far away: drawn, never lit, and no shadow falls from it.
-    background_splats: (M,) int64 rows of the source's splats that are far background; of a layout none are kept.
-    capture: dict of what the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes`
-        ((3,) places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
-    measured: what was measured on the splats beyond the surface, or None.
-    picture: (H, W, 3) uint8, the splat and the mesh side by side, which `save` writes as preview.png; never read.
-    proxy: bytes of the glTF file that `save` writes as proxy.glb, or None; never read.
+    Attributes
+    ----------
+    chunks : list of Mesh
+    scene_from_splat : ndarray of float64, (4, 4)
+        From the splat file's frame to this one.
+    preview_camera : dict or None
+        eye, target, up ((3,) in the scene frame) and fov_deg.
+    source : dict
+        `file`, its name, `sha256` and `path`, of a streamed SOG also `lod`, the level read; for a layout also
+        `objects`, each a dict of these and `name`, `scene_from_splat` (4 x 4, rows first) and `chunks`, the range
+        [first, last) of those made from it. Paths are absolute here; scene.json has them relative to its folder, so
+        that both can be moved together.
+    settings, statistics : dict
+        Kept in scene.json.
+    path : Path or None
+        The folder or file it was loaded from.
+    background : list of Mesh
+        What the capture shows far away: drawn, never lit, and no shadow falls from it.
+    background_splats : ndarray of int64, (M,)
+        Rows of the source's splats that are far background; of a layout none are kept.
+    capture : dict
+        What the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes` ((3,) places
+        in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
+    measured : Measured or None
+        What was measured on the splats beyond the surface.
+    picture : ndarray of uint8, (H, W, 3), or None
+        The splat and the mesh side by side, which `save` writes as preview.png; never read.
+    proxy : bytes or None
+        The glTF file that `save` writes as proxy.glb; never read.
 
+    Notes
+    -----
     A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
     `colors_linear` are put together on first use, kept, and read-only.
     """
@@ -59,14 +76,38 @@ class Scene:
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":
-        """A scene from one Mesh in the scene frame, cut into chunks."""
+        """Cut a mesh into chunks.
+
+        Parameters
+        ----------
+        mesh : Mesh
+            In the scene frame.
+        max_chunk_vertices : int
+        **fields
+            Other fields of the Scene.
+
+        Returns
+        -------
+        Scene
+        """
         return cls(split(mesh, max_chunk_vertices), **fields)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Scene":
         """Read a scene folder, or any mesh file as a scene of one chunk in its own vertex order.
 
-        Raises InputError for anything else, for a broken folder and for a newer schema version.
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            For anything else, for a broken folder and for a newer schema version.
         """
         path = Path(path)
         if not os.path.exists(path):
@@ -80,7 +121,16 @@ class Scene:
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
         """Write the scene folder; it appears complete or not at all.
 
-        Raises InputError when `path` exists, unless it is a scene folder and may be overwritten.
+        Parameters
+        ----------
+        path : path
+        overwrite : bool
+            Whether a scene folder that is there may be replaced.
+
+        Raises
+        ------
+        InputError
+            When `path` exists, unless it is a scene folder and may be overwritten.
         """
         write_folder(self, path, overwrite)
         self.path = Path(path)

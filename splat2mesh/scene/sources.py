@@ -25,9 +25,16 @@ _SOG_METAS = ("meta.json", "lod-meta.json")
 class SourcePart:
     """One splat file of a scene.
 
-    splats: Splats, every row of the file in its order, not cleaned, in the frame of `Scene.scene_from_splat`'s source.
-    path: where it was found. name: of the object in its layout, or of the file. chunks: range of the scene's chunks
-    that were made from it.
+    Attributes
+    ----------
+    splats : Splats
+        Every row of the file in its order, not cleaned, in the frame of the source of `Scene.scene_from_splat`.
+    path : Path
+        Where it was found.
+    name : str
+        Of the object in its layout, or of the file.
+    chunks : range
+        Of the scene's chunks that were made from it.
     """
 
     splats: Splats
@@ -37,13 +44,27 @@ class SourcePart:
 
 
 def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> tuple[Splats, list[Path]]:
-    """The splats a scene was made from: (Splats, list of the Paths they were read from).
+    """Read the splats a scene was made from.
 
-    They stand in the frame that `scene.scene_from_splat` starts from: of a single splat that of its file, of a layout
-    the scene frame, object after object. Every row of each file, in its order, not cleaned: rows may hold NaN.
-    path: the splat file, or for a layout its .json or the folder of its files; without it they are looked for where
-    the scene says, then beside the scene folder, then in the current folder.
-    Raises InputError when one is missing or has another SHA-256, or when the scene is a plain mesh.
+    Parameters
+    ----------
+    scene : Scene
+    path : path or None
+        The splat file, or for a layout its .json or the folder of its files; without it they are looked for where the
+        scene says, then beside the scene folder, then in the current folder.
+
+    Returns
+    -------
+    splats : Splats
+        In the frame that `scene.scene_from_splat` starts from: of a single splat that of its file, of a layout the
+        scene frame, object after object. Every row of each file, in its order, not cleaned: rows may hold NaN.
+    paths : list of Path
+        They were read from.
+
+    Raises
+    ------
+    InputError
+        When one is missing or has another SHA-256, or when the scene is a plain mesh.
     """
     parts = source_parts(scene, path)
     splats = parts[0].splats if len(parts) == 1 else joined([part.splats for part in parts])
@@ -51,7 +72,24 @@ def source_splats(scene: Scene, path: str | os.PathLike[str] | None = None) -> t
 
 
 def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> list[SourcePart]:
-    """The same, file by file: a list of SourcePart, one for each object of a layout, in its order."""
+    """Read the splats a scene was made from, file by file.
+
+    Parameters
+    ----------
+    scene : Scene
+    path : path or None
+        As for `source_splats`.
+
+    Returns
+    -------
+    list of SourcePart
+        One for each object of a layout, in its order.
+
+    Raises
+    ------
+    InputError
+        As `source_splats` does.
+    """
     own, entries = _entries(scene)
     if path is not None and not Path(path).exists():
         raise InputError(f"`splat` {path}: no such file or folder")
@@ -75,9 +113,18 @@ def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> li
 
 
 def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str, Any]:
-    """What a scene keeps of its source, so that it can be found again: dict of file, sha256 and path.
+    """Return what a scene keeps of its source, so that it can be found again.
 
-    lod: level of detail, as for `read_splats`; of a streamed SOG the dict also has `lod`, the number of the level.
+    Parameters
+    ----------
+    path : path
+    lod : int or "auto"
+        Level of detail, as for `read_splats`.
+
+    Returns
+    -------
+    dict
+        file, sha256 and path; of a streamed SOG also lod, the number of the level.
     """
     found = absolute(path)
     level = parts_of(found, lod).level
@@ -86,9 +133,17 @@ def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str,
 
 
 def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
-    """SHA-256, as a hex string, of everything that `read_splats` reads of a path, in its order.
+    """Return the SHA-256 of everything that `read_splats` reads of a path, in its order.
 
-    A tile that is an unbundled SOG counts with all files of its folder, in the order of their names.
+    Parameters
+    ----------
+    path : path
+    lod : int or "auto"
+
+    Returns
+    -------
+    str
+        Hexadecimal. A tile that is an unbundled SOG counts with all files of its folder, in the order of their names.
     """
     digest = hashlib.sha256()
     for part in parts_of(path, lod).files:

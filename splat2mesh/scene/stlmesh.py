@@ -23,7 +23,21 @@ _FACET_TEXT = re.compile(
 
 
 def read_stl(path: str | os.PathLike[str]) -> UncheckedMesh:
-    """The UncheckedMesh of an STL. Raises InputError for one that is cut short or damaged."""
+    """Read an STL, binary or ascii.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    UncheckedMesh
+
+    Raises
+    ------
+    InputError
+        For one that is cut short or damaged.
+    """
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES + _COUNT_BYTES)

@@ -15,8 +15,20 @@ from ..base.errors import DataWarning, InputError
 
 
 class UncheckedMesh(NamedTuple):
-    """points: (V, 3) float64. faces: (F, 3) int64, each corner known to name a point. normals: (V, 3), or None; rows
-    that are 0 or not finite are missing. colors: (V, 3) sRGB in [0, 1], or None."""
+    """A triangle mesh as a file has it: `meshfile.checked_mesh` makes a Mesh of it.
+
+    Attributes
+    ----------
+    points : ndarray of float64, (V, 3)
+    faces : ndarray of int64, (F, 3)
+        Rows of points.
+    normals : ndarray, (V, 3), or None
+        Rows that are 0 or not finite are missing.
+    colors : ndarray, (V, 3), or None
+        sRGB in [0, 1].
+    moved : ndarray of float64, (3,), or None
+        By what the points were moved to the origin, where the reader did so.
+    """
 
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -30,7 +42,18 @@ FAR = 1e-4
 
 
 def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Points (N, 3), and None; of a mesh so far away that float32 would lose it, moved to the origin, and by what."""
+    """Move a mesh to the origin if it is so far away that float32 would lose it.
+
+    Parameters
+    ----------
+    points : ndarray of float64, (N, 3)
+
+    Returns
+    -------
+    points : ndarray of float64, (N, 3)
+    moved : ndarray of float64, (3,), or None
+        What was taken off; None where nothing was.
+    """
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         return points, None
@@ -43,8 +66,26 @@ def centred(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDArray[np.int64]:
-    """Triangles (F, 3) of polygons: corners of all in a row, and the corners of each. A DataWarning counts those that
-    have fewer than three, which are left out."""
+    """Cut polygons into triangle fans.
+
+    Parameters
+    ----------
+    corners : ndarray of integers, (C,)
+        Those of all polygons in a row.
+    counts : ndarray of integers, (P,)
+        The corners of each.
+    path : path
+        Of the file, for the warning.
+
+    Returns
+    -------
+    ndarray of int64, (F, 3)
+
+    Warns
+    -----
+    DataWarning
+        With the number of those that have fewer than three corners, which are left out.
+    """
     flat = int(np.count_nonzero(counts < 3))
     if flat:
         message = f"{path}: left out {flat} of {len(counts)} faces, which have fewer than three corners"
@@ -56,7 +97,21 @@ def fans(corners: NDArray, counts: NDArray, path: str | os.PathLike[str]) -> NDA
 
 
 def check_corners(faces: NDArray, count: int, path: str | os.PathLike[str]) -> None:
-    """Raise InputError where a face names a vertex that is not there, before anything follows the name."""
+    """Check that faces name vertices that are there, before anything follows the name.
+
+    Parameters
+    ----------
+    faces : ndarray of integers, (F, 3)
+    count : int
+        Of the vertices.
+    path : path
+        Of the file, for the message.
+
+    Raises
+    ------
+    InputError
+        Where one does not.
+    """
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         raise InputError(f"{path}: a face names a vertex beyond the {count} there are; export it again")
 
@@ -65,8 +120,23 @@ def joined(
     corners: NDArray,  # (C,) integers into the rows of each of `values`
     *values: NDArray | None,  # (N, k) what rows hold: places, normals, texture coordinates, colours; None is left out
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Join corners that hold the same, in the order of first use: the row of each vertex (V,), the vertex of each
-    corner (C,). Values count as equal as float32, -0 as 0."""
+    """Join corners that hold the same, in the order of first use.
+
+    Parameters
+    ----------
+    corners : ndarray of integers, (C,)
+        Rows of each of `values`.
+    *values : ndarray, (N, k), or None
+        What rows hold: places, normals, texture coordinates, colours; None is left out. Values count as equal as
+        float32, -0 as 0.
+
+    Returns
+    -------
+    rows : ndarray of int64, (V,)
+        Of each vertex.
+    vertices : ndarray of int64, (C,)
+        Of each corner.
+    """
     used, corner = np.unique(corners, return_inverse=True)
     held = np.concatenate([np.asarray(value)[used] for value in values if value is not None], axis=1)
     with np.errstate(over="ignore", invalid="ignore"):
