@@ -26,6 +26,9 @@ SECONDS = 10
 NO_FILES = 9
 """Attacks that begin the list of each kind: pipes, devices, folders, which the check of the file refuses."""
 
+OUTCOMES = "both_read", "both_refuse", "ours_alone", "theirs_same", "theirs_other", "hang", "crash"
+"""theirs_same: the library alone reads it, and as if it were whole. theirs_other: it reads something else of it."""
+
 COSTLY = ("MB of zeros", "splats", "repeated_without_end")
 
 
@@ -43,18 +46,19 @@ def run(options, report):
         "hostile files by what became of them",
         kind="<18",
         library="<12",
-        **{name: "d" for name in ("inputs", "both_read", "both_refuse", "ours_alone", "theirs_alone", "hang", "crash")},
+        **{name: "d" for name in ("inputs", *OUTCOMES)},
     )
-    from attacks import attacks_of, whole_files
+    from attacks import READERS, Attack, attacks_of, whole_files
 
     with tempfile.TemporaryDirectory() as folder:
         whole = whole_files(Path(folder, "whole"))
         for kind in options.kinds or kinds:
             library, read = kinds[kind]
-            counts = Counter()
+            counts, sound = Counter(), _outcome(read, Attack("whole", *whole[kind]).write(Path(folder, "sound")))
             for number, attack in enumerate(attacks_of(kind, whole[kind], options.inputs, seed=1)[NO_FILES:]):
                 if not attack.told.endswith(COSTLY):
-                    counts[_compared(kind, read, attack.write(Path(folder, str(number))))] += 1
+                    path = attack.write(Path(folder, str(number)))
+                    counts[_compared(_outcome(READERS[kind], path), _outcome(read, path), sound)] += 1
             table.add(kind=kind, library=library, inputs=counts.total(), **counts)
     if not options.quick:
         _packages(report)
@@ -79,7 +83,8 @@ def _readers():
         return checked_mesh(UncheckedMesh(np.asarray(found.vertices), np.asarray(found.faces)), path)
 
     def read_cameras(path):
-        return len(pycolmap.Reconstruction(str(path)).images) or None
+        found = pycolmap.Reconstruction(str(path)).images.values()
+        return [(image.cam_from_world().matrix(), image.camera.params) for image in found] or None
 
     found = {
         f"mesh.{kind}": ("trimesh", read_mesh)
@@ -94,18 +99,21 @@ def _readers():
     return found
 
 
-def _compared(kind, read, path):
-    from attacks import READERS
-
-    ours, theirs = _outcome(READERS[kind], path), _outcome(read, path)
+def _compared(ours, theirs, sound):
+    """One of OUTCOMES."""
     if theirs in ("hang", "crash"):
         return theirs
-    both = {("read", "read"): "both_read", ("refused", "refused"): "both_refuse"}
-    return both.get((ours, theirs), "ours_alone" if ours == "read" else "theirs_alone")
+    if "refused" in (ours, theirs):
+        alone = "theirs_same" if theirs == sound else "theirs_other"
+        return "both_refuse" if ours == theirs else "ours_alone" if theirs == "refused" else alone
+    return "both_read"
 
 
 def _outcome(read, path):
-    """read, refused, hang or crash, in a process that may die."""
+    """A digest of what is read, or refused, hang or crash; in a process that may die."""
+    from attacks import content_of
+
+    answer, told = os.pipe()
     child = os.fork()
     if not child:
         signal.alarm(SECONDS)
@@ -113,13 +121,18 @@ def _outcome(read, path):
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                os._exit(0 if read(path) is not None else 1)
+                found = read(path)
+            os.write(told, b"refused" if found is None else content_of(found).encode())
         except BaseException:
-            os._exit(1)
+            os.write(told, b"refused")
+        os._exit(0)
+    os.close(told)
+    with open(answer, "rb") as file:
+        found = file.read().decode()
     status = os.waitpid(child, 0)[1]
     if os.WIFSIGNALED(status):
         return "hang" if os.WTERMSIG(status) == signal.SIGALRM else "crash"
-    return "refused" if os.WEXITSTATUS(status) else "read"
+    return found
 
 
 def _packages(report):
