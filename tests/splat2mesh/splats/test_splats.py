@@ -10,7 +10,6 @@ from splat_samples import basis_oracle, make_splats, unit_vectors
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.harmonics import sh_basis_3dgs
 from splat2mesh.splats.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats, clean
-from splat2mesh.splats.zorder import bits_apart
 
 # A few float32 roundings (6e-8) of values of order one.
 ROUNDING = 1e-6
@@ -199,12 +198,6 @@ def test_spatial_order_does_not_depend_on_the_order_given():
     assert np.array_equal(*(block[np.lexsort(block.T)] for block in rows))  # whole rows moved, none lost
     middle = (np.abs(ordered.means) < 0.97).all(axis=1)  # the outermost hundredth is clipped to the border's cells
     assert np.array_equal(ordered.means[middle], again.means[(np.abs(again.means) < 0.97).all(axis=1)])
-
-
-def test_spatial_order_is_a_z_order_curve():
-    values = np.random.default_rng(6).integers(0, 1024, 100)
-    spread = [sum(1 << 3 * bit for bit in range(10) if value >> bit & 1) for value in values.tolist()]
-    assert bits_apart(values.astype(np.uint64)).tolist() == spread
 
 
 def test_spatial_order_brings_neighbours_together():

@@ -1,0 +1,29 @@
+"""Normals of vertices where they are known, and where the faces around a vertex cancel."""
+
+import numpy as np
+
+from splat2mesh.scene.mesh import vertex_normals
+
+OCTAHEDRON = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+FACES = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
+
+
+def test_the_corners_of_an_octahedron_look_away_from_its_middle():
+    found = vertex_normals(OCTAHEDRON, FACES)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, OCTAHEDRON, atol=1e-7)
+    np.testing.assert_allclose(vertex_normals(OCTAHEDRON, FACES[:, ::-1]), -OCTAHEDRON, atol=1e-7)
+
+
+def test_where_two_sides_cancel_the_largest_face_decides():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 2, 0]], float)
+    # Both sides of one triangle: every mean is zero, and the last of two equal faces stays.
+    np.testing.assert_array_equal(vertex_normals(points[:3], [[0, 1, 2], [0, 2, 1]]), [[0, 0, -1]] * 3)
+    found = vertex_normals(points, [[0, 1, 3], [0, 2, 1]])
+    np.testing.assert_allclose(np.abs(found[:, 2]), 1.0)
+    assert found[3, 2] == 1.0 and found[2, 2] == -1.0
+
+
+def test_a_vertex_without_faces_looks_up():
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]], float)
+    np.testing.assert_array_equal(vertex_normals(points, [[0, 1, 2]])[3], [0, 1, 0])
