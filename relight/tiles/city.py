@@ -8,7 +8,8 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import VERSION
 from splat2mesh.options import TilingOptions, refuse_in_cities
 from splat2mesh.tiles.city import CITY, SCHEMA_VERSION
-from splat2mesh.tiles.plan import FILE, Plan
+from splat2mesh.tiles.plan import FILE, CityPlan
+from splat2mesh.tiles.steps import TaskSteps, name_failed
 from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Task, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
@@ -100,7 +101,7 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
     city = store.read_json(CITY)
     if city.get("schema_version", 0) > SCHEMA_VERSION:
         raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
-    plan = Plan(**store.read_json(FILE)["plan"])
+    plan = CityPlan(**store.read_json(FILE)["plan"])
     folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
     options = request.lighting.planned(PLACE_TOLERANCE)
     asked = {
@@ -116,15 +117,7 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
     held = max(plan.counts) if {"splat", "sog"} & set(formats) else 0
     room_for(memory, held, sum(entry.get("far_vertices", 0) for entry in city["tiles"]))
     _begin(store, folder, asked, overwrite, resume)
-    took = {}
-
-    def run(label, tasks):
-        with stages.stage(label, total=len(tasks)) as advance:
-            for done in engine.run(tasks):
-                took[done.name] = done
-                advance()
-        return [took[task.name] for task in tasks if took[task.name].error]
-
+    steps = TaskSteps(store, engine, stages)
     dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
     background = [number for number, counts in enumerate(dealt) if "-1" in counts]
     if not {"splat", "sog"} & set(formats):
@@ -133,17 +126,18 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
     if told is None or not store.exists(f"{folder}/{LIGHT}"):
         write_sky(store, folder, light)
         task = Task("light", common_light, (store, folder, options, albedo, exposure_ev, background))
-        for done in run("light", [task]):
+        done = steps.run("light", [task])["light"]
+        if done.error:
             raise UnfinishedError(f"the light of the capture failed: {done.error}")
-        told = took["light"].result
+        told = done.result
         store.write_json(f"{folder}/light.json", told)
     tasks, kept = [], {}
     if resume:
         names = {f"{folder}/{entry['name']}/relit.json" for entry in city["tiles"]}
         names |= {f"{folder}/far/{number:05d}.json" for number in range(len(dealt))}
         names |= {f"{folder}/{FOLDER}/environment.json"}
-        run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
-        kept = {name: took[f"check {name}"].result for name in names}
+        checked = steps.run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
+        kept = {name: checked[f"check {name}"].result for name in names}
     for tile, entry in enumerate(city["tiles"]):
         if kept.get(f"{folder}/{entry['name']}/relit.json") is None:
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
@@ -156,10 +150,11 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
             tasks.append(Task(f"far {number}", relit_far, (*shared, number, sky)))
     if "sog" in formats and background and kept.get(environment) is None:
         tasks.append(Task("far", relit_environment, (*shared, background, sky)))
-    lost = run("tiles", tasks)
+    found = steps.run("tiles", tasks)
+    lost = [found[task.name] for task in tasks if found[task.name].error]
     if lost:
-        named = "; ".join(f"{done.name}: {done.error}" for done in lost[:5])
-        raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({named}); run again with `resume`")
+        failed = name_failed(lost)
+        raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({failed}); run again with `resume`")
     records = [store.read_json(f"{folder}/{entry['name']}/relit.json") for entry in city["tiles"]]
     if "glb" in formats:
         full = [
@@ -183,7 +178,7 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
         **report,
         "output": store.path(folder),
         "seconds": dict(stages.seconds),
-        **costs(took.values()),
+        **costs(steps.took.values()),
     }
 
 

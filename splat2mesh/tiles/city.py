@@ -11,7 +11,6 @@ city.json            all tiles; tileset.json: 3D Tiles
 import hashlib
 import json
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,11 @@ from ..base.outputs import check_output
 from ..base.progress import Stages
 from ..base.version import VERSION
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
-from .look import DILATION, FOGS, LEVELS, look, probe
+from ..surface.place import PLACE
+from .look import look, probe
 from .pieces import CityPiece, is_url, pieces_of, size_of
-from .plan import FILE, Plan, folder_of
+from .plan import FILE, CityPlan, folder_of
+from .steps import TaskSteps, name_failed
 from .store import Store
 from .surface import mesh
 from .survey import LEAST_SAMPLE, SAMPLE, deal, plan_of, say_dropped, survey
@@ -37,8 +38,6 @@ PROBED = 4
 
 KNOWN = ("lod", "vertices", "up", "detail")
 """Fields of ConvertOptions that a city takes."""
-
-__all__ = ["CITY", "DILATION", "convert_city"]
 
 
 def convert_city(
@@ -101,46 +100,16 @@ def _convert(
     }
     pieces = pieces_of(os.fspath(source), options.lod)
     asked["source"] = [[piece.path, piece.first, piece.last, size_of(piece)] for piece in pieces]
-    steps = _Steps(store, engine, stages)
+    steps = TaskSteps(store, engine, stages)
     if not _goes_on(store, asked, overwrite, resume):
         _surveyed(steps, pieces, asked)
     key = hashlib.sha256(store.read(FILE)).hexdigest()
-    plan = Plan.kept(store, key)
+    plan = CityPlan.read(store, key)
     sources = _dealt(steps, plan, key)
     if plan.fog == 0.0:
         key, plan = _probed(steps, plan, key, sources)
     records = _meshed(steps, plan, key, sources, resume)
     return _finished(steps, plan, records, source)
-
-
-class _Steps:
-    """Runs tasks of one step after another and keeps what they took."""
-
-    def __init__(self, store: Store, engine: Any, stages: Stages) -> None:
-        self.store, self.engine, self.stages = store, engine, stages
-        self.took: dict[str, Done] = {}
-
-    def run(
-        self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None
-    ) -> dict[str, Done]:
-        """What became of all tasks, by name."""
-        found = {}
-        with self.stages.stage(label, total=len(tasks)) as advance:
-            for done in self.engine.run(tasks):
-                found[done.name] = done
-                arrived(done)
-                advance()
-        self.took |= found
-        return found
-
-    def need(self, label: str, tasks: list[Task]) -> list[Any]:
-        """Results of tasks that must all succeed. Raises UnfinishedError."""
-        found = self.run(label, tasks)
-        lost = [done for done in found.values() if done.error]
-        if lost:
-            more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-            raise UnfinishedError(f"{lost[0].name}{more} failed: {lost[0].error}; run again with `resume`")
-        return [found[task.name].result for task in tasks]
 
 
 def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool) -> bool:
@@ -159,7 +128,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     return False
 
 
-def _surveyed(steps: _Steps, pieces: list[CityPiece], asked: dict[str, Any]) -> None:
+def _surveyed(steps: TaskSteps, pieces: list[CityPiece], asked: dict[str, Any]) -> None:
     most = max(LEAST_SAMPLE, SAMPLE // len(pieces))
     tasks = [Task(f"survey {n}", survey, (steps.store, n, piece, most)) for n, piece in enumerate(pieces)]
     found = steps.run("survey", tasks)
@@ -178,7 +147,7 @@ def _surveyed(steps: _Steps, pieces: list[CityPiece], asked: dict[str, Any]) -> 
     steps.store.remove("work/survey")
 
 
-def _dealt(steps: _Steps, plan: Plan, key: str) -> dict[int, list[int]]:
+def _dealt(steps: TaskSteps, plan: CityPlan, key: str) -> dict[int, list[int]]:
     """For each tile the pieces that hold splats of it."""
     names = [f"splats/{number:05d}.json" for number in range(len(plan.pieces))]
     missing = [number for number, name in enumerate(names) if not steps.store.exists(name)]
@@ -191,25 +160,27 @@ def _dealt(steps: _Steps, plan: Plan, key: str) -> dict[int, list[int]]:
     return sources
 
 
-def _near(plan: Plan, sources: dict[int, list[int]], tile: int) -> dict[int, list[int]]:
+def _near(plan: CityPlan, sources: dict[int, list[int]], tile: int) -> dict[int, list[int]]:
     return {other: sources[other] for other in plan.near(tile, plan.reach)}
 
 
-def _probed(steps: _Steps, plan: Plan, key: str, sources: dict[int, list[int]]) -> tuple[str, Plan]:
+def _probed(steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]]) -> tuple[str, CityPlan]:
     """The plan with the thickness of surfaces, measured in a few of the fullest tiles."""
     fullest = np.argsort(-np.array(plan.counts), kind="stable")
     chosen = sorted(fullest[np.linspace(0, (len(fullest) - 1) / 2, PROBED).astype(int)].tolist())
     tasks = [Task(f"probe {t}", probe, (steps.store, key, t, _near(plan, sources, t))) for t in dict.fromkeys(chosen)]
     ratios = np.array([ratio for found in steps.need("probe", tasks) for ratio in found])
     plan.fog = max(float(np.median(ratios)) if len(ratios) else 0.0, 1e-6)
-    plan.level = float(np.interp(plan.fog, FOGS, LEVELS))
+    plan.level = PLACE.level(plan.fog)
     asked = steps.store.read_json(FILE)["asked"]
     steps.store.write_json(FILE, {"asked": asked, "plan": plan.as_dict()})
     key = hashlib.sha256(steps.store.read(FILE)).hexdigest()
-    return key, Plan.kept(steps.store, key)
+    return key, CityPlan.read(steps.store, key)
 
 
-def _meshed(steps: _Steps, plan: Plan, key: str, sources: dict[int, list[int]], resumed: bool) -> list[dict[str, Any]]:
+def _meshed(
+    steps: TaskSteps, plan: CityPlan, key: str, sources: dict[int, list[int]], resumed: bool
+) -> list[dict[str, Any]]:
     """The records of all tiles. Raises UnfinishedError that names those that failed, once the others are done."""
     store, count = steps.store, len(plan.tiles)
     records: list[dict[str, Any] | None] = [None] * count
@@ -243,15 +214,13 @@ def _meshed(steps: _Steps, plan: Plan, key: str, sources: dict[int, list[int]], 
     found = steps.run("tiles", tasks, arrived)
     lost = [done for done in found.values() if done.error]
     if lost:
-        named = [done for done in lost if not done.error.startswith("waits")]
-        told = "; ".join(f"{done.name}: {done.error}" for done in named[:5])
         tiles = sum(done.name.startswith("mesh") for done in lost)
-        raise UnfinishedError(f"{tiles} of {count} tiles are not done ({told}); run again with `resume`")
+        raise UnfinishedError(f"{tiles} of {count} tiles are not done ({name_failed(lost)}); run again with `resume`")
     return [store.read_json(f"{folder_of(tile)}/mesh.json") for tile in range(count)]
 
 
 def _finished(
-    steps: _Steps, plan: Plan, records: list[dict[str, Any]], source: str | os.PathLike[str]
+    steps: TaskSteps, plan: CityPlan, records: list[dict[str, Any]], source: str | os.PathLike[str]
 ) -> dict[str, Any]:
     store, tiles = steps.store, []
     for tile, record in enumerate(records):

@@ -22,9 +22,6 @@ from .stations import stations_of
 from .store import Store
 from .survey import splats_of
 
-DILATION, FOGS, LEVELS = PLACE.dilation, PLACE.fogs, PLACE.levels
-"""As places have them."""
-
 PROBES, PROBE_PIXELS = 8, 96
 """Stations of a tile by which the fog is measured, and their pixels."""
 
@@ -101,7 +98,7 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
     stations = stations_of(splats.means, splats.opacities, core, plan.spacing)
     if len(splats):
         splats = splats.take(splats.spatial_order())
-    return dilated(splats, DILATION * plan.trained), stations
+    return dilated(splats, PLACE.dilation * plan.trained), stations
 
 
 def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:

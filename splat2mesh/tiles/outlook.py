@@ -10,8 +10,9 @@ from ..base.errors import InputError
 from ..base.progress import Stages
 from ..options import ConvertOptions, TilingOptions, refuse_in_cities
 from .city import KNOWN
+from .memory import BASE_GB
 from .pieces import pieces_of
-from .plan import BASE_GB, GB_PER_SPLAT, Plan, splats_for
+from .plan import GB_PER_SPLAT, CityPlan, splats_for
 from .store import Store
 from .survey import LEAST_SAMPLE, SAMPLE, plan_of, say_dropped, survey
 from .tasks import Loop, Task
@@ -65,7 +66,7 @@ def outlook(
     }
 
 
-def _memory(plan: Plan, most: int) -> float:
+def _memory(plan: CityPlan, most: int) -> float:
     """GiB of a process that works on the fullest tile, its halo included."""
     return round(BASE_GB + min(plan.splats, most) * GB_PER_SPLAT, 2)
 

@@ -152,14 +152,9 @@ class CityPlan:
         """The plan of a city's folder; key: its checksum, by which a worker that has read it once knows it again."""
         return _read_plan(store.root, key)
 
-    kept = read
-
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean."""
         return asdict(self)
-
-
-Plan = CityPlan
 
 
 def apart(places: NDArray, weights: NDArray) -> float:

@@ -4,8 +4,7 @@ import numpy as np
 
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
-from splat2mesh.surface.place import PLACE
-from splat2mesh.tiles.look import DILATION, FOGS, LEVELS, Face, carve_of, sight_of
+from splat2mesh.tiles.look import Face, carve_of, sight_of
 from splat2mesh.tiles.plan import CARVE, INFLUENCE, RING, CityPlan
 
 SIZE = 32
@@ -55,6 +54,5 @@ def test_no_cell_and_no_thickness_is_larger_than_a_block():
     np.testing.assert_array_equal(thin.spread, np.float32(0.1))
 
 
-def test_free_space_is_told_of_within_blocks_and_surfaces_lie_as_in_places():
+def test_space_in_front_of_a_surface_is_free_for_some_blocks():
     assert carve_of(plan([[0, 0, 1, 1]])) == CARVE * 2.0
-    assert (DILATION, FOGS, LEVELS) == (PLACE.dilation, PLACE.fogs, PLACE.levels)
