@@ -13,7 +13,7 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.glb import POINTS, Glb
 from splat2mesh.splats.placing import placed
-from splat2mesh.splats.splats import Splats
+from splat2mesh.splats.splats import Splats, sound
 
 EXTENSION = "KHR_gaussian_splatting"
 
@@ -54,10 +54,8 @@ def write_splat_glb(
 
 def showable(splats: Splats) -> NDArray[np.bool_]:
     """(N,) bool: splats that a file without NaN can hold and a viewer would show. Warns of those that are damaged."""
-    from ..splats.binding import usable
-
-    sound = usable(splats)
-    if not sound.all():
-        lost = int(np.count_nonzero(~sound))
+    whole = sound(splats)
+    if not whole.all():
+        lost = int(np.count_nonzero(~whole))
         warnings.warn(f"left out {lost} of {len(splats)} splats that are damaged", DataWarning, stacklevel=3)
-    return sound & (splats.opacities > 0.0)
+    return whole & (splats.opacities > 0.0)

@@ -7,7 +7,7 @@ import numpy as np
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.splats.splats import ABSURD_LENGTH, INVISIBLE_OPACITY, MIN_SPLATS, Splats
+from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats, sound
 
 from ..transfer.store import array_key
 from .attachment import Places, Surface
@@ -47,7 +47,7 @@ class Binding:
         diagonal=None,  # of `Surface`, where the scene is a part of another
     ):
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
-        self._splats, self.lit = splats, usable(splats)
+        self._splats, self.lit = splats, sound(splats)
         unlit = len(splats) - int(self.lit.sum())
         if unlit:
             warnings.warn(
@@ -173,17 +173,6 @@ class Binding:
 def relit(splats, scene, before, after, exposure=1.0, views=None, rounds=ROUNDS, seed=0):
     """Bind splats and relight them in one call. Keep a `Binding` for several lights: it does most of the work once."""
     return Binding(splats, scene, views, seed).relit(before, after, exposure, rounds)
-
-
-def usable(splats):
-    """(N,) bool: splats whose centre, scales, rotation and colour can be used."""
-    arrays = (splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh)
-    finite = np.logical_and.reduce([np.isfinite(a).all(axis=tuple(range(1, a.ndim))) for a in arrays])
-    with np.errstate(invalid="ignore"):
-        largest = splats.scales.max(axis=1)
-        sized = (splats.scales.min(axis=1) >= 0) & (largest > 0) & (largest <= ABSURD_LENGTH)
-        placed = np.abs(splats.means).max(axis=1) <= ABSURD_LENGTH
-    return finite & sized & placed & splats.quats_wxyz.any(axis=1)
 
 
 def _key(splats, scene, volume):

@@ -21,7 +21,7 @@ from ..request import RelightRequest
 from .parts import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
-from .work import common_light, relit_environment, relit_far, relit_tile
+from .work import TileRequest, common_light, relit_environment, relit_far, relit_tile
 
 ALBEDOS = ("estimated", "captured", "white")
 
@@ -138,11 +138,11 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
         names |= {f"{folder}/{FOLDER}/environment.json"}
         checked = steps.run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
         kept = {name: checked[f"check {name}"].result for name in names}
+    wanted = TileRequest(options, str(albedo), tuple(formats), memory, plan.spacing)
     for tile, entry in enumerate(city["tiles"]):
         if kept.get(f"{folder}/{entry['name']}/relit.json") is None:
             sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
-            wishes = (told["sha256"], options, albedo, tuple(formats), memory)
-            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, *wishes, tile, sources, plan.spacing)))
+            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, told["sha256"], wanted, tile, sources)))
     environment = f"{folder}/{FOLDER}/environment.json"
     shared = store, folder, told["sha256"]
     for number in background:

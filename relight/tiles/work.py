@@ -2,7 +2,7 @@
 
 import gc
 import io
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -83,52 +83,50 @@ def common_light(
     return {**told, "exposure": exposure, "sha256": write_shared(store, folder, shared)}
 
 
+class TileRequest(NamedTuple):
+    """What is wanted of every tile. albedo: of `city.ALBEDOS`. memory: GiB of a process, or None. spacing: distance
+    between stations, scene units."""
+
+    options: LightingOptions
+    albedo: str
+    formats: tuple[str, ...]
+    memory: float | None
+    spacing: float
+
+
 def relit_tile(
     store: Store,
     folder: str,
     key: str,  # of what all tiles share
-    options: LightingOptions,
-    albedo: str,
-    formats: tuple[str, ...],
-    memory: float | None,
+    request: TileRequest,
     tile: int,
-    sources: list[int],
-    spacing: float,
+    sources: list[int],  # pieces that hold splats of it
 ) -> dict[str, Any]:
-    """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned.
-
-    memory: GiB of this process, or None. spacing: distance between stations.
-    """
+    """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned."""
     shared = Shared.read(store, folder, key)
     name = f"{folder}/{folder_of(tile)}"
     files: dict[str, bytes] = {}
     facts: dict[str, Any] = {"tile": tile, "vertices": 0}
-    splats = _source_splats(store, tile, sources) if {"splat", "sog"} & set(formats) else None
+    splats = _source_splats(store, tile, sources) if {"splat", "sog"} & set(request.formats) else None
     if shared.coarse[tile] is not None:
-        around = Surroundings(store, shared, tile, spacing)
-        files, facts, splats = _lit(shared, around, options, albedo, formats, splats, memory)
+        around = Surroundings(store, shared, tile, request.spacing)
+        files, facts, splats = _lit(shared, around, request, splats)
         facts = {"tile": tile, **facts}
     files = {f"{name}/{file}": data for file, data in files.items()}
-    if splats is not None and "splat" in formats:
+    if splats is not None and "splat" in request.formats:
         files[f"{name}/splats.ply"] = inria_ply_bytes(splats)
-    if splats is not None and "sog" in formats:
+    if splats is not None and "sog" in request.formats:
         levels, facts["leaves"] = tile_levels(splats, tile)
         files |= {f"{folder}/{file}": data for file, data in levels.items()}
     return store.commit(f"{name}/relit.json", files, **facts)
 
 
 def _lit(
-    shared: Shared,
-    around: Surroundings,
-    options: LightingOptions,
-    albedo: str,
-    formats: tuple[str, ...],
-    splats: Splats | None,
-    memory: float | None,
+    shared: Shared, around: Surroundings, request: TileRequest, splats: Splats | None
 ) -> tuple[dict[str, bytes], dict[str, Any], Splats | None]:
     """A tile in its parts: its files, facts for its record, and its splats."""
     mesh, exposure = around.mesh, shared.exposure
-    parts = around.parts(room_for(memory, 0 if splats is None else len(splats), around.coarse))
+    parts = around.parts(room_for(request.memory, 0 if splats is None else len(splats), around.coarse))
     radiance = np.zeros((len(mesh.vertices), 3), np.float32)
     places = None if splats is None else _places(splats, shared)
     sh = None if splats is None else splats.sh.copy()
@@ -137,7 +135,7 @@ def _lit(
         chosen = np.zeros(0, np.int64) if places is None else np.flatnonzero(part.holds(places))
         bound = splats.take(chosen) if splats is not None and len(chosen) else None
         local = around.gather(part)
-        radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, options, albedo, bound, around.spacing)
+        radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, request, bound)
         if sh is not None and relit is not None:
             sh[chosen] = relit
         facts["lit_with"] = max(facts["lit_with"], len(local.shown))
@@ -147,12 +145,12 @@ def _lit(
         _release()
     shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
     files = {}
-    if "glb" in formats:
+    if "glb" in request.formats:
         files["mesh.glb"] = glb_bytes(mesh.vertices, mesh.normals, mesh.faces, shown)
-    if "ply" in formats:
+    if "ply" in request.formats:
         colored = Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(shown)))
         files["mesh.ply"] = mesh_ply_bytes(colored)
-    if "npy" in formats:
+    if "npy" in request.formats:
         buffer = io.BytesIO()
         np.save(buffer, radiance)
         files["radiance.npy"] = buffer.getvalue()
@@ -163,14 +161,14 @@ def _lit(
 
 
 def _lit_part(
-    shared: Shared, local: Local, options: LightingOptions, albedo: str, splats: Splats | None, spacing: float
+    shared: Shared, local: Local, request: TileRequest, splats: Splats | None
 ) -> tuple[Radiance, Floats | None, dict[str, Any]]:
     """Of a part: radiance of its own vertices, the colours of its splats or None, and facts for the record."""
     from ..engine.relighter import Relighter
 
-    relighter = Relighter(local.scene, options, shown=lambda: local.shown)
+    relighter = Relighter(local.scene, request.options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
-    colors, before = _albedo(relighter, captured, shared, albedo, options.seed)
+    colors, before = _albedo(relighter, captured, shared, request.albedo, request.options.seed)
     plan = relighter.plan_for(shared.sky, colors)
     if plan is not None:
         relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
@@ -181,7 +179,7 @@ def _lit_part(
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     relit = None
     if splats is not None:
-        relit = _relit_sh(splats, local, before, _irradiance(shading.radiance, colors), shared, spacing)
+        relit = _relit_sh(splats, local, before, _irradiance(shading.radiance, colors), shared, request.spacing)
     return shading.radiance[own], relit, told
 
 

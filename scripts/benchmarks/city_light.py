@@ -9,7 +9,7 @@ from relight import Environment, LightingOptions
 from relight.options import PLACE_TOLERANCE
 from relight.tiles.local import tile_mesh
 from relight.tiles.shared import coarse_city, write_shared
-from relight.tiles.work import relit_tile
+from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
 from splat2mesh.scene.scene import Scene
@@ -43,7 +43,7 @@ def light_error(scene, light, tiles, vertices, memory=None, seed=0):
     try:
         for tile in chosen:
             start, options = time.process_time(), LightingOptions(tolerance=PLACE_TOLERANCE)
-            relit_tile(store, FOLDER, key, options, "white", ("npy",), memory, tile, [], plan.spacing)
+            relit_tile(store, FOLDER, key, TileRequest(options, "white", ("npy",), memory, plan.spacing), tile, [])
             spent += time.process_time() - start
             radiance = np.load(io.BytesIO(store.read(f"{FOLDER}/{folder_of(tile)}/radiance.npy")))
             near = [other for other in plan.near(tile, REACH * plan.spacing) if other != tile and other in full]

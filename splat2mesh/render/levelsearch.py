@@ -76,7 +76,9 @@ def _search_row(entries: Floats, counts: Integers, level: np.float32, search: Fl
     longest = _even_lengths(entries, counts)
     _ranges(entries, longest, level, search)
     for turn in range(3):  # one call, since each is compiled into the place where it stands
-        target = level if turn == 0 else SPREAD_TO if turn == 1 else SPREAD_FROM
+        target = level
+        if turn > 0:
+            target = SPREAD_TO if turn == 1 else SPREAD_FROM
         if turn > 0:
             _bracket(target, level, search)
         _reach(entries, longest, target, search)

@@ -277,22 +277,31 @@ def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
     counts : dict of str to int
         Those that are dropped, by reason; each counts once.
     """
+    counts, keep = {}, np.ones(len(splats), bool)
+    for name, rows in _faults(splats).items():
+        counts[name] = int(np.count_nonzero(rows & keep))
+        keep &= ~rows
+    return keep, counts
+
+
+def sound(splats: Splats) -> NDArray[np.bool_]:
+    """Find the splats whose centre, scales, rotation and colour can be used, however faint they are: (N,) bool."""
+    return ~np.logical_or.reduce([rows for name, rows in _faults(splats).items() if name != "invisible"])
+
+
+def _faults(splats: Splats) -> dict[str, NDArray[np.bool_]]:
+    """Which splats have which fault, (N,) bool each."""
     values = [getattr(splats, name).reshape(len(splats), -1) for name in NUMBERS]
     finite = np.logical_and.reduce([np.isfinite(value).all(axis=1) for value in values])
     with np.errstate(invalid="ignore"):
         largest = splats.scales.max(axis=1)
         too_large = (np.abs(splats.means).max(axis=1) > ABSURD_LENGTH) | (largest > ABSURD_LENGTH)
-        faults = {
+        return {
             "non_finite": ~finite,
             "absurd": too_large | (splats.scales.min(axis=1) < 0) | (largest <= 0),
             "zero_quaternion": ~splats.quats_wxyz.any(axis=1),
             "invisible": splats.opacities < INVISIBLE_OPACITY,
         }
-    counts, keep = {}, np.ones(len(splats), bool)
-    for name, rows in faults.items():
-        counts[name] = int(np.count_nonzero(rows & keep))
-        keep &= ~rows
-    return keep, counts
 
 
 def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:

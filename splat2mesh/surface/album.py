@@ -153,7 +153,7 @@ def _may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle:
             edge = size[1 - row] if side else 0.0
             at, reach, terms = _along(pose, row, lens[row], lens[2 + row] - edge, middle, half)
             reach += ROUNDING * terms
-            if at > reach if side else at < -reach:
+            if (side == 1 and at > reach) or (side == 0 and at < -reach):
                 return False
     return True
 

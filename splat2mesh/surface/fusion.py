@@ -171,11 +171,10 @@ def _integrate(
                     px = (column + 0.5 - intrinsics[2]) / intrinsics[0] * surface
                     py = (row + 0.5 - intrinsics[3]) / intrinsics[1] * surface
                     dx, dy, dz = cx - px, cy - py, cz - surface
-                    nx, ny, nz = planes[row, column, 0], planes[row, column, 1], planes[row, column, 2]
                     distance = 0.0
                     for axis in range(3):
                         along = pose[0, axis] * dx + pose[1, axis] * dy + pose[2, axis] * dz
-                        distance += along * (nx if axis == 0 else ny if axis == 1 else nz)
+                        distance += along * planes[row, column, axis]
                     if ahead > 3 * limit:
                         distance = limit
                     if distance < -limit:

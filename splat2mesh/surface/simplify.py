@@ -330,7 +330,11 @@ def _spoils(
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         if a == other or b == other or c == other:
             continue
-        p, q = (b, c) if a == vertex else (c, a) if b == vertex else (a, b)
+        p, q = a, b
+        if a == vertex:
+            p, q = b, c
+        elif b == vertex:
+            p, q = c, a
         px, py, pz, qx, qy, qz = points[p, 0], points[p, 1], points[p, 2], points[q, 0], points[q, 1], points[q, 2]
         ax, ay, az = px - place[0], py - place[1], pz - place[2]
         bx, by, bz = qx - place[0], qy - place[1], qz - place[2]

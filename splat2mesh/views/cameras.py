@@ -52,7 +52,9 @@ def trained_views(
     Raises InputError when they cannot be read, and when none of them sees the splat; warns with a DataWarning about
     those that were dropped.
     """
-    path = cameras_beside(splat_path) if given is None else None if str(given) == NONE else Path(given)
+    if given is not None and str(given) == NONE:
+        return []
+    path = cameras_beside(splat_path) if given is None else Path(given)
     if path is None:
         return []
     with reading(path), np.errstate(all="ignore"):

@@ -14,7 +14,7 @@ from relight.tiles import parts, work
 from relight.tiles.local import Surroundings, tile_mesh
 from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
 from relight.tiles.shared import city_of, coarse_city
-from relight.tiles.work import relit_tile
+from relight.tiles.work import TileRequest, relit_tile
 from relight.transfer.precomputed import Precomputed
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import read_splats
@@ -151,7 +151,7 @@ def test_what_goes_before_the_new_light_changes_no_bit(city, uncut, tmp_path, mo
     key = json.loads((uncut / "light.json").read_text())["sha256"]
 
     def radiance():
-        relit_tile(store, "relit/it", key, options, "estimated", ("npy",), 4.0, 0, [], spacing)
+        relit_tile(store, "relit/it", key, TileRequest(options, "estimated", ("npy",), 4.0, spacing), 0, [])
         return np.load(copy / "relit/it/tiles/00000/radiance.npy")
 
     gone = radiance()
