@@ -95,7 +95,7 @@ def test_no_far_splats_or_a_speck_of_them_are_no_sky():
 def test_what_was_measured_comes_back_from_its_file_and_writes_the_same_bytes(tmp_path):
     splats, far = together(painted(dome()[0], np.full((len(dome()[1]), 3), GREY)))
     measured = measured_of(splats, np.flatnonzero(far), subject().means, np.eye(4))
-    assert measured.sky is not None
+    assert measured.sky.coverage > 0.3
     for name in ("one.npz", "two.npz"):
         measured.save(tmp_path / name)
     assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()

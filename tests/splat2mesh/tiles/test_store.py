@@ -42,14 +42,24 @@ def test_what_is_written_is_read_and_goes_when_it_is_removed(store):
 
 def test_a_record_counts_only_while_its_files_are_whole(store):
     assert store.committed("t.json") is None
-    store.commit("t.json", {"t/x": b"12345", "t/y": b""}, tile=3)
-    assert store.committed("t.json")["tile"] == 3
+    record = store.commit("t.json", {"t/x": b"12345", "t/y": b""}, tile=3)
+    assert store.committed("t.json") == record and record["tile"] == 3
+    assert {name: about["bytes"] for name, about in record["files"].items()} == {"t/x": 5, "t/y": 0}
     store.write("t/x", b"12346")
     assert store.committed("t.json") is None
     store.write("t/x", b"12345")
-    assert store.committed("t.json") is not None
+    assert store.committed("t.json") == record
     store.remove_file("t/y")
     assert store.committed("t.json") is None
+
+
+def test_what_all_tasks_share_is_read_only_as_it_was(store):
+    store.write("plan.json", b"{}")
+    checksum = "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"  # of two braces
+    assert store.read_unchanged("plan.json", checksum) == b"{}"
+    store.write("plan.json", b"{ }")
+    with pytest.raises(InputError, match=r"plan\.json has changed while it was worked on"):
+        store.read_unchanged("plan.json", checksum)
 
 
 def test_what_cannot_be_read_or_written_is_one_line(store, tmp_path):
