@@ -291,8 +291,8 @@ def sound(splats: Splats) -> NDArray[np.bool_]:
 
 def _faults(splats: Splats) -> dict[str, NDArray[np.bool_]]:
     """Which splats have which fault, (N,) bool each."""
-    values = [getattr(splats, name).reshape(len(splats), -1) for name in NUMBERS]
-    finite = np.logical_and.reduce([np.isfinite(value).all(axis=1) for value in values])
+    values = [getattr(splats, name) for name in NUMBERS]
+    finite = np.logical_and.reduce([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values])
     with np.errstate(invalid="ignore"):
         largest = splats.scales.max(axis=1)
         too_large = (np.abs(splats.means).max(axis=1) > ABSURD_LENGTH) | (largest > ABSURD_LENGTH)

@@ -9,7 +9,7 @@ from splat_samples import basis_oracle, make_splats, unit_vectors
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.harmonics import sh_basis_3dgs
-from splat2mesh.splats.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats, clean
+from splat2mesh.splats.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats, clean, sound, usable
 
 # A few float32 roundings (6e-8) of values of order one.
 ROUNDING = 1e-6
@@ -209,3 +209,16 @@ def test_spatial_order_brings_neighbours_together():
     boxes = ordered.in_spatial_order().means.reshape(512, 8, 3)
     # Eight at a time fill a cube of 2^3, wherever the octree's borders fall between the grid's planes.
     assert np.median(np.ptp(boxes, axis=1).max(axis=1)) == 1
+
+
+def test_sound_splats_are_those_that_are_kept_and_the_faint_ones():
+    rng = np.random.default_rng(0)
+    numbers = [rng.uniform(0.1, 0.9, shape) for shape in ((6, 3), (6, 3), (6, 4), (6,), (6, 1, 3))]
+    numbers[0][0, 1] = np.nan
+    numbers[1][1, 2] = -1.0
+    numbers[2][2] = 0.0
+    numbers[3][3] = 0.0
+    splats = Splats(*numbers)
+    np.testing.assert_array_equal(sound(splats), [False, False, False, True, True, True])
+    np.testing.assert_array_equal(usable(splats)[0], [False, False, False, False, True, True])
+    assert len(sound(splats.take(slice(0)))) == 0
