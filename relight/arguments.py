@@ -126,7 +126,7 @@ def parser() -> argparse.ArgumentParser:
     add("--sky", metavar="WHICH", help=sky)
     lights = "other lights that --format live and web hold, beside that of --env and the built-in ones"
     add("--lights", nargs="+", metavar="FILE|NAME", help=lights)
-    add("--overwrite", action="store_true", help="replace results that exist")
+    add("--overwrite", action="store_true", help="replace results of other settings")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
