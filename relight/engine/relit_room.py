@@ -150,7 +150,7 @@ class RelitRoom:
     def _even_light(self, radiance):
         """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""
         albedo = np.maximum(self._look.room.albedo, np.float32(DARKEST))
-        return albedo * self._evenness.of(radiance / albedo, ROUNDS)
+        return albedo * self._evenness.average(radiance / albedo, ROUNDS)
 
     @cached_property
     def _evenness(self):

@@ -25,15 +25,15 @@ class Evenness:
         self._blend = diags_array(1.0 / np.asarray(rows.sum(axis=1)).ravel()).tocsr() @ rows
         self._vertices, self._node = neighbors.vertices, neighbors.node
 
-    def of(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:
+    def average(self, values: NDArray[np.floating], rounds: int) -> NDArray[np.float32]:
         """Values (V,) or (V, C) averaged so many times, float32; vertices of a node have the same."""
         nodes = np.asarray(values, np.float64)[self._vertices]
         for _ in range(rounds):
             nodes = self._blend @ nodes
         return nodes[self._node].astype(np.float32)
 
-    def directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
+    def average_directions(self, normals: NDArray[np.float32], rounds: int) -> NDArray[np.float32]:
         """Unit normals (V, 3) averaged so many times; those that cancel out stay as they were."""
-        mean = self.of(normals, rounds)
+        mean = self.average(normals, rounds)
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         return np.where(length > LEAST_LENGTH, mean / np.maximum(length, LEAST_LENGTH), normals).astype(np.float32)

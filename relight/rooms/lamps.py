@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from splat2mesh.base.arrays import Integers, Mask
+
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
@@ -52,7 +54,7 @@ SPOTS = 24
 LIFT = 2e-3
 """Of the diagonal: how far these points stand before the lamp's own, uneven surface."""
 
-REACH = 0.995
+SPOT_REACH = 0.995
 """Part of the way to such a point that must be free."""
 
 
@@ -87,7 +89,7 @@ def find(
     edges = np.concatenate([occluder.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
     smooth = np.einsum("ij,ij->i", *(occluder.normals[end] for end in edges.T)) > SMOOTH
 
-    def pieces(chosen):
+    def pieces(chosen: Mask) -> Integers:
         """Number of the piece that each vertex is of, (V,), -1 for none."""
         white = np.bincount(node, chosen, nodes) > 0
         joined = node[edges[smooth & white[node[edges]].all(axis=1)]]
@@ -138,6 +140,6 @@ def light_of(
         cosine = np.maximum(np.einsum("ij,ij->i", normals, toward), 0.0) * np.maximum(-(toward @ outward), 0.0)
         lit = np.flatnonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[lit], toward[lit]]).astype(np.float32)
-        lit = lit[~occluder.occluded(rays, REACH)]
+        lit = lit[~occluder.occluded(rays, SPOT_REACH)]
         light[lit] += cosine[lit] / np.maximum(square[lit], share) ** 2 * (share / np.pi)
     return light.astype(np.float32)

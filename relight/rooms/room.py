@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Directions, Floats, Mask, Radiance, Transfer
 from splat2mesh.scene.color import luminance, srgb_from_linear
+from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo import samples
@@ -40,7 +42,7 @@ receives; how bright all lamps are together is known within a factor of two."""
 LEAST_SEEN = 0.3
 """Part of a lamp that must have been seen from where the capture stood."""
 
-ROUNDS = 6
+AVERAGING_ROUNDS = 6
 """Times that the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
 DOUBT = 0.7
@@ -90,8 +92,8 @@ def room_of(
         if areas[lamp.rows] @ seen[lamp.rows] > LEAST_SEEN * lamp.area
     ]
     even = Evenness(occluder)
-    normals = even.directions(occluder.normals, ROUNDS)
-    lights = [even.of(lamps.light_of(lamp, occluder, areas, normals), ROUNDS) for lamp in found]
+    normals = even.average_directions(occluder.normals, AVERAGING_ROUNDS)
+    lights = [even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS) for lamp in found]
     while True:  # until nothing more of it proves to be lit itself, or proves nothing
         usable = seen.copy()
         for lamp in found:
@@ -103,7 +105,7 @@ def room_of(
         solved = strengths.solve(places, np.array(colors).reshape(-1, 3))
         if solved is None:
             return None, "neither a lamp nor a window was found in it"
-        kept = _kept(found, lights, solved, interreflection, captured, areas)
+        kept = _rows_of_lamps(found, lights, solved, interreflection, captured, areas)
         if len(kept) == len(found):
             break
         found, lights = [found[k] for k in kept], [lights[k] for k in kept]
@@ -117,11 +119,18 @@ def room_of(
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     emitters = list(zip(found, lights, solved.radiance, strict=False))
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
-    told = _told(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
+    told = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
     return Room(**lit, environment=environment, brightness=brightness, told=told), ""
 
 
-def _kept(found, lights, solved, interreflection, captured, areas):
+def _rows_of_lamps(
+    found: list[lamps.Lamp],
+    lights: list[NDArray[np.float32]],
+    solved: strengths.Strengths,
+    interreflection: Interreflection,
+    captured: Radiance,
+    areas: Floats,
+) -> list[int]:
     """Which lamps are lamps: those that send more than they could reflect, and whose strength the room tells."""
     bounce, kept = interreflection.bounce(captured), []
     for k, lamp in enumerate(found):
@@ -135,7 +144,7 @@ def _kept(found, lights, solved, interreflection, captured, areas):
     return kept
 
 
-def _unlikely(solved):
+def _unlikely(solved: strengths.Strengths) -> str:
     """Why the Strengths are not to be believed, or an empty text."""
     least = np.full(len(solved.evidence), LEAST_EVIDENCE)
     least[len(solved.radiance) :] = LEAST_OF_WINDOWS
@@ -146,7 +155,15 @@ def _unlikely(solved):
     return ""
 
 
-def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
+def _lit(
+    captured: Radiance,
+    interreflection: Interreflection,
+    outside: Radiance,
+    areas: Floats,
+    seen: Mask,
+    emitters: list[tuple[lamps.Lamp, NDArray[np.float32], NDArray[np.float64]]],
+    faces: NDArray[np.integer],
+) -> dict[str, Any]:
     """The arrays of a Room, and how near the model comes to the captured colours.
 
     outside: (V, 3) direct light through the windows. emitters: (Lamp, light (V,), radiance (3,)) each.
@@ -156,7 +173,7 @@ def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
         lamp_light += light[:, None] * radiance.astype(np.float32)
         glow[lamp.rows] = np.maximum(radiance, captured[lamp.rows])
         sent[lamp.rows] = 0.0
-    glowing = glow.any(axis=1)
+    glowing: Mask = np.asarray(glow.any(axis=1))
     irradiance = outside + lamp_light + interreflection.bounce(sent)
     shares = np.where(seen & ~glowing, areas, 0.0)
     prior = prior_of(captured, irradiance, shares)
@@ -177,7 +194,9 @@ def _lit(captured, interreflection, outside, areas, seen, emitters, faces):
     return {**arrays, "trust": trust, "self_relight_db": decibels}
 
 
-def _told(frame, found, places, solved):
+def _report(
+    frame: Frame, found: list[lamps.Lamp], places: strengths.RoomIrradiance, solved: strengths.Strengths
+) -> dict[str, Any]:
     """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained.
 
     assumed_albedo: the median that how bright all of them are together was taken from; the room does not tell it.
@@ -205,7 +224,7 @@ def _told(frame, found, places, solved):
     return {"lamps": lamp_facts, "windows": windows, **gains}
 
 
-def _direct(occluder, transfer, environment):
+def _direct(occluder: Occluder, transfer: Transfer, environment: Environment) -> NDArray[np.float32]:
     """Direct light on the white scene, (V, 3) float32, not negative."""
     bands = math.isqrt(transfer.shape[1])
     rest, suns = split(environment, bands)
@@ -215,7 +234,7 @@ def _direct(occluder, transfer, environment):
     return np.maximum(direct, np.float32(0.0), out=direct)
 
 
-def _capture_light(sky, patches, excess):
+def _capture_light(sky: CapturedSky | None, patches: Directions, excess: Radiance) -> Environment:
     """The Environment that came through the windows: what was seen of it, and the excess (W, 3) of its patches."""
     if not len(patches):
         return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
@@ -66,26 +67,29 @@ LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
 them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
 which turned patches of a green wall blue."""
 
-LEVELS = -8.0, 8.0
+LOG_STRENGTHS = -8.0, 8.0
 """Range in which the logarithm of what all emitters have in common is looked for, from where it was."""
 
-ROUNDS = 3
+SOLVER_ROUNDS = 3
 """Of solving for how emitters differ, and for what they have in common."""
 
 DARK, SATURATED = 0.002, 0.97
 """Linear colours between which a place tells its light."""
 
 
-class Places(NamedTuple):
-    """N places of a room. vertices: (N,) indices. known: (N, 3) light of the sky that was seen unclipped. emitters:
-    (E, N, 3) of each emitter at strength 1; the last W are what is not known of the sky, in patches about `patches`
+class RoomIrradiance(NamedTuple):
+    """What N places of a room receive of each emitter.
+
+    vertices: (N,) indices. known: (N, 3) light of the sky that was seen unclipped. emitters: (E, N, 3) of each
+    emitter at strength 1; the last W are what is not known of the sky, in patches about `patches`
     (W, 3), unit directions. bounce: (N, 3) what other surfaces send. pairs, weights: of `samples.neighbor_pairs`.
-    log_captured: (N, 3)."""
+    log_captured: (N, 3).
+    """
 
     vertices: NDArray[np.int64]
     known: NDArray[np.float64]
     emitters: NDArray[np.float64]
-    patches: NDArray[np.float64]
+    patches: Directions
     bounce: NDArray[np.float64]
     pairs: NDArray[np.int64]
     weights: NDArray[np.float64]
@@ -116,7 +120,7 @@ class Strengths(NamedTuple):
 class _Emitters:
     """S = known + bounce + sum over j of exp(theta_j) Q_j, as `fit.solve` takes it."""
 
-    def __init__(self, places: Places) -> None:
+    def __init__(self, places: RoomIrradiance) -> None:
         self._base, self._of = places.known + places.bounce, places.emitters
 
     def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -136,8 +140,8 @@ def places_of(
     lamp_light: NDArray[np.float32],  # (L, V) of `lamps.light_of`
     sky: CapturedSky | None,
     seed: int = 0,
-) -> Places:
-    """The Places of a room; there may be none."""
+) -> RoomIrradiance:
+    """The RoomIrradiance of a room; it may have no places."""
     told = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, told, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
@@ -147,7 +151,8 @@ def places_of(
     free = _free(occluder, normals, vertices, directions)
     bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
     emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
-    known, patches = np.zeros((len(vertices), 3)), np.zeros((0, 3))
+    known: NDArray[np.float64] = np.zeros((len(vertices), 3))
+    patches: Directions = np.zeros((0, 3))
     if len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN):
         known_part, unknown_part = sky_parts(sky, directions)
         known = free @ known_part
@@ -159,7 +164,7 @@ def places_of(
     pairs, weights = samples.neighbor_pairs(lying)
     stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
     logs = np.log(captured[vertices].astype(np.float64))
-    return Places(vertices, known, stacked, patches, bounce, pairs, weights, logs)
+    return RoomIrradiance(vertices, known, stacked, patches, bounce, pairs, weights, logs)
 
 
 def sky_parts(
@@ -177,7 +182,7 @@ def sky_parts(
     return parts.known + parts.unseen * mean, parts.clipped
 
 
-def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
+def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | None:
     """The Strengths of the emitters, whose lamps' captured colours are (L, 3); None where they tell nothing."""
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 
@@ -197,8 +202,8 @@ def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
         return float(off**2 + (brighter / EXCESS_SPREAD) ** 2)
 
     prior = _prior(places)
-    for _ in range(ROUNDS):
-        start = start + minimize_scalar(unusual, bounds=LEVELS, method="bounded").x
+    for _ in range(SOLVER_ROUNDS):
+        start = start + minimize_scalar(unusual, bounds=LOG_STRENGTHS, method="bounded").x
         found = fit.solve(light, places.log_captured, places.pairs, places.weights, start, prior)
         start = found.theta
     radiance = np.exp(found.theta)
@@ -221,7 +226,7 @@ def solve(places: Places, colors: NDArray[np.float64]) -> Strengths | None:
     )
 
 
-def _patches(directions, brought):
+def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integers]:
     """Centres (W, 3) of the patches, and which of them each direction (K, 3) is in. brought: (K,) light of each."""
     cells = fibonacci_sphere(CELLS)
     cell = cKDTree(cells).query(directions)[1]
@@ -231,7 +236,7 @@ def _patches(directions, brought):
     return cells[kept], cKDTree(cells[kept]).query(directions)[1] if len(kept) else np.zeros(len(directions), int)
 
 
-def _free(occluder, smooth, vertices, directions):
+def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions) -> NDArray[np.float32]:
     """Free directions (N, K) float32, weighted by cosine to sum to the visible fraction."""
     free = np.zeros((len(vertices), len(directions)), np.float32)
     toward = np.ascontiguousarray(directions, np.float32)
@@ -245,7 +250,9 @@ def _free(occluder, smooth, vertices, directions):
     return free
 
 
-def _sent(occluder, smooth, vertices, directions, captured):
+def _sent(
+    occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
+) -> NDArray[np.float64]:
     """Light (N, 3) float64 that other surfaces send. Backs of faces are black."""
     bounce = np.zeros((len(vertices), 3))
     toward = np.ascontiguousarray(directions, np.float32)
@@ -267,13 +274,13 @@ def _sent(occluder, smooth, vertices, directions, captured):
     return bounce
 
 
-def _prior(places, stiff=STIFF):
+def _prior(places: RoomIrradiance, stiff: float = STIFF) -> Floats:
     """(3 E, 3 E), colours outermost, in units of `fit.STRENGTH`."""
     count, lamps = len(places.emitters), places.lamps
     apart = np.degrees(np.arccos(np.clip(places.patches @ places.patches.T, -1.0, 1.0)))
     alike = np.exp(-0.5 * (apart / PATCH_REACH_DEG) ** 2)
 
-    def precision(whole, part):
+    def precision(whole: float, part: float) -> Floats:
         spread = whole**2 * np.eye(count)
         spread[lamps:, lamps:] = whole**2 + part**2 * (alike + 0.01 * np.eye(count - lamps))
         return np.linalg.inv(spread)
@@ -285,21 +292,21 @@ def _prior(places, stiff=STIFF):
     return parts * (STRENGTH / fit.STRENGTH)
 
 
-def _common(places):
+def _common(places: RoomIrradiance) -> NDArray[np.float64]:
     """(E,) unit: all emitters alike, the patches of the sky together as much as one lamp."""
     common = np.ones(len(places.emitters))
     common[places.lamps :] /= max(len(places.patches), 1)
     return common / np.linalg.norm(common)
 
 
-def _brightness(count, group):
+def _brightness(count: int, group: list[int]) -> NDArray[np.float64]:
     """(3 E, 1) unit column: the brightness of a group of the emitters."""
     column = np.zeros((3, count))
     column[:, group] = 1.0
     return (column / np.linalg.norm(column)).reshape(-1, 1)
 
 
-def _cost(places, logs, scale):
+def _cost(places: RoomIrradiance, logs: Floats, scale: float) -> float:
     """The robust mean over pairs of how much the brightness of neighbours differs."""
     difference = logs[places.pairs[:, 0]] - logs[places.pairs[:, 1]]
     square = (difference * difference).sum(axis=1) / scale**2
