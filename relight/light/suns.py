@@ -25,7 +25,7 @@ class Suns:
         """No sun at all."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)))
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.directions)
 
     def rotated(self, angle_deg: float) -> "Suns":

@@ -1,17 +1,24 @@
 """The splat with the light of the capture taken out, and normals, for a renderer that lights splats by itself."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.splats.splats import Splats
+
+from .binding import Binding
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
 
 _NO_DIRECTION = 1e-3  # length of a mean of unit normals below which they cancel
 
 
 def albedo_splats(
     splats: Splats,  # as captured
-    binding,  # Binding of them; None where the scene stays as captured
-    appearance,  # Appearance of the scene
+    binding: Binding | None,  # of them; None where the scene stays as captured
+    appearance: "Appearance",  # of the scene
     background: NDArray[np.int64],  # (M,) rows that are far background
     harmonics: str = "zero",  # what depends on the view: "zero" or "keep"
     sky: str = "drop",  # what is far background: "drop" gives it no opacity, "keep" leaves it as captured
@@ -37,7 +44,7 @@ def albedo_splats(
     return Splats(splats.means, splats.scales, splats.quats_wxyz, opacities, sh)
 
 
-def normals_of(binding) -> NDArray[np.float32]:
+def normals_of(binding: Binding) -> NDArray[np.float32]:
     """Normals (N, 3) float32 of the splats of a Binding, unit, in their own frame: those of the mesh at their places.
 
     Where these cancel, as between the two sides of a leaf, it is the splat's own shortest axis, away from the middle

@@ -5,8 +5,10 @@ neighbourhood face every way, and what they receive together is what a wide phas
 """
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Floats, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
 
@@ -24,41 +26,42 @@ class Neighborhoods:
 
     def __init__(
         self,
-        points,  # (M, 3)
-        volume,  # (M,) in [0, 1], 0 for surfaces
-        wanted=None,  # (M,) bool, whose change of light is asked for: the others' is left as it is; all without
-        near=None,  # that of one for the same, which finds it again
-    ):
+        points: Points,  # (M, 3)
+        volume: Floats,  # (M,) in [0, 1], 0 for surfaces
+        wanted: Mask | None = None,  # (M,) bool, whose change of light is asked for: the others' stays; all without
+        near: NDArray[np.int32] | None = None,  # that of one for the same, which finds it again
+    ) -> None:
         self._rows = np.flatnonzero(volume > LEAST)
         self._share = volume[self._rows, None].astype(np.float32)
         self._asked = np.arange(len(self._rows)) if wanted is None else np.flatnonzero(wanted[self._rows])
         count = min(NEIGHBORS, len(self._rows))
         self.near = np.zeros((len(self._asked), count if count > 1 else 0), np.int32)
         if near is not None:
-            self.near = self._checked(near)
+            self.near = self._require_same(near)
         elif count > 1:
             places = points[self._rows].astype(np.float64)
             tree, asked = cKDTree(places), places[self._asked]
 
-            def ask(rows):
+            def ask(rows: slice) -> None:
                 self.near[rows] = np.sort(tree.query(asked[rows], count)[1], axis=1)  # one order, whatever the tree's
 
             in_batches(ask, len(asked), _BATCH)
 
-    def _checked(self, near):
+    def _require_same(self, near: NDArray[np.int32]) -> NDArray[np.int32]:
+        """Kept neighbours, where they can be those of these nodes. Raises InputError for others."""
         if near.shape != self.near.shape or near.dtype != np.int32:
             raise InputError(f"kept neighbours are {near.dtype} of {near.shape}, expected int32 of {self.near.shape}")
         if near.min(initial=0) < 0 or near.max(initial=-1) >= len(self._rows):
             raise InputError("kept neighbours are of another scene")
         return near
 
-    def shared(self, values):
+    def shared(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (M, C) float32 with each volume's drawn towards the mean around it, as far as it is one."""
         if not self.near.size:
             return values
         result, own = values.copy(), values[self._rows]
 
-        def share(part):
+        def share(part: slice) -> None:
             near, asked = self.near[part], self._asked[part]
             weight = self._share[near]
             mean = (weight * own[near]).sum(axis=1) / weight.sum(axis=1)

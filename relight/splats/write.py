@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.splats.formats.inria import rest_columns, write_inria_ply
 from splat2mesh.splats.formats.ply import Ply
+from splat2mesh.splats.splats import Splats
 
 _KEPT = (
     "x",
@@ -32,7 +34,9 @@ HIDDEN = -15.0
 """Logit of the opacity of a splat that is left out: 3e-7, far below what any viewer draws."""
 
 
-def write_relit_ply(path, splats, source=None, normals=None):
+def write_relit_ply(
+    path: str | Path, splats: Splats, source: str | Path | None = None, normals: NDArray[np.float32] | None = None
+) -> None:
     """Write relit Splats. Where `source`, the file they were read from, is an INRIA PLY, all but the colours is copied
     from it value by value, float32 to the bit; any other file's splats are written as they were read. Splats of
     opacity 0 have the opacity HIDDEN. normals: (N, 3) float32 for `nx ny nz`, those of the source without.
@@ -58,20 +62,21 @@ def write_relit_ply(path, splats, source=None, normals=None):
         file.write("\n".join(header).encode())
         for start in range(0, len(rows), _BLOCK):
             block = np.array(rows[start : start + _BLOCK])
+            columns = block.dtype.names or ()
             packed = np.zeros(len(block), [(name, "<f4") for name in names])
             for name in names:
                 if name in given:
                     packed[name] = given[name][start : start + _BLOCK]
-                elif name in block.dtype.names:
+                elif name in columns:
                     packed[name] = block[name]
             packed["opacity"][splats.opacities[start : start + _BLOCK] == 0.0] = HIDDEN
-            if "scale_2" not in block.dtype.names:  # a 2DGS file: as thick as its splats were read
+            if "scale_2" not in columns:  # a 2DGS file: as thick as its splats were read
                 scales = splats.scales[start : start + _BLOCK, 2]
                 packed["scale_2"] = np.log(np.maximum(scales, np.finfo(np.float32).tiny))
             file.write(packed.tobytes())
 
 
-def _inria_rows(path):
+def _inria_rows(path: str | Path) -> NDArray | None:
     """The rows of an INRIA PLY, or None where the source is of another kind."""
     if Path(path).is_dir():
         return None
