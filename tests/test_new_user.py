@@ -201,7 +201,7 @@ def test_a_slip_is_one_line_and_leaves_nothing(first, run, home):
 def test_the_shell_completes_and_man_shows_the_page(run, name):
     for shell in ("bash", "zsh", "fish"):
         assert "overwrite" in run(name, "--completion", shell)[0]
-    typed = f'eval "$({name} --completion bash)"; COMP_WORDS=({name} --over); COMP_CWORD=1; _{name}'
+    typed = f'eval "$({name} --completion bash)"; COMP_WORDS=({name} --over); COMP_CWORD=1; _shtab_{name}'
     assert run("bash", "-c", typed + '; echo "${COMPREPLY[@]}"')[0] == "--overwrite\n"
     page, _ = run(name, "--man")
     assert page.startswith(f".TH {name.upper()} 1")

@@ -35,7 +35,7 @@ def test_one_command_writes_the_bundle_and_the_page(folder, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--format", "glb", "--lights", "noon"], "--lights noon: only --format live and web hold several lights"),
+        (["--format", "glb", "--lights", "noon"], "--lights noon: only the formats live and web hold several lights"),
         (["--format", "web", "--lights", "nowhere.exr"], "nowhere.exr does not exist"),
     ],
 )
