@@ -1,5 +1,6 @@
 """relit_splat.ply: INRIA's layout, a row for each row of the source, in its order."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +36,10 @@ HIDDEN = -15.0
 
 
 def write_relit_ply(
-    path: str | Path, splats: Splats, source: str | Path | None = None, normals: NDArray[np.float32] | None = None
+    path: str | os.PathLike[str],
+    splats: Splats,
+    source: str | os.PathLike[str] | None = None,
+    normals: NDArray[np.float32] | None = None,
 ) -> None:
     """Write relit Splats. Where `source`, the file they were read from, is an INRIA PLY, all but the colours is copied
     from it value by value, float32 to the bit; any other file's splats are written as they were read. Splats of
@@ -76,7 +80,7 @@ def write_relit_ply(
             file.write(packed.tobytes())
 
 
-def _inria_rows(path: str | Path) -> NDArray | None:
+def _inria_rows(path: str | os.PathLike[str]) -> NDArray | None:
     """The rows of an INRIA PLY, or None where the source is of another kind."""
     if Path(path).is_dir():
         return None

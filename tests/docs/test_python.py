@@ -32,6 +32,8 @@ def shown(tmp_path, monkeypatch):
     light = np.random.default_rng(0).gamma(1.0, 1.0, (16, 32, 3)).astype(np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     OpenEXR.File(header, {"RGB": light}).write("stpeters.exr")
+    Path("hdris").mkdir()
+    Path("hdris/church.exr").write_bytes(Path("stpeters.exr").read_bytes())
     shown = []
     monkeypatch.setattr(pyvista.PolyData, "plot", lambda mesh, **how: shown.append((mesh.n_points, how["scalars"])))
     monkeypatch.setattr(relight, "view", lambda scene, env: shown.append((scene, env)))
@@ -40,11 +42,12 @@ def shown(tmp_path, monkeypatch):
 
 def test_the_python_of_the_readme_runs_in_order(shown, capsys):
     found = blocks((ROOT / "README.md").read_text("utf-8"))
-    assert len(found) == 2
+    assert len(found) == 3
     names: dict = {}
     for block in found:
         exec(block, names)
     assert len(read_splats("evening.ply")) == 1500
     assert shown == [(len(names["scene"].vertices), "rgb"), ("garden", "noon")]
     assert names["radiance"].shape == names["albedo"].shape == (len(names["scene"].vertices), 3)
+    assert Path("garden/relit/sheet.png").is_file() and Path("garden/relit/church_270/radiance.npy").is_file()
     assert "plan" in capsys.readouterr().out.lower()
