@@ -7,7 +7,7 @@ and there are none where no view saw a surface. Keys pack a level and three whol
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
-
-if TYPE_CHECKING:
-    from .adaptive import FusionSight
+from .sight import FusionSight
 
 BITS = 19
 """Of each coordinate in a key; the level has what is left of 63."""

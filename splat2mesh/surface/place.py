@@ -16,13 +16,14 @@ from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
-from .adaptive import SLABS, FusionSight, fuse_adaptively
+from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
 from .decimate import decimate
 from .extract import dilated, thickness_of, training_pixel
 from .fair import fair
 from .refine import refine_by_color
+from .sight import FusionSight
 from .simplify import simplify
 
 SMALLEST_FACES = 100

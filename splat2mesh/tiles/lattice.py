@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Mask
 from ..base.distinct import distinct
-from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, FusionSight, Truncation, integrate, packed
+from ..surface.adaptive import BATCH, ENOUGH_WEIGHT, NARROW, WIDE, Truncation, integrate, packed
 from ..surface.dualmesh import dual_mesh
 from ..surface.octree import BITS, HALF, MASK, corners_of, leaves_of, requested_cells
+from ..surface.sight import FusionSight
 from .memory import give_back
 from .plan import CELL_LEVELS, RING, CityPlan
 

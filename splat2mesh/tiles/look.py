@@ -13,9 +13,9 @@ from ..base.arrays import DepthMap, Floats
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
-from ..surface.adaptive import FusionSight
 from ..surface.extract import dilated, thickness_of
 from ..surface.place import PLACE
+from ..surface.sight import FusionSight
 from ..views.eyes import Eye, around
 from .plan import CARVE, INFLUENCE, RING, CityPlan, grown
 from .stations import stations_of

@@ -5,7 +5,8 @@ import pytest
 
 from splat2mesh.render.opacityfield import FieldDepth
 from splat2mesh.render.view import View
-from splat2mesh.surface.adaptive import COARSE, FusionSight, fuse_adaptively, packed
+from splat2mesh.surface.adaptive import COARSE, fuse_adaptively, packed
+from splat2mesh.surface.sight import FusionSight
 
 SIZE = 48
 PIXELS = SIZE * SIZE

@@ -1,0 +1,57 @@
+"""What one view knows of a surface, ready to be fused: depth, normal, weight, spread, and how fine cells shall be."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arrays import Floats
+from ..render.opacityfield import FieldDepth
+from ..render.view import View
+
+LEAST_COSINE = 0.05
+"""Weight of a surface that is seen at a grazing angle: floors far away are seen no other way."""
+
+SHARP = 0.03
+"""Spread of a surface, in units of its distance, at which its weight is halved."""
+
+CELL_PIXELS, THICK_CELLS, MOST_THICK = 1.5, 4.0, 3.0
+"""Side of a cell in pixels of the view that saw it, cells across a thick surface, and how far its thickness may enlarge
+the cells over what they are elsewhere at its distance."""
+
+
+@dataclass(frozen=True)
+class FusionSight:
+    """One view's surface, ready for fusion. H, W are the view's size.
+
+    plane: (H, W, 4) float32: unit normal in the world towards the camera, and camera z (NaN where there is none).
+    weight: (H, W) float32 in [0, 1]. spread: (H, W) float32 in world units along z. step: (H, W) float32 wanted side
+    of the cells, world units.
+    """
+
+    view: View
+    plane: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    step: NDArray[np.float32]
+
+    @classmethod
+    def from_depth(
+        cls, view: View, seen: FieldDepth, thickness: Floats, distance: float, finest: float, fog: float
+    ) -> "FusionSight":
+        """From a FieldDepth and its thickness (H, W) along the normal.
+
+        distance: typical of the place, world units: what is much farther away counts less. finest: least side of a
+        cell, world units. fog: typical thickness of the surfaces over their distance.
+        """
+        rays = view.ray_directions().astype(np.float32)
+        cosine = -(rays * seen.normal).sum(axis=-1) / np.linalg.norm(rays, axis=-1)
+        weight = np.maximum(cosine, LEAST_COSINE)
+        with np.errstate(invalid="ignore"):
+            weight = weight / (1 + (seen.spread / (SHARP * seen.depth)) ** 2) / (1 + (seen.depth / (2 * distance)) ** 2)
+            pixel = np.float32(max(CELL_PIXELS / view.fx, fog / THICK_CELLS)) * seen.depth
+            step = np.maximum(np.clip(thickness / THICK_CELLS, pixel, MOST_THICK * pixel), finest)
+        known = np.isfinite(seen.depth) & np.isfinite(seen.spread) & np.isfinite(step)
+        plane = np.concatenate([seen.normal, np.where(known, seen.depth, np.nan)[..., None]], axis=-1)
+        weight = np.where(known, weight, 0).astype(np.float32)
+        return cls(view, plane.astype(np.float32), weight, seen.spread, step.astype(np.float32))
