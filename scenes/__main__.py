@@ -14,6 +14,7 @@ import numpy as np
 from splat2mesh.base import console
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_folder
+from splat2mesh.base.requests import option_names
 from splat2mesh.splats.formats import write_inria_ply
 
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
@@ -37,7 +38,7 @@ def main(arguments=None):
     """Parse the command line and run it; returns the exit code."""
     options = _parser().parse_args(arguments)
     display = console.Display(options.json, options.quiet, options.verbose)
-    return console.run(lambda: _generate(options), display)
+    return console.run(lambda: _generate(options), display, option_names(_parser()))
 
 
 def _parser():
