@@ -8,7 +8,7 @@ from pathlib import Path
 from splat2mesh.base.errors import InputError
 
 from .bundle import META
-from .page import FOLDER, INDEX
+from .page import FOLDER, INDEX, PAGE
 
 
 class _Handler(SimpleHTTPRequestHandler):
@@ -27,8 +27,12 @@ class _Handler(SimpleHTTPRequestHandler):
         root, asked = os.path.realpath(self.directory), self.translate_path(self.path)
         path = os.path.realpath(asked.replace("\0", "/"))
         if path == root and self.path.split("?")[0].split("#")[0] in ("", "/"):
-            path = os.path.join(root, INDEX)
-        if os.path.commonpath([root, path]) != root or not os.path.isfile(path):
+            path = os.path.join(root, self.server.first)
+            self.path = f"/{self.server.first}"
+        alone = self.server.first == PAGE and path != os.path.join(
+            root, PAGE
+        )  # beside a page in a file lie other results
+        if alone or os.path.commonpath([root, path]) != root or not os.path.isfile(path):
             self.send_error(404)
             return None
         return super().send_head()
@@ -36,6 +40,7 @@ class _Handler(SimpleHTTPRequestHandler):
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
+    first = INDEX
 
     @property
     def url(self):
@@ -43,16 +48,19 @@ class _Server(ThreadingHTTPServer):
 
 
 def server_of(folder, port=0):
-    """A server, to be closed, of the page that `relight --format web` wrote as a folder; port 0 takes any.
+    """A server, to be closed, of the page that `relight --format web` wrote, a file or a folder; port 0 takes any.
 
     folder: that folder, or the one of results that holds it. Raises InputError where there is no page, and for a port
     that cannot be had.
     """
     folder = Path(folder)
     found = next((each for each in (folder, folder / FOLDER) if all((each / n).is_file() for n in (INDEX, META))), None)
-    if found is None:
-        raise InputError(f"{folder} holds no page to serve: expected a folder {FOLDER}/ that --format web wrote")
+    if found is None and not (folder / PAGE).is_file():
+        expected = f"expected {PAGE} or a folder {FOLDER}/ that --format web wrote"
+        raise InputError(f"{folder} holds no page to serve: {expected}")
     try:
-        return _Server(("127.0.0.1", port), partial(_Handler, directory=str(found)))
+        server = _Server(("127.0.0.1", port), partial(_Handler, directory=str(found or folder)))
+        server.first = INDEX if found else PAGE
+        return server
     except (OSError, OverflowError) as error:
         raise InputError(f"`serve` {port}: the port cannot be had ({error}); name another") from None
