@@ -32,6 +32,15 @@ HOPELESS = 2.0
 ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
 """Of the lights under which the error of the bytes is measured."""
 
+FIRST_FOV_DEG = 60.0
+"""Across the longer side of the window, where the page shows an object."""
+
+SOLID, LEAST_SOLID = 0.3, 100
+"""Opacity of splats that tell where an object is, and how many there must be; else its mesh tells."""
+
+STRAY_PERCENTILES, BOX_MARGIN = (0.5, 99.5), 0.02
+"""Places beyond these percentiles along an axis are strays; the box is this much of its diagonal larger all around."""
+
 _BATCH = 1 << 16
 
 
@@ -41,7 +50,8 @@ class Live(NamedTuple):
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
-    degrees, where to look from first, scene frame. lamps: factor on the lamps of a room, None where there are none.
+    degrees, where to look from first, scene frame; of an object, bounds too, the box of what was captured, which the
+    page fits into its window. lamps: factor on the lamps of a room, None where there are none.
     """
 
     splats: Splats
@@ -127,7 +137,7 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         brightness=None if capture is None else float(capture["brightness"]),
         middle=np.median(near, axis=0).astype(np.float64) if len(near) else np.zeros(3),
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
-        camera=_first_view(scene, vertices),
+        camera=_first_view(scene, splats, vertices),
         lamps=lamps,
     )
 
@@ -190,15 +200,34 @@ def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
     return best[1], tried
 
 
-def _first_view(scene, vertices):
-    """Where to look from first: an object whole from its front, somewhat from above; a place as its preview does."""
+def _first_view(scene, splats, vertices):
+    """Where to look from first, as the preview does. An object has `bounds` too, two corners in the scene frame: the
+    page moves the camera back until what lies in them fits its window."""
     camera = scene.preview_camera
     if camera is not None and scene.capture.get("from", "outside") != "outside":
         return {"position": list(camera["eye"]), "target": list(camera["target"]), "fov": 75.0}
-    low, high = np.percentile(vertices, [1, 99], axis=0)
-    middle, reach = (low + high) / 2, np.linalg.norm(high - low) / 2
-    toward = np.array([0.35, 0.4, 1.0]) / np.linalg.norm([0.35, 0.4, 1.0])
-    return {"position": (middle + 1.7 * reach * toward).tolist(), "target": middle.tolist(), "fov": 60.0}
+    low, high = _captured_box(scene, splats, vertices)
+    middle, reach = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    toward = np.array([0.35, 0.4, 1.0]) if camera is None else np.subtract(camera["eye"], camera["target"])
+    return {
+        "position": (middle + 1.7 * reach * toward / np.linalg.norm(toward)).tolist(),
+        "target": middle.tolist(),
+        "fov": FIRST_FOV_DEG,
+        "bounds": [low.tolist(), high.tolist()],
+    }
+
+
+def _captured_box(scene, splats, vertices):
+    """Lowest and highest corner (3,) of what was captured, scene frame: no far background, no stray splats."""
+    near = (splats.opacities > SOLID) & np.isfinite(splats.means).all(axis=1)
+    near[scene.background_splats] = False
+    points = vertices
+    if near.sum() >= LEAST_SOLID:
+        matrix = np.asarray(scene.scene_from_splat, np.float64)
+        points = splats.means[near] @ matrix[:3, :3].T + matrix[:3, 3]
+    low, high = np.percentile(points, STRAY_PERCENTILES, axis=0)
+    margin = BOX_MARGIN * float(np.linalg.norm(high - low))
+    return low - margin, high + margin
 
 
 def _spatial_order(splats):

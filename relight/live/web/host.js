@@ -28,13 +28,18 @@ fn modifySplatColor(center: vec3f, color: ptr<function, vec4f>) {
 
 const SKY_HEIGHT = 256;
 
-// Show a splat in the viewer. splat: its bytes, a compressed PLY. frame: scene_from_splat, 4 x 4. camera: where to begin.
-async function host(container, splat, frame, camera, options = {}) {
-  const name = "splat.compressed.ply";
+// Show a splat in the viewer. splat: its bytes, a compressed PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of
+// the window's aspect, where to begin and what the key F shows.
+async function host(container, splat, frame, cameraFor, options = {}) {
+  const name = "splat.compressed.ply", camera = cameraFor(innerWidth / innerHeight);
   const viewer = await createViewer({
     container, contentUrl: name, contentFilename: name, contents: Promise.resolve(new Response(splat)), exposeGlobals: true,
     settings: settingsFor(camera), renderer: options.renderer, ui: options.ui ?? true, noanim: true,
   });
+  relightCamera = () => {
+    const { position, target, fov } = cameraFor(innerWidth / innerHeight);
+    return createCamera(new Vec3(position), new Vec3(target), fov);
+  };
   const { app } = viewer;
   app.scene.gsplat.dataFormat = "large"; // the compact one has 11 bits in 0..4 for a colour
   const entity = await arrival(app, frame);
@@ -50,8 +55,8 @@ async function host(container, splat, frame, camera, options = {}) {
   show(new Uint16Array(stream.width * stream.height * 4).fill(1024).map((value, i) => i % 4 === 3 ? 0 : value), [1, 1, 1]);
   gsplat.setWorkBufferModifier(MODIFIER);
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
-  if (viewer.state.cameraMode === "anim" && camera.outside !== false) viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  return { viewer, app, entity, show, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+  if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
+  return { viewer, app, entity, camera, show, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // The splats' entity, as it arrives, turned so that the world is the scene.

@@ -32,9 +32,10 @@ async function start() {
     const files = await readFiles(data);
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
-    const stage = await host(document.body, files[data.splat], frame, data.meta.camera, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
+    const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
-    window.relight = new Session(bundle, Live.readProxy(files["proxy.glb"]), lights, stage, data, tell);
+    window.relight = new Session(bundle, proxy, lights, stage, data, tell);
     window.relight.begin(query);
   } catch (error) {
     tell(error.message);

@@ -52,6 +52,31 @@ def test_the_page_opens_from_a_file_and_says_nothing(page):
 
 
 @in_browser
+@pytest.mark.parametrize("size", [(640, 360), (300, 520)])
+def test_an_object_fills_the_window_and_the_key_f_comes_back_to_that(folder, size):
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", size) as browser:
+        browser.wait("window.relight && relight.drawn")
+        start = shown(browser, view="captured")
+        assert 0.8 < filled(start) < 0.98
+        middle = {"x": size[0] / 2, "y": size[1] / 2}
+        browser.call("Input.dispatchMouseEvent", type="mouseWheel", deltaX=0, deltaY=-600, **middle)
+        browser.run("new Promise((done) => setTimeout(done, 1500))")
+        assert np.abs(shown(browser) - start).mean() > 0.02
+        for name in ("keyDown", "keyUp"):
+            browser.call("Input.dispatchKeyEvent", type=name, key="f", code="KeyF")
+        browser.run("new Promise((done) => setTimeout(done, 3000))")
+        assert 0.8 < filled(shown(browser, view="captured")) < 0.98
+
+
+def filled(picture):
+    """The larger share of the window's sides that is not background, whose outermost pixels are free."""
+    shown_at = np.abs(picture - [0.13, 0.13, 0.14]).max(axis=2) > 0.05
+    spans = [np.flatnonzero(shown_at.any(axis=axis)) for axis in (0, 1)]
+    assert all(0 < span[0] and span[-1] < size - 1 for span, size in zip(spans, shown_at.shape[::-1], strict=True))
+    return max(np.ptp(span) / size for span, size in zip(spans, shown_at.shape[::-1], strict=True))
+
+
+@in_browser
 def test_where_nothing_changes_the_splat_is_as_captured(page):
     captured = shown(page, view="captured")
     assert captured.std() > 0.05
@@ -70,14 +95,15 @@ def test_as_captured_the_page_is_our_picture_of_the_splat(folder):
         1,
     ]
     assert not any(each in text for each in ("cov[0][0] + 0.3;", "cov[1][1] + 0.3;", "aRaw + 0.3;", "cRaw + 0.3;"))
-    frame, camera, splats = TILT, live_scene()[3].camera, live_scene()[3].splats
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (240, 240)) as browser:
+        browser.wait("window.relight && relight.drawn")
+        found = shown(browser, view="captured")
+        camera = browser.run("relight.stage.camera")
+    frame, splats = TILT, live_scene()[3].splats
     turn = np.linalg.inv(frame)
     eye, target = (turn[:3, :3] @ camera[key] + turn[:3, 3] for key in ("position", "target"))
     drawn = rasterize(splats, View.look_at(eye, target, turn[:3, 1], camera["fov"], 240, 240))
     expected = np.clip(drawn.color + (1 - drawn.alpha[..., None]) * [0.13, 0.13, 0.14], 0, 1)
-    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (240, 240)) as browser:
-        browser.wait("window.relight && relight.drawn")
-        found = shown(browser, view="captured")
     assert -10 * np.log10(np.mean((found - expected) ** 2)) > 38
 
 
@@ -181,6 +207,18 @@ def test_the_server_gives_the_folder_alone(tmp_path):
         assert json.load(urllib.request.urlopen(f"{server.url}live.json"))["format"] == "relight-live"
         with pytest.raises(urllib.error.HTTPError):
             urllib.request.urlopen(f"{server.url}../secret.txt")
+        server.shutdown()
+
+
+def test_a_page_in_one_file_is_served_and_no_other_result(folder, tmp_path):
+    (tmp_path / "relit.html").write_bytes((folder / "relit.html").read_bytes())
+    (tmp_path / "secret.txt").write_text("x")
+    with server_of(tmp_path, 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        for path in ("", "relit.html"):
+            assert urllib.request.urlopen(server.url + path).read() == (folder / "relit.html").read_bytes()
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(f"{server.url}secret.txt")
         server.shutdown()
 
 
