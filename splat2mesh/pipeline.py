@@ -158,7 +158,8 @@ def convert(
         )
     with stages.stage("measure"):
         stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
-        scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood)
+        alone = standing.kind == "outside" and standing.share_surrounded < ROOM_SHARE and not far.any()
+        scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood, alone)
     if asked.proxy:
         with stages.stage("proxy"):
             add_proxy(scene, asked.proxy, asked.seed)

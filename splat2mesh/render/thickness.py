@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import grey_opening
 
+from ..base.arrays import Floats, Matrix4
 from ..scene.optical_depth import MOST, OpticalDepth
 from ..splats.placing import placed
 from ..splats.splats import Splats
@@ -32,10 +34,10 @@ OVERHANG = 9
 
 
 def optical_depth(
-    splats,  # Splats without the far background, finite, in their own frame
-    volume,  # (N,) in [0, 1], how far each is a volume
-    scene_from_splat,  # (4, 4)
-):
+    splats: Splats,  # without the far background, finite, in their own frame
+    volume: Floats,  # (N,) in [0, 1], how far each is a volume
+    scene_from_splat: Matrix4,
+) -> OpticalDepth:
     """The OpticalDepth around the leaves and grass of a scene, scene frame, y up.
 
     What lies below the lowest splats of a column counts as opaque: light that comes from below the ground is none.
@@ -64,7 +66,7 @@ def optical_depth(
     return OpticalDepth.of_levels(origins, cells, grids)
 
 
-def _grounded(depth):
+def _grounded(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """(X, Y, Z) with all that lies below the lowest occupied cell of a column opaque; narrow overhangs have none."""
     occupied = depth > OCCUPIED
     height = depth.shape[1]
@@ -75,5 +77,5 @@ def _grounded(depth):
     return np.where(below, np.float32(MOST), depth)
 
 
-def _without_view(splats):
+def _without_view(splats: Splats) -> Splats:
     return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, :1])

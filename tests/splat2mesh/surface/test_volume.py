@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from splat2mesh.splats.splats import Splats
+from splat2mesh.surface.measure import is_shell, measured_of
 from splat2mesh.surface.volume import splat_volume, vertex_volume
 
 
@@ -72,3 +73,25 @@ def test_vertices_take_the_volume_of_the_splats_about_them():
 def test_few_splats_are_no_error(count):
     assert splat_volume(sheet(count)).shape == (count,)
     assert vertex_volume(np.zeros((2, 3)), sheet(count), np.zeros(count, np.float32)).shape == (2,)
+
+
+def ball(inner, count=6000, seed=0):
+    """Opaque leaves of every orientation, evenly between an inner radius and 1; points on its surface."""
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    radii = np.cbrt(rng.uniform(inner**3, 1.0, (count, 1)))
+    return flat_splats(directions * radii, rng.normal(size=(count, 4))), directions
+
+
+def test_an_opaque_object_whose_surface_has_no_order_has_no_leaves_and_a_bush_keeps_its_own():
+    none = np.zeros(0, np.int64)
+    shell, points = ball(0.92)
+    bush, _ = ball(0.0)
+    shell_volume = (splat_volume(shell) > 0.25).mean()
+    assert shell_volume > 0.1  # the neighbourhoods alone take it for leaves
+    assert is_shell(points, shell, splat_volume(shell)) and not is_shell(points, bush, splat_volume(bush))
+    assert not measured_of(shell, none, points, np.eye(4), is_object=True).foliage.any()
+    leafy = measured_of(bush, none, points, np.eye(4), is_object=True)
+    np.testing.assert_array_equal(leafy.volume, measured_of(bush, none, points, np.eye(4)).volume)
+    assert leafy.foliage.mean() > 0.5
