@@ -29,10 +29,8 @@ class _Handler(SimpleHTTPRequestHandler):
         if path == root and self.path.split("?")[0].split("#")[0] in ("", "/"):
             path = os.path.join(root, self.server.first)
             self.path = f"/{self.server.first}"
-        alone = self.server.first == PAGE and path != os.path.join(
-            root, PAGE
-        )  # beside a page in a file lie other results
-        if alone or os.path.commonpath([root, path]) != root or not os.path.isfile(path):
+        other = self.server.first == PAGE and path != os.path.join(root, PAGE)  # results beside a page in one file
+        if other or os.path.commonpath([root, path]) != root or not os.path.isfile(path):
             self.send_error(404)
             return None
         return super().send_head()
