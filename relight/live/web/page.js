@@ -12,7 +12,8 @@ const PANEL = `
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
 <div class="row"><button id="r-load">Load .hdr</button><button id="r-save">Save relit .ply</button></div>
-<small>Drop an .hdr here. Shift + drag or [ ] turns the light.</small>
+<small class="keys">Drop an .hdr here. Shift + drag or [ ] turns the light.</small>
+<small class="touch">Drag to look around, pinch to come nearer. Turn moves the light.</small>
 </details><input id="r-file" type="file" accept=".hdr" hidden>`;
 
 const RADIANS = Math.PI / 180;
@@ -102,19 +103,17 @@ class Session {
     this.busy = requestAnimationFrame(() => this.draw());
   }
 
-  // The suns of the light, moved as the panel says, and turned. A light without one has one to switch on.
+  // The suns of the light, moved as the panel says, and turned. Under a light without one the panel has no sun either.
   suns() {
-    const { light, turn, azimuth, height, sun } = this.state, { suns, mean } = this.lights[light];
-    const own = suns.length ? suns : [{ direction: [0.5, 0.7, 0.5].map((x) => x / Math.hypot(0.5, 0.7, 0.5)), weight: [mean * Math.PI, mean * Math.PI, mean * Math.PI], added: true }];
-    return own.map(({ direction: [x, y, z], weight, added }, i) => {
-      const strength = added ? sun - 1 : sun;
+    const { light, turn, azimuth, height, sun } = this.state;
+    return this.lights[light].suns.map(({ direction: [x, y, z], weight }, i) => {
       let direction = [x, y, z];
       if (i === 0 && height !== null) {
         const across = Math.hypot(x, z) || 1, up = height * RADIANS;
         direction = [x / across * Math.cos(up), Math.sin(up), z / across * Math.cos(up)];
       }
       const turned = turn + (i === 0 ? azimuth : 0);
-      return { direction: Live.turnedDirection(direction, turned * RADIANS), weight: weight.map((value) => value * strength) };
+      return { direction: Live.turnedDirection(direction, turned * RADIANS), weight: weight.map((value) => value * sun) };
     }).filter(({ weight }) => weight.some((value) => value > 0));
   }
 
@@ -177,6 +176,7 @@ class Session {
     const { state, lights } = this, select = element("r-light");
     if (select.options.length !== lights.length) select.replaceChildren(...lights.map(({ name }, i) => new Option(name, i)));
     select.value = state.light;
+    for (const key of ["sun", "azimuth", "height"]) element(`r-${key}`).parentElement.style.display = lights[state.light].suns.length ? "" : "none";
     const { direction: [x, y, z] } = lights[state.light].suns[0] ?? { direction: [0.5, 0.7, 0.5] };
     const height = state.height ?? Math.asin(y / Math.hypot(x, y, z)) / RADIANS;
     const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], sun: [state.sun, `x ${state.sun.toFixed(2)}`],

@@ -144,6 +144,17 @@ def test_keys_and_dragging_turn_the_light(page):
 
 
 @in_browser
+@pytest.mark.parametrize(("light", "display"), [(0, "none"), (1, "grid")])
+def test_a_light_without_a_sun_has_no_sun_to_move(page, light, display):
+    """Overcast has none, noon has one."""
+    shown(page, light=light, view="relit")
+    assert page.run("relight.suns().length") == (display == "grid")
+    for key in ("sun", "azimuth", "height"):
+        label = f"document.getElementById('r-{key}').parentElement"
+        assert page.run(f"getComputedStyle({label}).display") == display
+
+
+@in_browser
 def test_before_and_after_stand_side_by_side(page):
     before, after = shown(page, view="captured"), shown(page, light=1, view="relit", exposure=1.5)
     both = shown(page, compare=True, line=0.5)
