@@ -93,5 +93,5 @@ def test_an_opaque_object_whose_surface_has_no_order_has_no_leaves_and_a_bush_ke
     assert is_shell(points, shell, splat_volume(shell)) and not is_shell(points, bush, splat_volume(bush))
     assert not measured_of(shell, none, points, np.eye(4), is_object=True).foliage.any()
     leafy = measured_of(bush, none, points, np.eye(4), is_object=True)
-    np.testing.assert_array_equal(leafy.volume, measured_of(bush, none, points, np.eye(4)).volume)
+    np.testing.assert_array_equal(leafy.foliage, measured_of(bush, none, points, np.eye(4)).foliage)
     assert leafy.foliage.mean() > 0.5
