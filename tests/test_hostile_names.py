@@ -15,7 +15,7 @@ from relight.request import RelightRequest
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.sources import fingerprint
 from splat2mesh.tiles import pieces
-from splat2mesh.tiles.pieces import Piece, read_piece
+from splat2mesh.tiles.pieces import CityPiece, read_piece
 
 SCRIPT = "</script></title><script>alert(1)</script><!--"
 
@@ -38,7 +38,7 @@ def test_a_bucket_cannot_have_files_written_elsewhere(name, tmp_path, monkeypatc
     monkeypatch.setattr(pieces, "Store", Bucket)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(InputError, match="outside its folder"):
-        read_piece(Piece("memory://bucket/tile", 0, -1, False))
+        read_piece(CityPiece("memory://bucket/tile", 0, -1, False))
     assert not written and not list(tmp_path.rglob("*"))
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.measured import THICKET, CapturedSky, Measured, row_solid_angles, texel_directions
+from splat2mesh.base.sphere import row_solid_angles, texel_directions
+from splat2mesh.scene.measured import THICKET, CapturedSky, Measured
 
 
 def sky(bound, clipped, height=8, width=16):
