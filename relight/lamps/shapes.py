@@ -1,0 +1,228 @@
+"""The kinds of lamps: where each stands, how large it is, and the light that it sends out.
+
+Places are in one frame and one unit of length, the caller's. Light is in units of the picture: a surface of radiance 1
+shows as white, as the capture was exposed. Imports nothing heavy.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+
+MOST_LIGHT = 1e12
+"""Largest radiance or intensity: far beyond any lamp, and its square still fits in float32."""
+
+Vector: TypeAlias = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class SphereLamp:
+    """A ball that glows evenly: a bulb, a lantern.
+
+    position (3,): its centre. radius: 0 for a point, which has an intensity but no size.
+    radiance (3,): linear RGB, the same from everywhere. A point sends out `intensity` (3,) instead: radiance x pi r^2.
+    Exactly one of radiance and intensity is given.
+    """
+
+    position: Vector
+    radius: float = 0.0
+    radiance: Vector | None = None
+    intensity: Vector | None = None
+
+    def __post_init__(self) -> None:
+        _keep(self, "position", checked_vector("position", self.position))
+        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
+        if (self.radiance is None) == (self.intensity is None):
+            raise InputError("`radiance`: a sphere has either that or an intensity")
+        if self.radiance is None:
+            _keep(self, "intensity", checked_light("intensity", self.intensity))
+        else:
+            _keep(self, "radiance", checked_light("radiance", self.radiance))
+            if self.radius == 0.0:
+                raise InputError("`radius` 0: a point has no radiance; give its intensity")
+
+
+@dataclass(frozen=True)
+class SpotLamp:
+    """A point that sends light into a cone.
+
+    position, target (3,): where it is, and what its axis points at. intensity (3,): radiance x length^2 on the axis.
+    cutoff_deg, beam_deg: half angles; the intensity is constant to the beam, and falls linearly in the angle to 0 at
+    the cutoff. radius: of the ball that shadows are softened by; 0 for hard ones.
+    """
+
+    position: Vector
+    target: Vector
+    intensity: Vector
+    cutoff_deg: float = 30.0
+    beam_deg: float | None = None  # three quarters of the cutoff without
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        _keep(self, "position", checked_vector("position", self.position))
+        _keep(self, "target", checked_vector("target", self.target))
+        _keep(self, "intensity", checked_light("intensity", self.intensity))
+        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
+        if self.position == self.target:
+            raise InputError("`target`: it lies at the position of its lamp, so that the light has no direction")
+        cutoff = checked_size("cutoff_deg", self.cutoff_deg)
+        if cutoff > 180.0:
+            raise InputError(f"`cutoff_deg` {cutoff:g}: expected a half angle up to 180")
+        beam = 0.75 * cutoff if self.beam_deg is None else checked_size("beam_deg", self.beam_deg, least=0.0)
+        if beam > cutoff:
+            raise InputError(f"`beam_deg` {beam:g}: expected at most the cutoff of {cutoff:g}")
+        _keep(self, "cutoff_deg", cutoff)
+        _keep(self, "beam_deg", beam)
+
+
+@dataclass(frozen=True)
+class RectangleLamp:
+    """A flat panel, such as a ceiling light or a screen.
+
+    center (3,). edge_u, edge_v (3,): its whole sides, at right angles or not. radiance (3,): the same in all directions
+    of the side that u x v points to; of both with two_sided.
+    """
+
+    center: Vector
+    edge_u: Vector
+    edge_v: Vector
+    radiance: Vector
+    two_sided: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("center", "edge_u", "edge_v"):
+            _keep(self, name, checked_vector(name, getattr(self, name)))
+        _keep(self, "radiance", checked_light("radiance", self.radiance))
+        if not np.linalg.norm(np.cross(self.edge_u, self.edge_v)) > 0.0:
+            raise InputError("`edge_u`, `edge_v`: the sides span no rectangle")
+
+
+@dataclass(frozen=True)
+class TubeLamp:
+    """A cylinder that glows along its side, such as a fluorescent tube. Its ends are dark.
+
+    start, end (3,): of its axis. radius. radiance (3,): the same from everywhere.
+    """
+
+    start: Vector
+    end: Vector
+    radius: float
+    radiance: Vector
+
+    def __post_init__(self) -> None:
+        _keep(self, "start", checked_vector("start", self.start))
+        _keep(self, "end", checked_vector("end", self.end))
+        _keep(self, "radius", checked_size("radius", self.radius))
+        _keep(self, "radiance", checked_light("radiance", self.radiance))
+        if self.start == self.end:
+            raise InputError("`end`: a tube has a length")
+
+
+@dataclass(frozen=True, eq=False)
+class MeshLamp:
+    """A surface that glows: a neon sign, a shade.
+
+    vertices (N, 3) float64; faces (M, 3) int64, whose corners turn counter-clockwise seen from where they shine.
+    radiance (3,) of all faces, or (M, 3). two_sided: whether the backs shine too.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    radiance: NDArray[np.float64]
+    two_sided: bool = False
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices, np.float64)
+        faces = np.asarray(self.faces, np.int64)
+        radiance = np.asarray(self.radiance, np.float64)
+        if vertices.ndim != 2 or vertices.shape[1:] != (3,) or not np.isfinite(vertices).all():
+            raise InputError("`vertices`: expected finite coordinates, (N, 3)")
+        if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
+            raise InputError("`faces`: expected at least one triangle, (M, 3)")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise InputError("`faces`: they name vertices that do not exist")
+        if radiance.shape not in ((3,), (len(faces), 3)):
+            raise InputError("`radiance`: expected one colour, or one for each face")
+        if not (np.isfinite(radiance).all() and (radiance >= 0).all() and radiance.max() <= MOST_LIGHT):
+            raise InputError(f"`radiance`: expected numbers from 0 to {MOST_LIGHT:g}")
+        for name, value in (("vertices", vertices), ("faces", faces), ("radiance", radiance)):
+            _keep(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileLamp:
+    """A point with a measured distribution of light (IES).
+
+    position, target (3,): where it is, and what the vertical angle 0 of its table points at. intensity (3,): radiance x
+    length^2 where the table says 1. vertical_deg (A,) from 0 to at most 180, horizontal_deg (B,) from 0 to 360, both
+    rising; table (A, B): relative. Angles between are interpolated; beyond the last vertical one there is no light.
+    turn_deg: of the horizontal angles about the axis. radius: of the ball that shadows are softened by.
+    """
+
+    position: Vector
+    target: Vector
+    intensity: Vector
+    vertical_deg: NDArray[np.float64]
+    horizontal_deg: NDArray[np.float64]
+    table: NDArray[np.float64]
+    turn_deg: float = 0.0
+    radius: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("position", "target"):
+            _keep(self, name, checked_vector(name, getattr(self, name)))
+        if self.position == self.target:
+            raise InputError("`target`: it lies at the position of its lamp, so that the light has no direction")
+        _keep(self, "intensity", checked_light("intensity", self.intensity))
+        _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
+        vertical, horizontal = np.asarray(self.vertical_deg, float), np.asarray(self.horizontal_deg, float)
+        table = np.asarray(self.table, float)
+        if table.shape != (len(vertical), len(horizontal)) or not (np.isfinite(table).all() and (table >= 0).all()):
+            raise InputError("`table`: expected one number from 0 for each pair of angles")
+        if not ((np.diff(vertical) > 0).all() and (np.diff(horizontal) > 0).all()):
+            raise InputError("`vertical_deg`, `horizontal_deg`: expected rising angles")
+        for name, value in (("vertical_deg", vertical), ("horizontal_deg", horizontal), ("table", table)):
+            _keep(self, name, value)
+
+
+Lamp: TypeAlias = SphereLamp | SpotLamp | RectangleLamp | TubeLamp | MeshLamp | ProfileLamp
+
+
+def checked_vector(name: str, value: Sequence[float] | None) -> Vector:
+    """Three finite numbers. Raises InputError that names the field."""
+    try:
+        x, y, z = (float(each) for each in (() if value is None else value))
+    except (TypeError, ValueError):
+        raise InputError(f"`{name}`: expected three numbers, found {value}") from None
+    if not all(math.isfinite(each) for each in (x, y, z)):
+        raise InputError(f"`{name}`: expected finite numbers, found {value}")
+    return x, y, z
+
+
+def checked_light(name: str, value: Sequence[float] | None) -> Vector:
+    """Linear RGB from 0 to MOST_LIGHT. Raises InputError that names the field."""
+    red, green, blue = checked_vector(name, value)
+    if not all(0.0 <= each <= MOST_LIGHT for each in (red, green, blue)):
+        raise InputError(f"`{name}`: expected numbers from 0 to {MOST_LIGHT:g}, found {value}")
+    return red, green, blue
+
+
+def checked_size(name: str, value: float, least: float | None = None) -> float:
+    """A finite number above 0, or from `least`. Raises InputError that names the field."""
+    try:
+        size = float(value)
+    except (TypeError, ValueError):
+        size = math.nan
+    if not (math.isfinite(size) and (size > 0.0 if least is None else size >= least)):
+        expected = "a number above 0" if least is None else f"a number from {least:g}"
+        raise InputError(f"`{name}` {value}: expected {expected}")
+    return size
+
+
+def _keep(lamp: Any, name: str, value: Any) -> None:
+    object.__setattr__(lamp, name, value)
