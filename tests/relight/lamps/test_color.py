@@ -74,21 +74,9 @@ def test_hexadecimal_colours_are_decoded_from_srgb():
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "999K",
-        "25001K",
-        "infK",
-        "-3000K",
-        "#fff",
-        "#gggggg",
-        "1,2",
-        "1,2,3,4",
-        "1,nan,2",
-        "-1,1,1",
-        "1e13,0,0",
-        "0,0,0",
-    ]
-    + ["#000000", "black", "K", "3000C", "٣٠٠٠"],
+        *("", "999K", "25001K", "infK", "-3000K", "K", "3000C", "#fff", "#gggggg", "#000000", "black", "a\nb"),
+        *("1,2", "1,2,3,4", "1,nan,2", "-1,1,1", "1e13,0,0", "0,0,0"),
+    ],
 )
 def test_what_is_no_colour_is_refused_in_one_line(text):
     with pytest.raises(InputError, match=r"^`color`") as caught:

@@ -1,0 +1,178 @@
+"""What a person asks for: a lamp, its colour, and how bright it shall be, in the scene's terms or in a maker's.
+
+lamp = resolve(asked, scale)  # in units of the picture
+in_words(lamp, scale)         # "as bright as the room at 1.3 m"
+"""
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
+
+from .color import WHITE
+from .photometry import axis_intensity, flux, times
+from .shapes import (
+    MOST_LIGHT,
+    Lamp,
+    MeshLamp,
+    SphereLamp,
+    TubeLamp,
+    Vector,
+    checked_light,
+    checked_size,
+    checked_vector,
+)
+
+Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
+
+LARGEST_EV = 40.0
+"""2^40 is MOST_LIGHT."""
+
+BULB_M, TUBE_M = 0.05, 0.013
+"""Radii in metres of a bulb and of a fluorescent tube (T8), where nobody names one."""
+
+_UNITS: dict[str, Unit] = {"ev": "EV", "lm": "lumen", "lumen": "lumen", "lumens": "lumen", "cd": "candela"}
+
+
+@dataclass(frozen=True)
+class Brightness:
+    """How bright a lamp shall be.
+
+    unit: "picture": `value` times the light of the shape, which is in units of the picture (radiance 1 shows as white).
+    "EV": at 1 m on its main axis the lamp gives 2^value times the scene's median captured irradiance. "candela": the
+    intensity on its main axis. "lumen": its whole flux.
+    """
+
+    value: float
+    unit: Unit = "EV"
+
+    def __post_init__(self) -> None:
+        if self.unit not in get_args(Unit):
+            raise InputError(f"`brightness` in {self.unit}: expected one of {', '.join(get_args(Unit))}")
+        most = LARGEST_EV if self.unit == "EV" else MOST_LIGHT
+        least = -LARGEST_EV if self.unit == "EV" else 0.0
+        value = checked_size("brightness", self.value, least=least)
+        if value > most:
+            raise InputError(f"`brightness` {value:g} {self.unit}: expected at most {most:g}")
+        object.__setattr__(self, "value", value)
+
+
+DEFAULT_BRIGHTNESS = Brightness(2.0, "EV")
+
+
+@dataclass(frozen=True, eq=False)
+class AskedLamp:
+    """A lamp as asked for, with lengths in the splat's units.
+
+    shape: where it is and how large; its radiance or intensity says how the light of its faces and channels compares,
+    and is the light itself where the unit of the brightness is "picture". color (3,): linear RGB, by which that is
+    multiplied; as people name it, of luminance 1. radius_in_metres: the radius of the shape is in metres instead, as
+    nobody named one.
+    """
+
+    shape: Lamp
+    brightness: Brightness = DEFAULT_BRIGHTNESS
+    color: Vector = WHITE
+    name: str = ""
+    radius_in_metres: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "color", checked_light("color", self.color))
+
+
+@dataclass(frozen=True)
+class LampScale:
+    """What brightness and lengths are relative to.
+
+    metre: splat units per metre. irradiance: the median captured one, as luminance in units of the picture: pi for
+    white under a white sky. candela: radiance in the picture of 1 cd/m^2, None where nobody knows.
+    """
+
+    metre: float
+    irradiance: float
+    candela: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("metre", "irradiance") if self.candela is None else ("metre", "irradiance", "candela"):
+            object.__setattr__(self, name, checked_size(name, getattr(self, name)))
+
+
+def parse_brightness(text: str) -> Brightness:
+    """The brightness that a text means: "+1EV", "800lm", "50cd". Raises InputError for anything else."""
+    words = " ".join(str(text).split())
+    match = re.fullmatch(r"([+-]?[\d.]+(?:[eE][+-]?\d+)?)\s*([a-zA-Z]+)", words)
+    unit = (_UNITS | {"candela": "candela"}).get(match[2].lower()) if match else None
+    try:
+        value = float(match[1]) if match else math.nan
+    except ValueError:
+        value = math.nan
+    if unit is None or not math.isfinite(value):
+        raise InputError(f"`brightness` {words[:40]}: expected a number with its unit, such as +1EV, 800lm or 50cd")
+    return Brightness(value, unit)
+
+
+def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
+    """The lamp that was asked for, its light in units of the picture and its lengths in the splat's.
+
+    The irradiance at 1 m is taken from the intensity on the main axis, as of a point: what a lamp gives from afar. A
+    disc of half a metre really gives 6% less there. Raises InputError for lumens and candela without
+    `LampScale.candela`, for a lamp that has no light to be scaled, and for one too bright.
+    """
+    brightness, shape = asked.brightness, asked.shape
+    if asked.radius_in_metres and isinstance(shape, (SphereLamp, TubeLamp)):
+        shape = replace(shape, radius=shape.radius * scale.metre)
+    lamp = times(shape, np.asarray(asked.color))
+    if brightness.unit == "picture":
+        return times(lamp, brightness.value)
+    if brightness.unit == "EV":
+        wanted, has = 2.0**brightness.value * scale.irradiance * scale.metre**2, axis_intensity(lamp)
+    else:
+        if scale.candela is None:
+            unit = {"lumen": "lm", "candela": "cd"}[brightness.unit]
+            raise InputError(
+                f"`brightness` {brightness.value:g}{unit}: nothing says how many candela a white of the picture has; "
+                "give the brightness in EV, or the scale of the light"
+            )
+        wanted = brightness.value * scale.candela * scale.metre**2
+        has = axis_intensity(lamp) if brightness.unit == "candela" else flux(lamp)
+    sent = float(luminance(has))
+    if wanted == 0.0:
+        return times(lamp, 0.0)
+    if not 0.0 < sent < math.inf:
+        raise InputError(f"`brightness` {brightness.value:g} {brightness.unit}: the lamp sends out no light to scale")
+    return times(lamp, wanted / sent)
+
+
+def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
+    """How bright a lamp is, as a person sees it: "as bright as the room at 1.3 m".
+
+    That is the distance on its main axis, as of a point, at which it gives the median captured irradiance. With a
+    `LampScale.candela` its lumens follow.
+    """
+    intensity = float(luminance(axis_intensity(lamp)))
+    if intensity == 0.0:
+        return "dark"
+    distance_m = math.sqrt(intensity / scale.irradiance) / scale.metre
+    told = f"as bright as the {place} at {_two_digits(distance_m)} m"
+    if scale.candela is not None:
+        told += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre**2))} lm"
+    return told
+
+
+def moved(shape: Lamp, offset: Vector) -> Lamp:
+    """A lamp moved by `offset`, in its own unit of length."""
+    by = np.asarray(checked_vector("at", offset))
+    if isinstance(shape, MeshLamp):
+        return replace(shape, vertices=shape.vertices + by)
+    names = [name for name in ("position", "target", "center", "start", "end") if hasattr(shape, name)]
+    changed: Any = {name: tuple((np.asarray(getattr(shape, name)) + by).tolist()) for name in names}
+    return replace(shape, **changed)
+
+
+def _two_digits(value: float) -> str:
+    return f"{float(f'{value:.2g}'):g}"
