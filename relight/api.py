@@ -26,14 +26,14 @@ from splat2mesh.splats.formats import WRITERS, write_splats
 from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
-from .engine.relighter import Relighter
+from .engine.relighter import Relighter, Shaded
 from .folders import lights_of, meshed_request, planned_request
-from .job import Job, Shaded
+from .job import Job
 from .light.environment import Environment
 from .light.tonemap import tone_map
 from .options import LightingOptions
 from .planning.plan import Plan
-from .request import AnyLight, RelightRequest
+from .request import AUTO, AnyLight, RelightRequest
 from .splats import write_relit_ply
 from .writing import Writer, report_of
 
@@ -121,7 +121,7 @@ class RelitSplat:
 
 def relight_scene(
     scene: "AnyScene | RelightRequest",
-    env: AnyLight = "studio",
+    env: AnyLight = AUTO,
     options: LightingOptions | str | None = None,
     *,
     angle_deg: float | None = None,
@@ -136,7 +136,7 @@ def relight_scene(
         A Scene; the path of a scene folder or mesh file; a mesh of trimesh, open3d or PyVista; or all of it as one
         request.
     env : Environment, path or name
-        An `.exr` or `.hdr` file, or "studio", "overcast", "sunset", "noon".
+        An `.exr` or `.hdr` file, "studio", "overcast", "sunset", "noon", or "captured", as it was captured.
     options : LightingOptions or str, optional
         LightingOptions or the name of a method.
     angle_deg : float
@@ -162,7 +162,7 @@ def relight_scene(
 
 def relight_splat(
     splat: Scene | str | os.PathLike[str],
-    env: AnyLight = "studio",
+    env: AnyLight = AUTO,
     options: LightingOptions | str | None = None,
     *,
     angle_deg: float = 0.0,
@@ -259,7 +259,7 @@ def estimate_albedo(
 
 def _relit(writer: Writer) -> RelitScene:
     shaded = next(writer.job.shaded())
-    light, shading, exposure = shaded
+    light, shading, exposure, _ = shaded
     report = report_of(writer.job, shaded)
     return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
 

@@ -20,6 +20,7 @@ EXAMPLES = """examples:
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight lounge --env overcast --lamps off --format splat
+  relight lounge --captured .1 --lamp "1.5,1.5,-1.5 color=2700K"   dusk, and a lamp put in
   relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
@@ -37,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed = ("--rotate", "--up", "--eye")
+    parser.signed = ("--rotate", "--up", "--eye", "--lamp")
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
@@ -46,14 +47,21 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--env",
         metavar="FILE|NAME|FOLDER",
-        help=f".exr or .hdr file, a folder of them, each of which lights the scene, or {names} "
-        f"(default: {RelightRequest.env})",
+        help=f".exr or .hdr file, a folder of them, each of which lights the scene, {names}, or captured, as it was "
+        "captured (default: captured where lamps are put in or that light is changed, else studio)",
     )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP", help=rotate)
     exposure = "show radiance times 2^EV (default: as the capture was exposed, else by the brightest vertices)"
-    lamps = f"of a closed room: keep, off, or a factor on their light (default: {LightingOptions.lamps})"
-    add("--lamps", metavar="keep|off|FACTOR", help=lamps)
+    lamp = "put in a lamp: its place in the frame of the splat, and what differs from a warm bulb "
+    lamp += "(1.5,1.5,-1.5 radius=.1 color=3000K brightness=+1EV), or a file of lamps (docs/lamps.md); repeatable"
+    add("--lamp", dest="placed", action="append", metavar="SPEC|FILE", help=lamp)
+    captured = "how much of the captured light stays, 0 for night (default: 1 beside lamps, 0 under another light)"
+    add("--captured", type=float, metavar="FACTOR", help=captured)
+    add("--env-scale", type=float, metavar="FACTOR", help="dim or raise the light of --env (default: 1)")
+    lamps = "captured lamps of a closed room: keep, off, a factor on their light, or a factor of each by its number "
+    lamps += f"(default: {LightingOptions.lamps})"
+    add("--lamps", metavar="keep|off|FACTOR|1=off,3=.5", help=lamps)
     add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
     add("--exposure", dest="exposure_ev", type=float, metavar="EV", help=exposure)
 

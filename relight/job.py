@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,10 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import CHOICES, LEAST_ALBEDO, Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
-from .engine.relighter import Relighter, Shading
+from .engine.mixing import CapturedPart, mixed
+from .engine.relighter import Relighter, Shaded, Shading
+from .light import CAPTURED
+from .light.captured import CapturedLight
 from .light.environment import Environment
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
@@ -35,7 +38,10 @@ from .request import AnyLight, RelightRequest
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
+    from .engine.placed import LampLight
     from .engine.relit_room import RelitRoom
+    from .lamps.asked import AskedLamp, LampScale
+    from .lamps.shapes import Lamp
     from .planning.plan import Plan
     from .splats import Binding
     from .viewer.splats import SplatSource
@@ -45,14 +51,6 @@ DEFAULT_FORMATS = ("glb", "png")
 
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room"})
 """Stages of a Job that another light does not share."""
-
-
-class Shaded(NamedTuple):
-    """A scene in one light. radiance of `shading`: (V, 3) float32 linear. exposure: display value per unit of it."""
-
-    light: Environment
-    shading: Shading
-    exposure: float
 
 
 class Job:
@@ -89,7 +87,7 @@ class Job:
     @cached_property
     def scene(self) -> Scene:
         """What is lit; of an animation its first frame."""
-        self.require("environment")  # a light that cannot be read fails before a scene is read
+        self.require("environment", "asked_lamps")  # a light that cannot be read fails before a scene is read
         with self.stages.stage("load"):
             return self.animation.scene if self.request.animated else as_scene(self.request.scene)
 
@@ -166,7 +164,7 @@ class Job:
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
         shut = look.room is not None and look.room.told["windows"] is None
-        return look._replace(kept=True) if shut and self.options.lamp_factor == 1.0 else look
+        return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
 
     # plan
 
@@ -174,7 +172,7 @@ class Job:
     def plan(self) -> "Plan | None":
         """The Plan for all the angles; None where there is nothing to plan: a method without, a room that is kept."""
         albedo, room = self.appearance.albedo, self.room
-        if self.steady:
+        if self.steady or self.keeps_captured:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
 
@@ -201,13 +199,13 @@ class Job:
         lights = self.lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
         first = self._shading(lights[0])
-        if not first.radiance.any() and lights[0].radiance.any():
+        if not first.radiance.any() and lights[0].radiance.any() and not self.mixes:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self._exposure(first)
-        yield Shaded(lights[0], first, exposure)
+        yield self._mixed(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
-            yield Shaded(light, self._shading(light), exposure)
+            yield self._mixed(Shaded(light, self._shading(light), exposure))
 
     def session(self) -> dict[str, Any]:
         """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
@@ -274,7 +272,9 @@ class Job:
             from .engine.relit_room import RelitRoom
 
             room = RelitRoom(look, self.relighter, self._level)
-        if options.lamps != "keep" and not (room and room.lamps_found):
+        if isinstance(options.lamps, tuple):
+            options.lamp_factors(room.lamps_found if room else 0)
+        elif options.lamps != "keep" and not (room and room.lamps_found):
             told = "`lamps`: no lamp was found whose strength is known, and none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)
         return room
@@ -293,7 +293,76 @@ class Job:
         """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
         return level_of(self._brightness, self.environment)
 
+    @property
+    def keeps_captured(self) -> bool:
+        """Whether the light is that of the capture, changed or not."""
+        return isinstance(self.environment, CapturedLight)
+
+    @property
+    def mixes(self) -> bool:
+        """Whether the new light has other parts than an environment as it is."""
+        options = self.options
+        others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
+        return others or self.keeps_captured
+
+    @cached_property
+    def lamp_scale(self) -> "LampScale":
+        """How long a metre is here, and how bright the captured light, for what is asked of lamps."""
+        from .engine.lamp_scale import lamp_scale
+
+        return lamp_scale(self.scene, self.appearance, self.relighter.occluder)
+
+    @cached_property
+    def lamps(self) -> "list[Lamp]":
+        """The lamps that are put in, in the frame of the splat and in units of the picture."""
+        from .lamps.asked import resolve
+
+        return [resolve(each, self.lamp_scale) for each in self.asked_lamps]
+
+    @cached_property
+    def asked_lamps(self) -> "list[AskedLamp]":
+        """The lamps that are put in, as they are asked for."""
+        from .lamps.placing import asked_lamps
+
+        return asked_lamps(self.request.lighting.placed)
+
+    @cached_property
+    def lamp_light(self) -> "LampLight | None":
+        """The light of the lamps that are put in, or None."""
+        if not self.options.placed:
+            return None
+        from .engine.placed import LampLight
+        from .lamps.moving import moved
+
+        tolerance = self.options.tolerance or DEFAULT_TOLERANCE
+        lamps = [moved(lamp, self.scene.scene_from_splat) for lamp in self.lamps]
+        return LampLight(self.relighter, self.appearance, lamps, tolerance)
+
+    def _mixed(self, shaded: Shaded) -> Shaded:
+        """The same light with all its other parts."""
+        if not self.mixes:
+            return shaded
+        options, alone = self.options, self.keeps_captured or self.steady
+        captured = options.captured if options.captured is not None else float(alone)
+        own = self.room.with_its_own_light() if self.room and captured else self.appearance.captured
+        placed = None if self.lamp_light is None else self.lamp_light.placed
+        level, shading = self._level_of_mixture(shaded), shaded.shading
+        if alone:  # the shading of a room that no environment changes is what was captured
+            shading = shading._replace(radiance=np.zeros_like(own))
+        shading = mixed(self.appearance, shading, options.env_scale, CapturedPart(own, captured), placed, level)
+        return Shaded(shaded.light, shading, shaded.exposure, captured if alone else options.env_scale)
+
+    def _level_of_mixture(self, shaded: Shaded) -> float:
+        """Units of the picture per unit of the environment."""
+        if self.keeps_captured or self.steady:
+            return 1.0
+        if self.room and self.room.exposure is not None:
+            return self.room.exposure
+        return self._level if self._brightness is not None else auto_exposure(shaded.shading.radiance)
+
     def _shading(self, light: Environment) -> Shading:
+        if isinstance(light, CapturedLight):
+            return Shading(np.zeros_like(self.appearance.captured), 0, [], self.options.unplanned)
         if self.room:
             return self.room.shading(light)
         return self.relighter.shading(light, self.appearance.albedo)
@@ -363,6 +432,8 @@ class Job:
         a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
         if self.request.exposure_ev is not None:
             return 2.0**self.request.exposure_ev
+        if self.mixes:  # lamps are told in units of the picture
+            return self._level_of_mixture(Shaded(self.environment, first, 1.0))
         if self.room and self.room.exposure is not None:
             return self.room.exposure
         others = (self._shading(light).radiance for light in self.lights[1:])
@@ -380,4 +451,6 @@ class Job:
 
 def light_of(source: AnyLight) -> Environment:
     """The Environment itself, or what is read of a file or made by name."""
-    return source if isinstance(source, Environment) else Environment.load(source)
+    if isinstance(source, Environment):
+        return source
+    return CapturedLight() if source == CAPTURED else Environment.load(source)

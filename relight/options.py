@@ -1,7 +1,8 @@
 """What is asked of the light, once: from a command line or a caller unchanged to the planner. Imports nothing heavy."""
 
 import math
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +31,7 @@ capture's light is worse than this. A garden of 367,000 vertices: 22 s planned f
 
 
 MOST_LAMPS = 1000.0
-"""Largest factor on the light of lamps: ten stops."""
+"""Largest factor on the light of the capture, of its lamps, of an environment: ten stops."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,11 @@ class LightingOptions:
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.
-    lamps: what becomes of the lamps of a closed room: "keep", "off", or a factor on their light, kept as a number.
+    lamps: what becomes of the captured lamps of a closed room: "keep", "off", a factor on their light, or a factor of
+        each by its number, as {1: 0, 3: 0.5} or "1=off,3=0.5"; kept as a number or as pairs of number and factor.
+    placed: lamps that are put in: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
+    captured: factor on the light of the capture that stays beside lamps and environment; 1 where the light is that of
+        the capture, else 0. env_scale: factor on the light of the environment.
     opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
     """
@@ -58,8 +63,11 @@ class LightingOptions:
     tolerance: float | None = None
     budget_s: float | None = None
     seed: int = 0
-    lamps: str | float = "keep"
+    lamps: str | float | Mapping[int, float] | Sequence[tuple[int, float]] = "keep"
     opened: str | None = None
+    placed: Sequence[Any] = ()
+    captured: float | None = None
+    env_scale: float = 1.0
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -80,6 +88,11 @@ class LightingOptions:
         if self.tolerance is not None and self.budget_s is not None:
             raise InputError("`tolerance` and `budget_s`: expected one of them")
         kept["lamps"] = _checked_lamps(self.lamps)
+        kept["placed"] = (self.placed,) if isinstance(self.placed, (str, os.PathLike)) else tuple(self.placed)
+        for name in ("captured", "env_scale"):
+            value = getattr(self, name)
+            if value is not None:
+                kept[name] = _checked_factor(name, value)
         if self.opened not in (None, "ceiling"):
             raise InputError(f"`opened` {self.opened!r}: expected ceiling")
         for name, value in kept.items():
@@ -118,8 +131,25 @@ class LightingOptions:
 
     @property
     def lamp_factor(self) -> float:
-        """The factor on the light of lamps: 1 to keep it, 0 for off."""
-        return 1.0 if self.lamps == "keep" else float(self.lamps)
+        """The factor on the light of captured lamps: 1 to keep it, 0 for off; 1 where each has one of its own."""
+        return float(self.lamps) if isinstance(self.lamps, float) else 1.0
+
+    def lamp_factors(self, count: int) -> list[float]:
+        """Return the factor of each of so many captured lamps. Raises InputError for the number of one that is not."""
+        if isinstance(self.lamps, (str, float)):
+            return [self.lamp_factor] * count
+        factors = [1.0] * count
+        for number, factor in dict(self.lamps).items():
+            if not 1 <= number <= count:
+                there = f"its lamps are 1 to {count}" if count else "no lamp was found whose strength is known"
+                raise InputError(f"`lamps` {number}={factor:g}: {there}")
+            factors[number - 1] = factor
+        return factors
+
+    @property
+    def changes_captured_light(self) -> bool:
+        """Whether the light of the capture is to be changed or added to, for which no environment is needed."""
+        return bool(self.placed) or self.captured is not None or self.lamps != "keep"
 
     @property
     def unplanned(self) -> Settings:
@@ -141,16 +171,31 @@ def _able(method: str) -> frozenset[str]:
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
 
 
-def _checked_lamps(choice: str | float) -> str | float:
-    """ "keep", or a factor: 0.0 for "off". Raises InputError for anything else."""
-    if choice in ("keep", "off"):
-        return "keep" if choice == "keep" else 0.0
+def _checked_lamps(choice: Any) -> str | float | tuple[tuple[int, float], ...]:
+    """ "keep"; a factor, 0.0 for "off"; or pairs of a lamp's number and its factor, by number."""
+    if isinstance(choice, str) and "=" in choice:
+        choice = [each.partition("=")[::2] for each in choice.split(",")]
+    if isinstance(choice, (str, int, float)):
+        return "keep" if choice == "keep" else _checked_factor("lamps", 0.0 if choice == "off" else choice)
+    pairs = choice.items() if isinstance(choice, Mapping) else choice
+    found: dict[int, float] = {}
+    for number, factor in pairs:
+        text = str(number).strip()
+        if not text.isdecimal() or int(text) in found:
+            raise InputError(f"`lamps` {text}={factor}: expected the number of a lamp, once, as in 1=off,3=0.5")
+        found[int(text)] = _checked_factor("lamps", {"off": 0.0, "keep": 1.0}.get(factor, factor))
+    return tuple(sorted(found.items()))
+
+
+def _checked_factor(name: str, value: Any) -> float:
+    """A factor on some light, from 0 to MOST_LAMPS. Raises InputError for anything else."""
     try:
-        factor = float(choice)
+        factor = float(value)
     except (TypeError, ValueError):
         factor = math.nan
     if not 0.0 <= factor <= MOST_LAMPS:
-        raise InputError(f"`lamps` {choice!r}: expected keep, off or a factor from 0 to {MOST_LAMPS:g}")
+        words = "keep, off or " if name == "lamps" else ""
+        raise InputError(f"`{name}` {value!r}: expected {words}a factor from 0 to {MOST_LAMPS:g}")
     return factor
 
 

@@ -12,7 +12,7 @@ from splat2mesh.base.choices import check_choice
 from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions, TilingOptions
 
-from .light import SKIES
+from .light import CAPTURED, SKIES
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS
 
@@ -36,6 +36,9 @@ MOST_EXPOSURE_EV = 64.0
 MOST_ANGLES = 3600
 """A full turn in steps of a tenth of a degree."""
 
+AUTO = "auto"
+"""The word for the light that a request calls for."""
+
 CACHING = ("keep", "read", "none")
 """Keep what is computed in the scene's folder, read what was kept there, or neither."""
 
@@ -49,7 +52,8 @@ class RelightRequest:
     scene : scene, mesh or path
         A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
     env : Environment, path or name
-        The light: an `.exr` or `.hdr` file, a folder of them, or one of studio, overcast, sunset, noon.
+        The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
+        as it was captured; "auto" is captured where lamps are put in or that light is changed, else studio.
     lighting : LightingOptions
         How exactly the light is computed, and what becomes of captured lamps.
     angles_deg : sequence of float
@@ -100,7 +104,7 @@ class RelightRequest:
     """
 
     scene: "AnyScene"
-    env: AnyLight = "studio"
+    env: AnyLight = AUTO
     lighting: LightingOptions = field(default_factory=LightingOptions)
     angles_deg: Sequence[float] = (0.0,)
     albedo: "AnyAlbedo | None" = None
@@ -129,6 +133,8 @@ class RelightRequest:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
+        if self.env == AUTO:
+            object.__setattr__(self, "env", CAPTURED if self.lighting.changes_captured_light else "studio")
         self._check_words()
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
             raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
@@ -141,6 +147,8 @@ class RelightRequest:
             raise InputError(f"`lights` {self.lights[0]}: only the formats live and web hold several lights")
         if self.clear_cache and self.caching != "keep":
             raise InputError("`clear_cache`: nothing is written and nothing removed where no cache is kept")
+        if self.env == CAPTURED and any(angle % 360.0 for angle in self.angles_deg):
+            raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
             raise InputError("`angles_deg`: an animation has one angle")
 
@@ -157,7 +165,7 @@ class RelightRequest:
     def of(
         cls,
         scene: "AnyScene | RelightRequest",
-        env: AnyLight = "studio",
+        env: AnyLight = AUTO,
         lighting: LightingOptions | str | None = None,
         **changes: Any,
     ) -> "RelightRequest":

@@ -22,7 +22,8 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from .earlier import REPORT, Earlier, check_results, is_results, settings_of
-from .job import Job, Shaded, light_of
+from .engine.relighter import Shaded
+from .job import Job, light_of
 from .light.skies import BUILTIN
 from .output.engine_files import EngineFiles
 from .output.kinds import FOR_ENGINES
@@ -50,7 +51,7 @@ class Writer:
         Results of the same settings are added to; what else is there stays. Raises InputError where the folder holds no
         results, or those of other settings, unless these may be overwritten.
         """
-        light, shading, exposure = shaded
+        light = shaded.light
         report = report_of(self.job, shaded)
         settings = settings_of(self.job.request, self.job.request.env, light.rotation_deg)
         check_results(folder, overwrite, lambda: settings)
@@ -60,9 +61,9 @@ class Writer:
         alone = asked.sheet and len(asked.angles_deg) == 1
         with staged_folder(folder, overwrite or there, REPORT, keep=True) as staging:
             earlier = Earlier(folder, settings, overwrite)  # again: another run may have been here since
-            report["files"], told = self._results.write(staging, light, shading.radiance, exposure)
+            report["files"], told = self._results.write(staging, shaded)
             if asked.sheet:
-                self._results.add_to_sheet(light, shading.radiance, exposure)
+                self._results.add_to_sheet(shaded)
                 report["files"] += [self._results.write_sheet(staging, 1)] * alone
             report.update(told)
             report = earlier.joined(report)
@@ -75,7 +76,7 @@ class Writer:
 
     def relit_splats(self, shaded: Shaded) -> Splats:
         """The splats that the scene was made from, in its light."""
-        return self._results.relit_splats(shaded.light, shaded.shading.radiance, shaded.exposure)
+        return self._results.relit_splats(shaded)
 
     def film(
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
@@ -137,7 +138,7 @@ class Writer:
 
 def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
     """What was done and how, JSON-clean, without files and times."""
-    light, shading, exposure = shaded
+    light, shading, exposure, _ = shaded
     settings = shading.settings
     return {
         "version": VERSION,

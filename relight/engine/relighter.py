@@ -41,12 +41,25 @@ class Shading(NamedTuple):
 
     sun_count: how many directions were traced. bounces: relative contribution of each bounce, a list.
     settings: the Settings by which it was made; more rays than were asked for, where they were there.
+    received: (V, 3) float32 irradiance over pi, unit of `radiance`, where it is known beside it; None where the albedo
+    tells it.
     """
 
     radiance: NDArray[np.float32]
     sun_count: int
     bounces: list[float]
     settings: Settings
+    received: NDArray[np.float32] | None = None
+
+
+class Shaded(NamedTuple):
+    """A scene in one light. light: the Environment. exposure: display value per unit of the radiance of `shading`.
+    backdrop: factor on what is seen of the light itself, in the far background."""
+
+    light: "Environment"
+    shading: Shading
+    exposure: float
+    backdrop: float = 1.0
 
 
 class Relighter:

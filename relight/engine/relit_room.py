@@ -16,8 +16,9 @@ from ..albedo.division import DARKEST
 from ..light.environment import Environment
 from ..rooms.room import Room
 from ..transfer import SHADOWING
+from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
-from .appearance import Appearance
+from .appearance import CAPTURE_OF_PLACE, Appearance
 from .relighter import Relighter, Shading
 
 SOFTNESS = 0.05
@@ -43,10 +44,10 @@ class RelitRoom:
     def __init__(self, look: Appearance, relighter: Relighter, level: float) -> None:
         self._look, self._relighter, self._level = look, relighter, np.float32(level)
         self.lamp_factor = relighter.options.lamp_factor
-        self._factor = np.float32(self.lamp_factor)
         self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
         self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
+        self._factors = relighter.options.lamp_factors(self.lamps_found)
         self._shut = look.room is not None and look.room.told["windows"] is None
         self.steady = look.kept or (self._shut and not self._opened)
         method = relighter.options.method
@@ -78,13 +79,48 @@ class RelitRoom:
         if room is None:
             return self.lit.shading(environment, look.albedo)
         shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
-        after = self._level * shaded.radiance + self._factor * room.by_lamps
-        after, usual, below = self._compared(after, shaded.settings)
+        radiance = self._changed(self._level * shaded.radiance, shaded.settings)
+        return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
+
+    def with_its_own_light(self) -> NDArray[np.float32]:
+        """The captured colours, (V, 3) float32, with each captured lamp as bright as the options say, all else as it
+        was."""
+        look, room = self._look, self._look.room
+        if room is None or all(factor == 1.0 for factor in self._factors):
+            return look.captured
+        settings = CAPTURE_OF_PLACE
+        outside = np.zeros_like(look.captured)
+        if not self._shut:
+            outside = self._relighter.shading(room.environment, room.albedo, settings).radiance
+        return self._changed(outside, settings).astype(np.float32)
+
+    def _changed(self, outside, settings):
+        """The captured colours under light from outside by which the model sends out that radiance, (V, 3), and the
+        lamps as the options say."""
+        look, room = self._look, self._known
+        after, usual, below = self._compared(outside + self._by_lamps, settings)
         radiance = look.captured * np.minimum((after + usual) / below, np.float32(MOST))
         glowing = room.glow.any(axis=1)
         if glowing.any():
-            radiance[glowing] = after[glowing] + self._factor * room.glow[glowing]
-        return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
+            factors = np.array([*self._factors, 1.0], np.float32)[room.lamp_of[glowing], None]
+            radiance[glowing] = after[glowing] + factors * room.glow[glowing]
+        return radiance
+
+    @cached_property
+    def _by_lamps(self):
+        """(V, 3) float32 of the light of all lamps, each as bright as the options say, bounces included."""
+        room, factors = self._known, np.array(self._factors, np.float32)
+        if len(set(self._factors)) == 1:
+            return factors[0] * room.by_lamps
+        if not len(factors):
+            return room.by_lamps
+        interreflection = self._relighter.computed(CAPTURE_OF_PLACE)["interreflection"]
+        before, after = (
+            with_bounces(np.einsum("l,lvc->vc", weights, room.lamp_light), room.albedo, interreflection)[0]
+            for weights in (np.ones_like(factors), factors)
+        )
+        # By its model's change: where no window is, what is captured takes the place of what is modelled.
+        return room.by_lamps * np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
 
     def changes(
         self, after: NDArray[np.float32], settings: Settings

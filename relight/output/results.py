@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
+from ..light.captured import CapturedLight
 from . import mesh_files
 from .engine_files import EngineFiles
 from .kinds import FILES, FOR_ENGINES, SHEET
@@ -17,8 +18,7 @@ from .live_files import LiveFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
-    from ..engine.relighter import Relighter
-    from ..light.environment import Environment
+    from ..engine.relighter import Relighter, Shaded, Shading
 
 PICTURE_SIZE = 960, 720
 
@@ -65,13 +65,9 @@ class Results:
         self._texture: Any = None
         self._sky_rows: Any = None
 
-    def write(
-        self, folder: Path, light: "Environment", radiance: NDArray[np.float32], exposure: float
-    ) -> tuple[list[str], dict[str, Any]]:
-        """Fill a folder that exists: (names of the files, what else the report should tell).
-
-        radiance: (V, 3) linear. exposure: display value per unit of it.
-        """
+    def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
+        """Fill a folder that exists: (names of the files, what else the report should tell)."""
+        light, exposure, radiance = shaded.light, shaded.exposure, shaded.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES)]
@@ -87,11 +83,11 @@ class Results:
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
         if self._splats is not None and (pictured or (self._engines is not None and self._engines.wants_relit)):
-            relit = self.relit_splats(light, radiance, exposure)
+            relit = self.relit_splats(shaded)
         if "splat" in self._kinds and relit is not None:
             names += self._write_splats(folder, relit)
         if self._baked:
-            names += self._write_textures(folder, light, radiance, exposure, told)
+            names += self._write_textures(folder, shaded, told)
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound)
         if self._live is not None:
@@ -99,36 +95,37 @@ class Results:
             names += written
         if pictured:
             with self._stages.stage("preview"):
-                self._drawn_last = self._drawn(relit, light, radiance, exposure)
+                self._drawn_last = self._drawn(relit, shaded)
                 mesh_files.write_png(folder / FILES["png"], self._drawn_last)
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             told["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, told
 
-    def _drawn(
-        self, relit: Splats | None, light: "Environment", radiance: NDArray[np.float32], exposure: float
-    ) -> NDArray[np.uint8]:
+    def _drawn(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         from .picture import RelitPicture
 
+        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
+
         self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
         if relit is not None:
-            return self._picture.of_splats(relit, light, exposure)
+            return self._picture.of_splats(relit, light, behind)
         if self._texture is not None:
-            image = self._relit_texture(radiance, exposure)
-            return self._picture.of_texture(self._texture.atlas, image, light, exposure)
-        return self._picture.of_vertices(radiance, light, exposure)
+            return self._picture.of_texture(self._texture.atlas, self._relit_texture(shaded), light, behind)
+        return self._picture.of_vertices(shaded.shading.radiance, light, exposure)
 
-    def add_to_sheet(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> None:
+    def add_to_sheet(self, shaded: "Shaded") -> None:
         """Keep the picture of a light that was just written, in half its size, for the sheet."""
         with self._stages.stage("sheet"):
             image = self._drawn_last
             if image is None:
-                relit = None if self._splats is None else self.relit_splats(light, radiance, exposure)
-                image = self._drawn(relit, light, radiance, exposure)
+                relit = None if self._splats is None else self.relit_splats(shaded)
+                image = self._drawn(relit, shaded)
             self._drawn_last = None
             if not self._on_sheet:
                 self._on_sheet = [(name, _halved(each)) for name, each in self._before()]
+            light = shaded.light
             self._on_sheet.append((f"{light.name} {light.rotation_deg:g}°", _halved(image)))
 
     def write_sheet(self, folder: Path, last: int | None = None) -> str:
@@ -156,24 +153,33 @@ class Results:
             found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
         return found
 
-    def relit_splats(self, light: "Environment", radiance: NDArray[np.float32], exposure: float) -> Splats:
+    def relit_splats(self, shaded: "Shaded") -> Splats:
         """The splats in the new light, row by row those of the source, in its frame."""
         from ..splats import shown_as_sky, under_sky
+        from ..splats.sky import dimmed
 
         if self._sky_rows is None:
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
+        light, shading, exposure, backdrop = shaded
         rows, frame = self._sky_rows, self._scene.scene_from_splat
         capture = self._appearance.capture
         if (
-            capture is not None and self._appearance.kept
+            capture is not None and self._appearance.kept and shading.received is None
         ):  # the sky as bright as in the capture, whose exposure they have
             exposure = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
             return under_sky(self._splats, rows, light, frame, exposure, self._sky)
         binding = self._bound()
         with self._stages.stage("relight splats"):
-            received = self._appearance.received(radiance)
+            received = self._received(shading)
             relit = binding.relit(self._appearance.irradiance, received, exposure)
-            return under_sky(relit, rows, light, frame, exposure, self._sky)
+            if isinstance(light, CapturedLight) and self._sky == "new":
+                return dimmed(relit, self._splats, rows, exposure * backdrop)
+            return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
+
+    def _received(self, shading: "Shading", exposure: float = 1.0) -> NDArray[np.float32]:
+        """(V, 3) irradiance over pi, unit of the radiance."""
+        known = shading.received
+        return self._appearance.received(shading.radiance, exposure) if known is None else known
 
     def _write_splats(self, folder: Path, relit: Splats) -> list[str]:
         """The splats in the new light, also in the format of their source: names of files beyond FILES."""
@@ -210,9 +216,7 @@ class Results:
     def _write_textures(
         self,
         folder: Path,
-        light: "Environment",
-        radiance: NDArray[np.float32],
-        exposure: float,
+        shaded: "Shaded",
         told: dict[str, Any],  # what the report tells of them goes in
     ) -> list[str]:
         """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
@@ -229,8 +233,9 @@ class Results:
         names = ["relit_texture.glb", "albedo_texture.glb"]
         told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
-            extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": exposure}
-            picture = self._relit_texture(radiance, exposure)
+            light = shaded.light
+            extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
+            picture = self._relit_texture(shaded)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
             write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)
@@ -238,9 +243,10 @@ class Results:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names
 
-    def _relit_texture(self, radiance: NDArray[np.float32], exposure: float) -> NDArray[np.uint8]:
+    def _relit_texture(self, shaded: "Shaded") -> NDArray[np.uint8]:
         """The texture under a light, (size, size, 3) uint8 sRGB."""
-        return self._texture.relit(self._appearance.received(radiance, exposure), exposure)
+        exposure = shaded.exposure
+        return self._texture.relit(self._received(shaded.shading, exposure), exposure)
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ from ..albedo import Prior
 from ..light.environment import Environment
 from .room import Room
 
-ARRAYS = "by_lamps", "glow"
+ARRAYS = "by_lamps", "glow", "lamp_light", "lamp_of"
 
 
 def as_arrays(room: Room, reason: str) -> dict[str, Any]:

@@ -57,15 +57,19 @@ class Room(NamedTuple):
 
     albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
     float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
-    themselves, 0 elsewhere. environment: the capture's, black without windows. brightness: luminance of the uniform
-    sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. trust: (V,) float32, of
-    `trust_in`: how much of a change of its own a place takes, beside that of the whole room. told: dict for the report.
+    themselves, 0 elsewhere. lamp_light: (L, V, 3) float32, what each lamp gives white surfaces directly. lamp_of: (V,)
+    int16, which lamp a vertex is of, -1 for none. environment: the capture's, black without windows. brightness:
+    luminance of the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`.
+    trust: (V,) float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room.
+    told: dict for the report.
     """
 
     albedo: NDArray[np.float32]
     irradiance: NDArray[np.float32]
     by_lamps: NDArray[np.float32]
     glow: NDArray[np.float32]
+    lamp_light: NDArray[np.float32]
+    lamp_of: NDArray[np.int16]
     environment: Environment
     brightness: float
     prior: Prior
@@ -169,8 +173,12 @@ def _lit(
     outside: (V, 3) direct light through the windows. emitters: (Lamp, light (V,), radiance (3,)) each.
     """
     glow, lamp_light, sent = np.zeros_like(captured), np.zeros_like(captured), captured.copy()
-    for lamp, light, radiance in emitters:
-        lamp_light += light[:, None] * radiance.astype(np.float32)
+    each = np.zeros((len(emitters), *captured.shape), np.float32)
+    lamp_of = np.full(len(captured), -1, np.int16)
+    for number, (lamp, light, radiance) in enumerate(emitters):
+        each[number] = light[:, None] * radiance.astype(np.float32)
+        lamp_light += each[number]
+        lamp_of[lamp.rows] = number
         glow[lamp.rows] = np.maximum(radiance, captured[lamp.rows])
         sent[lamp.rows] = 0.0
     glowing: Mask = np.asarray(glow.any(axis=1))
@@ -191,6 +199,7 @@ def _lit(
     bright = glowing | (captured.max(axis=1) > lamps.PALE)  # of lamps and of what they burn out nothing is modelled
     trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, faces, DOUBT)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
+    arrays |= {"lamp_light": each, "lamp_of": lamp_of}
     return {**arrays, "trust": trust, "self_relight_db": decibels}
 
 

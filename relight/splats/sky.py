@@ -17,6 +17,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from ..albedo.division import weighted_quantile
 from ..light import SKIES
 from ..light.tonemap import tone_map
+from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
 
 BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
 """Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read
@@ -159,3 +160,18 @@ def under_sky(
     sh[rows] = 0.0
     sh[rows, 0] = (tone_map(shown) - np.float32(0.5)) / np.float32(SH_C0)
     return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+
+
+def dimmed(
+    relit,  # Splats, relit, every row of the source
+    source,  # Splats as captured
+    rows,  # (M,) which of them are far background
+    factor,  # on its light
+):
+    """The Splats with the far ones as captured, but with so many times the light."""
+    if not len(rows):
+        return relit
+    log_gain = np.full((len(rows), 3), np.log(np.clip(factor, LEAST, MOST)) / CURVE_POWER, np.float32)
+    sh = relit.sh.copy()
+    sh[rows] = relit_sh(source.sh[rows], log_gain, log_gain[0])
+    return Splats(relit.means, relit.scales, relit.quats_wxyz, relit.opacities, sh)

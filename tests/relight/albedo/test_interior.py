@@ -6,6 +6,7 @@ import pytest
 from relight import Environment, Relighter
 from relight.albedo.interior import MOST_CLOSED, closed_part, within
 from relight.engine.appearance import appearance_of
+from relight.engine.relighter import Shaded, Shading
 from relight.job import Job
 from relight.output.results import Results
 from relight.request import RelightRequest
@@ -83,7 +84,7 @@ def test_a_closed_room_stays_as_captured_and_says_so(opening):
     dark = np.zeros_like(look.captured)
     np.testing.assert_allclose(look.received(dark, 0.5) * 0.5, look.irradiance)
     results = Results(relighter, look, ["splat"], splats=(splats, []))
-    relit = results.relit_splats(Environment.load("sunset"), dark, 3.0)
+    relit = results.relit_splats(shaded_by("sunset", dark, 3.0))
     np.testing.assert_array_equal(relit.sh, splats.sh)
 
 
@@ -94,7 +95,7 @@ def test_the_sky_in_its_windows_is_new():
     with pytest.warns(DataWarning, match="closed room"):
         look = appearance_of("estimated", None, relighter)
     results = Results(relighter, look, ["splat"], splats=(splats, []))
-    relit = results.relit_splats(Environment.load("sunset"), np.zeros_like(look.captured), 3.0)
+    relit = results.relit_splats(shaded_by("sunset", np.zeros_like(look.captured), 3.0))
     changed = (relit.sh != splats.sh).any(axis=(1, 2))
     np.testing.assert_array_equal(np.flatnonzero(changed), [3])
 
@@ -110,3 +111,7 @@ def test_a_job_reports_it():
     with pytest.warns(DataWarning, match="closed room"):
         report = report_of(job, next(iter(job.shaded())))
     assert report["capture"]["left_as_captured"]
+
+
+def shaded_by(name, radiance, exposure):
+    return Shaded(Environment.load(name), Shading(radiance, 0, [], None), exposure)

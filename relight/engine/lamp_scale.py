@@ -1,0 +1,43 @@
+"""How long a metre is in a scene, and how bright its captured light: what brightness and sizes of lamps are told in."""
+
+import numpy as np
+
+from splat2mesh.scene.color import luminance
+from splat2mesh.scene.scene import Scene
+
+from ..lamps.asked import LampScale
+from ..transfer.occluder import Frame, Occluder
+from .appearance import Appearance
+
+EYE_M = 1.5
+"""Height above the floor at which a camera is usually held."""
+
+OBJECT_M = 1.0
+"""What is taken for the diagonal of an object, of which nothing tells a size."""
+
+
+def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
+    """Return the LampScale of a scene: splat units per metre, and the median irradiance of the capture.
+
+    A metre is told by how high above the floor the capture stood. An object has no size of its own.
+    """
+    light = luminance(look.irradiance)
+    lit = light[light > 0.0]
+    irradiance = np.pi * float(np.median(lit)) if len(lit) else np.pi
+    motion = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
+    scale = float(np.cbrt(abs(np.linalg.det(motion)))) or 1.0  # scene units per splat unit
+    height = _eye_height(scene, occluder)
+    metre = scene.diagonal / OBJECT_M if height is None else height / EYE_M
+    return LampScale(metre / scale, irradiance)
+
+
+def _eye_height(scene: Scene, occluder: Occluder) -> float | None:
+    """Median height of the capture's standpoints above what is below them, scene units; None where nobody stood."""
+    eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
+    if not len(eyes):
+        return None
+    frame = Frame.around(scene.vertices, scene.faces)
+    down = np.broadcast_to(np.array([0.0, -1.0, 0.0]), eyes.shape)
+    hits = occluder.first_hits(np.hstack([frame.unit(eyes), down]).astype(np.float32))
+    below = hits.distance[np.isfinite(hits.distance)]
+    return float(np.median(below)) * frame.diagonal if len(below) else None

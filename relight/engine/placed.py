@@ -1,0 +1,116 @@
+"""The light of lamps that people placed, on a scene: direct, and thrown on by its surfaces."""
+
+import math
+import warnings
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.color import luminance
+
+from ..lamps.emitters import emitters_of
+from ..lamps.shapes import Lamp
+from ..lamps.tracing import lamplight
+from ..transfer.bounces import with_bounces
+from ..transfer.occluder import Frame
+from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
+
+if TYPE_CHECKING:
+    from .appearance import Appearance
+    from .relighter import Relighter
+
+RAYS_OF_ERROR = 0.6
+"""Rays in half-shadows times the relative error that they leave, of direct light over all vertices, against 512 rays:
+a bulb, a globe, a panel and a tube in a trained room and a trained garden have .007 to .011 with 64, .003 to .005 with
+128 (a tube that nearly touches a shelf .017)."""
+
+LEAST_RAYS, MOST_RAYS = 8, 512
+
+NEGLIGIBLE = 0.01
+"""Part of the tolerance, of the median light of the capture, below which one lamp's light at a vertex is left out."""
+
+
+class Placed(NamedTuple):
+    """What placed lamps do, unit of the picture. radiance, received: (V, 3) float32, exit radiance and irradiance over
+    pi, bounces included. direct: (V, 3) float32 irradiance over pi without bounces. bounces: relative contribution of
+    each bounce."""
+
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
+    direct: NDArray[np.float32]
+    bounces: list[float]
+
+
+class LampLight:
+    """The light of placed lamps on the scene of a Relighter, found once.
+
+    lamps: in the frame of the scene, unit of the picture. look: the Appearance, whose albedo bounces take.
+    rays: for each vertex and lamp in half-shadows, as the tolerance calls for.
+    """
+
+    def __init__(self, relighter: "Relighter", look: "Appearance", lamps: Sequence[Lamp], tolerance: float) -> None:
+        self._relighter, self._look, self.lamps = relighter, look, list(lamps)
+        self.rays = rays_for(tolerance)
+        scene = relighter.scene
+        frame = Frame.around(scene.vertices, scene.faces)
+        self._emitters = emitters_of(self.lamps, frame.center, frame.diagonal)
+        self._least = NEGLIGIBLE * tolerance * float(np.median(luminance(look.irradiance)))
+
+    @cached_property
+    def placed(self) -> Placed:
+        """The light of all lamps together. Warns of those that light nothing."""
+        relighter = self._relighter
+        with relighter.stages.stage("lamps", len(relighter.scene.vertices)) as advance:
+            direct = self._direct(self._emitters, advance)
+        if not direct.any() and any(np.any(color > 0.0) for color in self._emitters.color):
+            message = "no vertex receives light of the lamps: they stand in a wall, outside, or face away"
+            warnings.warn(message, DataWarning, stacklevel=2)
+        return self.with_bounces(direct)
+
+    def direct_of(self, lamp: int) -> NDArray[np.float32]:
+        """Direct light of one lamp on the white scene, (V, 3) float32."""
+        return self._direct(self._emitters.of_lamp(lamp))
+
+    def with_bounces(self, direct: NDArray[np.float32]) -> Placed:
+        """What light does that reaches the scene directly, (V, 3) on white, once surfaces throw it on."""
+        albedo = self._albedo
+        bouncing = self._relighter.options.fixed_effects is None or "bounces" in self._relighter.effects
+        if not bouncing or self._look.albedo is None:  # in a scene all white light would never fade
+            return Placed(albedo * direct, direct, direct, [])
+        with self._relighter.stages.stage("bounces"):
+            radiance, bounces = with_bounces(direct, albedo, self._interreflection)
+        received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
+        dark = albedo < LEAST_ALBEDO  # what is thrown on to black is not told by what black sends on
+        received[dark] = np.maximum(received, direct)[dark]
+        return Placed(radiance, received.astype(np.float32), direct, bounces)
+
+    def _direct(self, emitters, advance=lambda count: None) -> NDArray[np.float32]:
+        relighter = self._relighter
+        foliage = relighter.precomputed.foliage
+        leaf = None
+        if foliage is not None:
+            leaf = np.zeros(len(relighter.scene.vertices), np.float32)
+            leaf[foliage.rows] = foliage.share[:, 0]
+        more = {"leaf": leaf, "least": self._least, "seed": relighter.options.seed, "advance": advance}
+        return lamplight(relighter.occluder, emitters, self.rays, **more)
+
+    @cached_property
+    def _albedo(self) -> NDArray[np.float32]:
+        albedo = self._look.albedo
+        return np.ones_like(self._look.captured) if albedo is None else np.asarray(albedo, np.float32)
+
+    @cached_property
+    def _interreflection(self):
+        """The bounces by which the light of the capture was estimated, which are there."""
+        is_place = self._relighter.scene.is_place
+        return self._relighter.computed(CAPTURE_OF_PLACE if is_place else CAPTURE)["interreflection"]
+
+
+def rays_for(tolerance: float) -> int:
+    """Rays in half-shadows for a relative error of direct light: a power of 2."""
+    wanted = 2 ** math.ceil(math.log2(RAYS_OF_ERROR / tolerance))
+    return int(min(max(wanted, LEAST_RAYS), MOST_RAYS))

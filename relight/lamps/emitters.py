@@ -1,0 +1,213 @@
+"""Lamps as the kernels see them: balls, triangles and tubes in arrays, in the unit frame of an occluder.
+
+A sphere, a spot and a measured profile are balls; a rectangle is two triangles, a mesh as many as it has. So one list
+holds all lamps, and a sign of ten thousand faces is no other case than a street of ten thousand bulbs.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splat2mesh.scene.color import luminance
+
+from .shapes import Lamp, MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+
+BALL, TRIANGLE, TUBE = 0, 1, 2
+
+LEAST_RADIUS = 1e-4
+"""Radius of a point in diagonals of the scene: nearer than that its light grows no further, so that no distance,
+however small, gives a number that is not finite."""
+
+NO_PROFILE = -1
+
+PROFILE_STEP_DEG = 2.0
+"""Of the tables that measured profiles are resampled to: most are measured every 2.5 degrees."""
+
+
+class Emitters(NamedTuple):
+    """N emitters, unit frame; float32 but where said.
+
+    kind: (N,) int8. place: (N, 3), the centre of a ball, a corner of a triangle, an end of a tube. first, second:
+    (N, 3): of a ball the axis of its light and the direction of horizontal angle 0; of a triangle two edges from its
+    corner, whose product points to where it shines; of a tube the way to its other end, and zeros. radius: (N,).
+    color: (N, 3) radiance, unit of the picture; of a ball that along its axis. cone: (N, 2), angles in radians to which
+    a ball is as bright as along its axis, and from which it is dark. profile: (N,) int32, row of `profiles` or
+    NO_PROFILE. two_sided: (N,) bool. lamp: (N,) int32, the lamp that each is of.
+    middle: (N, 3), reach: (N,): a sphere around each. power: (N,), at most what a white vertex sends on in luminance,
+    times the squared distance from that sphere; peak: (N,), at most what it sends on at all.
+    profiles: (P, A, B): relative intensity by vertical angle 0..180 and horizontal angle 0..360 degrees.
+    """
+
+    kind: NDArray[np.int8]
+    place: NDArray[np.float32]
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
+    radius: NDArray[np.float32]
+    color: NDArray[np.float32]
+    cone: NDArray[np.float32]
+    profile: NDArray[np.int32]
+    two_sided: NDArray[np.bool_]
+    lamp: NDArray[np.int32]
+    middle: NDArray[np.float32]
+    reach: NDArray[np.float32]
+    power: NDArray[np.float32]
+    peak: NDArray[np.float32]
+    profiles: NDArray[np.float32]
+
+    def of_lamp(self, lamp: int) -> "Emitters":
+        """Those of one lamp."""
+        chosen = self.lamp == lamp
+        kept = {name: array[chosen] for name, array in self._asdict().items() if name != "profiles"}
+        return Emitters(**kept, profiles=self.profiles)
+
+
+class _Row(NamedTuple):
+    kind: int
+    place: ArrayLike
+    first: ArrayLike
+    second: ArrayLike
+    radius: float
+    color: ArrayLike
+    cone: tuple[float, float] = (math.pi, math.pi)
+    two_sided: bool = False
+
+
+def emitters_of(
+    lamps: Sequence[Lamp],
+    center: ArrayLike = (0.0, 0.0, 0.0),
+    diagonal: float = 1.0,
+) -> Emitters:
+    """Return the Emitters of lamps.
+
+    Parameters
+    ----------
+    lamps : sequence of Lamp
+        In the frame and the unit of length of the scene.
+    center, diagonal : (3,) and float
+        Of the unit frame (`transfer.occluder.Frame`) in that of the scene.
+    """
+    rows: list[_Row] = []
+    owner: list[int] = []
+    tables: list[NDArray[np.float64]] = []
+    table_of: list[int] = []
+    for number, lamp in enumerate(lamps):
+        table = NO_PROFILE
+        if isinstance(lamp, ProfileLamp):
+            table = len(tables)
+            tables.append(_resampled(lamp))
+        for row in _rows(lamp, np.asarray(center, np.float64), diagonal):
+            rows.append(row)
+            owner.append(number)
+            table_of.append(table)
+    return _packed(rows, owner, table_of, tables)
+
+
+def _rows(lamp: Lamp, center: NDArray[np.float64], diagonal: float) -> Iterable[_Row]:
+    def placed(point: ArrayLike) -> NDArray[np.float64]:
+        return (np.asarray(point, np.float64) - center) / diagonal
+
+    zeros = np.zeros(3)
+    if isinstance(lamp, (SphereLamp, SpotLamp, ProfileLamp)):
+        radius = max(lamp.radius / diagonal, LEAST_RADIUS)
+        given = lamp.radiance if isinstance(lamp, SphereLamp) else None
+        if given is None:  # one ball of that intensity, whatever its radius
+            intensity = np.asarray(lamp.intensity, np.float64)
+            radiance = intensity / (math.pi * (radius * diagonal) ** 2)
+        else:
+            radiance = np.asarray(given, np.float64)
+        if isinstance(lamp, SphereLamp):
+            return [_Row(BALL, placed(lamp.position), zeros, zeros, radius, radiance)]
+        axis = np.subtract(lamp.target, lamp.position)
+        axis = axis / np.linalg.norm(axis)
+        if isinstance(lamp, SpotLamp):
+            cone = math.radians(lamp.beam_deg or 0.0), math.radians(lamp.cutoff_deg)
+            return [_Row(BALL, placed(lamp.position), axis, zeros, radius, radiance, cone)]
+        return [_Row(BALL, placed(lamp.position), axis, _horizontal(axis, lamp.turn_deg), radius, radiance)]
+    if isinstance(lamp, TubeLamp):
+        along = np.subtract(lamp.end, lamp.start) / diagonal
+        return [_Row(TUBE, placed(lamp.start), along, zeros, lamp.radius / diagonal, lamp.radiance)]
+    if isinstance(lamp, RectangleLamp):
+        u, v = np.asarray(lamp.edge_u) / diagonal, np.asarray(lamp.edge_v) / diagonal
+        corner = placed(lamp.center) - (u + v) / 2.0
+        halves = (corner, u, v), (corner + u + v, -u, -v)
+        return [_Row(TRIANGLE, *half, 0.0, lamp.radiance, two_sided=lamp.two_sided) for half in halves]
+    assert isinstance(lamp, MeshLamp)
+    a, b, c = (placed(lamp.vertices[lamp.faces[:, corner]]) for corner in range(3))
+    sized = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0
+    colors = np.broadcast_to(lamp.radiance, (len(a), 3))
+    return [
+        _Row(TRIANGLE, a[i], b[i] - a[i], c[i] - a[i], 0.0, colors[i], two_sided=lamp.two_sided)
+        for i in np.flatnonzero(sized & (colors.max(axis=1) > 0.0))
+    ]
+
+
+def _horizontal(axis: NDArray[np.float64], turn_deg: float) -> NDArray[np.float64]:
+    """The direction of horizontal angle 0 of a lamp along `axis`: +x as far as it is across, else +z; then turned."""
+    toward = np.array([1.0, 0.0, 0.0]) if abs(axis[0]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    across = toward - (toward @ axis) * axis
+    across /= np.linalg.norm(across)
+    turn = math.radians(turn_deg)
+    return math.cos(turn) * across + math.sin(turn) * np.cross(axis, across)
+
+
+def _resampled(lamp: ProfileLamp) -> NDArray[np.float64]:
+    """The table of a profile at even angles: (A, B) over 0..180 and 0..360 degrees, ends included."""
+    vertical = np.linspace(0.0, 180.0, int(180.0 / PROFILE_STEP_DEG) + 1)
+    horizontal = np.linspace(0.0, 360.0, int(360.0 / PROFILE_STEP_DEG) + 1)
+    known = lamp.horizontal_deg
+    table = np.stack([np.interp(vertical, lamp.vertical_deg, row, right=0.0) for row in lamp.table.T], axis=1)
+    if len(known) == 1:
+        return np.repeat(table, len(horizontal), axis=1)
+    return np.stack([np.interp(horizontal, known, row, period=360.0) for row in table])
+
+
+def _packed(rows: list[_Row], owner: list[int], table_of: list[int], tables: list[NDArray[np.float64]]) -> Emitters:
+    count = len(rows)
+
+    def column(name: str, width: int | None = None) -> NDArray[np.float64]:
+        shape = (count,) if width is None else (count, width)
+        return np.array([getattr(row, name) for row in rows], np.float64).reshape(shape)
+
+    kind = column("kind").astype(np.int8)
+    place, first, second = column("place", 3), column("first", 3), column("second", 3)
+    radius, color = column("radius"), column("color", 3)
+    middle, reach, flux = place.copy(), radius.copy(), math.pi * radius**2
+    triangle, tube = kind == TRIANGLE, kind == TUBE
+    middle[triangle] += (first[triangle] + second[triangle]) / 3.0
+    ends = np.stack([place, place + first, place + second])
+    far = np.linalg.norm(ends - middle, axis=2).max(axis=0)
+    reach[triangle] = far[triangle]
+    flux[triangle] = np.linalg.norm(np.cross(first, second), axis=1)[triangle] / 2.0
+    length = np.linalg.norm(first, axis=1)
+    middle[tube] += first[tube] / 2.0
+    reach[tube] += length[tube] / 2.0
+    flux[tube] = 2.0 * radius[tube] * length[tube]
+    brightest = np.ones(count)
+    for number, table in enumerate(tables):
+        brightest[np.array(table_of) == number] = table.max()
+    peak = luminance(color) * brightest
+    profiles = np.stack(tables) if tables else np.zeros((0, 1, 1))
+
+    def single(array: NDArray[np.float64]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(array, np.float32)
+
+    return Emitters(
+        kind=kind,
+        place=single(place),
+        first=single(first),
+        second=single(second),
+        radius=single(radius),
+        color=single(color),
+        cone=single(column("cone", 2)),
+        profile=np.array(table_of, np.int32).reshape(count),
+        two_sided=column("two_sided").astype(bool),
+        lamp=np.array(owner, np.int32).reshape(count),
+        middle=single(middle),
+        reach=single(reach),
+        power=single(peak * flux / math.pi),
+        peak=single(peak),
+        profiles=single(profiles),
+    )

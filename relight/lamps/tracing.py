@@ -1,0 +1,369 @@
+"""The light of lamps on white vertices, with soft shadows: rays where lamps can contribute, more in half-shadows.
+
+Each pair of vertex and emitter has a closed form for what arrives where nothing hides it (`unoccluded`); rays only tell
+which part of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in
+the half-shadow, and takes all. Of many emitters each vertex takes the brightest by themselves, and of the others a few
+by chance, as likely as they are bright where its neighbourhood is: so the cost of a vertex does not grow with the
+number of lamps, and its light is right on average.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from splat2mesh.base.threads import in_slices, over
+
+from ..transfer.neighbors import along_curve
+from ..transfer.occluder import Occluder
+from ..transfer.sampling import hashed_offsets
+from .emitters import Emitters
+from .unoccluded import BALL, TUBE_NODES, aimed, directed, unoccluded
+
+PILOT_RAYS, PILOT_PART = 4, 4
+"""Rays that go first to an emitter of some size: a quarter of all, but at least so many. What they miss of a
+half-shadow is the larger part of the error: with 4 of 128 it stays at 3%, where 32 of 128 bring it to .4%."""
+
+POINT_ANGLE = 2e-3
+"""Radius over distance up to which a ball is a point, for which one ray is enough."""
+
+ALONE = 24
+"""Emitters that a vertex takes by themselves, the brightest; it takes all where there are no more than these."""
+
+BY_CHANCE = 24
+"""Emitters that it takes for all the others."""
+
+BLOCK = 64
+"""Vertices, side by side along a curve through space, that share a list of the brightest."""
+
+BATCH_VERTICES = 2**14
+
+REACHED = 0.9999
+"""Of the way to an emitter that must be free: what glows is often part of the mesh."""
+
+
+class Chosen(NamedTuple):
+    """Which emitters a run of vertices takes: (V, E) int32, -1 for none, and their weights (V, E) float32."""
+
+    emitters: NDArray[np.int32]
+    weights: NDArray[np.float32]
+
+
+def lamplight(
+    occluder: Occluder,
+    emitters: Emitters,
+    rays: int = 16,
+    *,
+    rows: NDArray[np.int64] | slice = slice(None),
+    leaf: NDArray[np.float32] | None = None,
+    least: float = 0.0,
+    seed: int = 0,
+    advance: Callable[[int], None] = lambda count: None,
+) -> NDArray[np.float32]:
+    """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        What hides light; its own vertices receive it.
+    emitters : Emitters
+        In the occluder's unit frame.
+    rays : int
+        Per vertex and emitter in half-shadows; elsewhere a few.
+    rows : indices, optional
+        The vertices; all without.
+    leaf : (V,) float32, optional
+        Which part of each of these vertices is a leaf, which light reaches alike from all sides.
+    least : float
+        Luminance below which the light of one emitter at one vertex is left out.
+    seed : int
+        Of the rays and of the choice among many emitters.
+    advance : callable
+        Called with the number of vertices done.
+    """
+    origins, normals = occluder.origins[rows], occluder.normals[rows]
+    share = np.zeros(len(origins), np.float32) if leaf is None else np.asarray(leaf, np.float32)
+    order = along_curve(origins)
+    origins, normals, share = origins[order], normals[order], share[order]
+    offsets = hashed_offsets(origins, normals, seed)
+    found = np.zeros((len(origins), 3), np.float32)
+    for start in range(0, len(origins) if len(emitters.kind) else 0, BATCH_VERTICES):
+        part = slice(start, start + BATCH_VERTICES)
+        at = (origins[part], normals[part], share[part], offsets[part])
+        chosen = chosen_at(*at, emitters, least)
+        _add(occluder, emitters, chosen, rays, least, at, found[part])
+        advance(len(at[0]))
+    radiance = np.empty_like(found)
+    radiance[order] = found
+    return radiance
+
+
+def chosen_at(
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    leaf: NDArray[np.float32],
+    offsets: NDArray[np.float32],
+    emitters: Emitters,
+    least: float,
+) -> Chosen:
+    """Return the emitters that vertices take: all where there are few."""
+    count = len(emitters.kind)
+    if count <= ALONE + BY_CHANCE:
+        every = np.broadcast_to(np.arange(count, dtype=np.int32), (len(origins), count))
+        return Chosen(np.ascontiguousarray(every), np.ones(every.shape, np.float32))
+    taken = np.full((len(origins), ALONE + BY_CHANCE), -1, np.int32)
+    weights = np.zeros(taken.shape, np.float32)
+    blocks = -(-len(origins) // BLOCK)
+    each = max(1, blocks // 16)
+    spans = [(begin, min(begin + each, blocks)) for begin in range(0, blocks, each)]
+    over(_choose, spans, origins, offsets, emitters, np.float32(least), taken, weights)
+    return Chosen(taken, weights)
+
+
+def _add(
+    occluder: Occluder,
+    emitters: Emitters,
+    chosen: Chosen,
+    rays: int,
+    least: float,
+    at: tuple[NDArray[np.float32], ...],
+    found: NDArray[np.float32],
+) -> None:
+    """Add the light of the chosen emitters at some vertices into `found`."""
+    origins, normals, leaf, offsets = at
+    nodes, node_weights = np.polynomial.legendre.leggauss(TUBE_NODES)
+    nodes, node_weights = (nodes + 1.0) / 2.0, node_weights / 2.0
+    count = len(origins)
+    light = np.zeros(chosen.emitters.shape, np.float32)
+    in_slices(_free, count, origins, normals, leaf, emitters, *chosen, np.float32(least), nodes, node_weights, light)
+    row, slot = np.nonzero(light)
+    vertex: NDArray[np.int32] = row.astype(np.int32)
+    emitter: NDArray[np.int32] = chosen.emitters[row, slot]
+    light = light[row, slot]
+    place = (origins, normals, leaf, offsets)
+    pilots: NDArray[np.int32] = np.zeros(len(vertex), np.int32)
+    most = min(rays, max(PILOT_RAYS, rays // PILOT_PART))
+    in_slices(_pilots, len(vertex), origins, emitters, vertex, emitter, most, pilots)
+    free, mixed = _visible(occluder, emitters, place, vertex, emitter, pilots, 0.5)
+    soft = np.flatnonzero(mixed & (rays > pilots))
+    if len(soft):
+        all_rays: NDArray[np.int32] = np.full(len(soft), rays, np.int32)
+        free[soft] = _visible(occluder, emitters, place, vertex[soft], emitter[soft], all_rays, 0.0)[0]
+    received = (light * free)[:, None] * emitters.color[emitter]
+    for channel in range(3):
+        found[:, channel] += np.bincount(vertex, received[:, channel], count)
+
+
+def _visible(
+    occluder: Occluder,
+    emitters: Emitters,
+    place: tuple[NDArray[np.float32], ...],
+    vertex: NDArray[np.int32],
+    emitter: NDArray[np.int32],
+    counts: NDArray[np.int32],
+    shift: float,
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """What part of the light of each pair gets through, (P,) float32, and whether its rays disagree, (P,) bool."""
+    free, mixed = np.zeros(len(vertex), np.float32), np.zeros(len(vertex), bool)
+    ends = np.append(0, np.cumsum(counts, dtype=np.int64))
+    batch = 2**20
+    start = 0
+    while start < len(vertex):
+        stop = max(start + 1, int(np.searchsorted(ends, ends[start] + batch, side="right")) - 1)
+        part = slice(start, stop)
+        shots = np.zeros((int(ends[stop] - ends[start]), 6), np.float32)
+        weights = np.zeros(len(shots), np.float32)
+        pairs = (vertex[part], emitter[part], ends[start : stop + 1] - ends[start])
+        in_slices(_aim, stop - start, *place, emitters, *pairs, np.float32(shift), shots, weights)
+        hidden = occluder.occluded(shots, REACHED)
+        in_slices(_weigh, stop - start, pairs[2], weights, hidden, free[part], mixed[part])
+        start = stop
+    return free, mixed
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _free(
+    begin: int,
+    end: int,
+    origins: NDArray,
+    normals: NDArray,
+    leaf: NDArray,
+    emitters: Emitters,
+    taken: NDArray,
+    weights: NDArray,
+    least: float,
+    nodes: NDArray,
+    node_weights: NDArray,
+    light: NDArray,
+) -> None:
+    """What each chosen emitter gives each vertex where nothing hides it, for radiance 1, times its weight; 0 for less
+    than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays tell it."""
+    for v in range(begin, end):
+        px, py, pz = np.float64(origins[v, 0]), np.float64(origins[v, 1]), np.float64(origins[v, 2])
+        nx, ny, nz = np.float64(normals[v, 0]), np.float64(normals[v, 1]), np.float64(normals[v, 2])
+        for k in range(taken.shape[1]):
+            e = taken[v, k]
+            if e < 0:
+                continue
+            if leaf[v] > 0:
+                found = 0.0
+                for sample in range(8):
+                    found += aimed(emitters, e, px, py, pz, nx, ny, nz, leaf[v], sample, 8, 0.5, 0.0)[3]
+                if found > 0.0 and emitters.kind[e] == BALL:
+                    dx, dy, dz = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz
+                    found *= directed(emitters, e, dx, dy, dz, np.sqrt(dx * dx + dy * dy + dz * dz))
+            else:
+                found = unoccluded(emitters, e, px, py, pz, nx, ny, nz, nodes, node_weights)
+            if found * weights[v, k] * emitters.peak[e] > least:
+                light[v, k] = found * weights[v, k]
+
+
+@njit(cache=True, nogil=True)
+def _pilots(
+    begin: int,
+    end: int,
+    origins: NDArray,
+    emitters: Emitters,
+    vertex: NDArray,
+    emitter: NDArray,
+    most: int,
+    pilots: NDArray,
+) -> None:
+    """How many rays go first: one to what is as small as a point."""
+    for pair in range(begin, end):
+        e, v = emitter[pair], vertex[pair]
+        pilots[pair] = most
+        if emitters.kind[e] == BALL:
+            square = np.float32(0)
+            for axis in range(3):
+                square += (emitters.place[e, axis] - origins[v, axis]) ** 2
+            if emitters.radius[e] ** 2 < POINT_ANGLE**2 * square:
+                pilots[pair] = 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _aim(
+    begin: int,
+    end: int,
+    origins: NDArray,
+    normals: NDArray,
+    leaf: NDArray,
+    offsets: NDArray,
+    emitters: Emitters,
+    vertex: NDArray,
+    emitter: NDArray,
+    ends: NDArray,
+    shift: float,
+    rays: NDArray,
+    weights: NDArray,
+) -> None:
+    for pair in range(begin, end):
+        v, e = vertex[pair], emitter[pair]
+        px, py, pz = np.float64(origins[v, 0]), np.float64(origins[v, 1]), np.float64(origins[v, 2])
+        nx, ny, nz = np.float64(normals[v, 0]), np.float64(normals[v, 1]), np.float64(normals[v, 2])
+        count = ends[pair + 1] - ends[pair]
+        first = (offsets[v, 0] + e * 0.7548776662466927 + shift) % 1.0
+        turn = (offsets[v, 1] + e * 0.5698402909980532) % 1.0
+        for sample in range(count):
+            ray = ends[pair] + sample
+            found = aimed(emitters, e, px, py, pz, nx, ny, nz, leaf[v], sample, count, first, turn)
+            rays[ray, 0], rays[ray, 1], rays[ray, 2] = origins[v]
+            rays[ray, 3], rays[ray, 4], rays[ray, 5], weights[ray] = found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh(
+    begin: int, end: int, ends: NDArray, weights: NDArray, hidden: NDArray, free: NDArray, mixed: NDArray
+) -> None:
+    for pair in range(begin, end):
+        total, passed, blocked = 0.0, 0.0, 0.0
+        for ray in range(ends[pair], ends[pair + 1]):
+            total += weights[ray]
+            if hidden[ray]:
+                blocked += weights[ray]
+            else:
+                passed += weights[ray]
+        free[pair] = passed / total if total > 0.0 else 0.0
+        mixed[pair] = total == 0.0 or (passed > 0.0 and blocked > 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _choose(
+    begin: int,
+    end: int,
+    origins: NDArray,
+    offsets: NDArray,
+    emitters: Emitters,
+    least: float,
+    taken: NDArray,
+    weights: NDArray,
+) -> None:
+    """Choose for blocks of vertices: the brightest by the most that they can give there, others by chance."""
+    count = len(emitters.kind)
+    most = np.empty(count, np.float32)
+    reached = np.empty(count, np.float64)
+    best = np.empty(ALONE, np.int64)
+    for block in range(begin, end):
+        first, last = block * BLOCK, min((block + 1) * BLOCK, len(origins))
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for v in range(first, last):
+            for axis in range(3):
+                low[axis] = min(low[axis], origins[v, axis])
+                high[axis] = max(high[axis], origins[v, axis])
+        radius = 0.0
+        for axis in range(3):
+            radius += (high[axis] - low[axis]) ** 2
+        radius = 0.5 * np.sqrt(radius)
+        for e in range(count):
+            square = 0.0
+            for axis in range(3):
+                square += (0.5 * (low[axis] + high[axis]) - emitters.middle[e, axis]) ** 2
+            distance = np.sqrt(square) - radius - emitters.reach[e]
+            most[e] = emitters.peak[e]
+            if distance > 0.0:
+                most[e] = min(most[e], emitters.power[e] / (distance * distance))
+            if most[e] < least:
+                most[e] = 0.0
+        alone = _brightest(most, best)
+        total = 0.0
+        for e in range(count):
+            total += most[e]
+            reached[e] = total
+        for v in range(first, last):
+            for k in range(alone):
+                taken[v, k], weights[v, k] = best[k], 1.0
+            if total <= 0.0:
+                continue
+            for k in range(BY_CHANCE):
+                at = (k + offsets[v, 0]) / BY_CHANCE * total
+                e = min(np.searchsorted(reached, at, side="right"), count - 1)
+                while e > 0 and most[e] == 0.0:
+                    e -= 1
+                taken[v, ALONE + k] = e
+                weights[v, ALONE + k] = total / (BY_CHANCE * most[e])
+
+
+@njit(cache=True, nogil=True)
+def _brightest(most: NDArray, best: NDArray) -> int:
+    """The indices of the largest numbers into `best`, and zeros in their place; how many there are above 0."""
+    found = 0
+    least = np.float32(0.0)
+    for e in range(len(most)):
+        if most[e] <= least:
+            continue
+        if found < len(best):
+            k = found
+            found += 1
+        else:
+            k = len(best) - 1
+        while k > 0 and most[best[k - 1]] < most[e]:
+            best[k] = best[k - 1]
+            k -= 1
+        best[k] = e
+        if found == len(best):
+            least = most[best[len(best) - 1]]
+    for k in range(found):
+        most[best[k]] = 0.0
+    return found

@@ -1,0 +1,278 @@
+"""What one emitter gives a white vertex where nothing hides it, in closed form, and the points that shadow rays aim at.
+
+All is exit radiance of a white surface, irradiance over pi, for an emitter of radiance 1.
+Sources: a sphere, cut by the horizon or not: Snyder, "Area light sources for real-time graphics", 1996. A polygon:
+Lambert's formula, after clipping at the horizon (Arvo, "Analytic methods for simulated light transport", 1995). A tube:
+equiangular points along its axis (Kulla, Fajardo, "Importance sampling techniques for path tracing in participating
+media", 2012).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from .emitters import BALL, TRIANGLE, Emitters
+
+INSIDE = np.float32(1.0)
+"""What a vertex inside a glowing ball receives: from all its hemisphere."""
+
+TUBE_NODES = 8
+"""Points along a tube that its light is summed over where nothing hides it."""
+
+_GOLDEN = 0.6180339887498949
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ball(cosine: float, square: float, radius_square: float) -> float:
+    """A ball at a squared distance, whose centre is seen at an angle of this cosine to the normal."""
+    if square <= radius_square:
+        return 1.0
+    sin_square = radius_square / square
+    if cosine * cosine > sin_square:
+        return cosine * sin_square if cosine > 0.0 else 0.0
+    sine = math.sqrt(max(1.0 - cosine * cosine, 1e-12))
+    x = math.sqrt(max(1.0 / sin_square - 1.0, 1e-12))
+    y = min(1.0, max(-1.0, -x * cosine / sine))
+    across = sine * math.sqrt(max(1.0 - y * y, 0.0))
+    found = (cosine * math.acos(y) - x * across) * sin_square + math.atan(across / x)
+    return max(found / math.pi, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def triangle(
+    px: float, py: float, pz: float, nx: float, ny: float, nz: float, place: NDArray, first: NDArray, second: NDArray
+) -> float:
+    """A triangle that shines to both sides, as a vertex sees it above its horizon."""
+    corner = np.empty((3, 3))
+    height = np.empty(3)
+    for i in range(3):
+        for axis in range(3):
+            corner[i, axis] = np.float64(place[axis])
+            if i == 1:
+                corner[i, axis] += first[axis]
+            elif i == 2:
+                corner[i, axis] += second[axis]
+        corner[i, 0] -= px
+        corner[i, 1] -= py
+        corner[i, 2] -= pz
+        height[i] = corner[i, 0] * nx + corner[i, 1] * ny + corner[i, 2] * nz
+    kept = np.empty((4, 3))
+    count = 0
+    for i in range(3):
+        j = (i + 1) % 3
+        if height[i] >= 0.0:
+            kept[count] = corner[i]
+            count += 1
+        if (height[i] >= 0.0) != (height[j] >= 0.0):
+            part = height[i] / (height[i] - height[j])
+            for axis in range(3):
+                kept[count, axis] = corner[i, axis] + part * (corner[j, axis] - corner[i, axis])
+            count += 1
+    if count < 3:
+        return 0.0
+    total = 0.0
+    for i in range(count):
+        j = (i + 1) % count
+        ax, ay, az = kept[i]
+        bx, by, bz = kept[j]
+        cx, cy, cz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+        length = math.sqrt(cx * cx + cy * cy + cz * cz)
+        if length > 0.0:
+            angle = math.atan2(length, ax * bx + ay * by + az * bz)
+            total += angle * (cx * nx + cy * ny + cz * nz) / length
+    return min(abs(total) / (2.0 * math.pi), 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tube(
+    px: float,
+    py: float,
+    pz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    place: NDArray,
+    first: NDArray,
+    radius: float,
+    nodes: NDArray,
+    weights: NDArray,
+) -> float:
+    """A cylinder that shines along its side; Gauss's nodes and weights on (0, 1)."""
+    along, near, distance, start, turn = tube_angles(px, py, pz, place, first)
+    if distance <= radius:
+        return 1.0
+    total = 0.0
+    for k in range(len(nodes)):
+        angle = start + turn * nodes[k]
+        t = near + distance * math.tan(angle)
+        dx = place[0] + along[0] * t - px
+        dy = place[1] + along[1] * t - py
+        dz = place[2] + along[2] * t - pz
+        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        total += weights[k] * max((dx * nx + dy * ny + dz * nz) / length, 0.0) * math.cos(angle)
+    return 2.0 * radius / distance * turn * total / math.pi
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tube_angles(
+    px: float, py: float, pz: float, place: NDArray, first: NDArray
+) -> tuple[tuple[float, float, float], float, float, float, float]:
+    """Of a tube as a point sees it: its unit direction, where along it the point is nearest, how far off, and the
+    angle at which it begins and that it spans."""
+    length = math.sqrt(first[0] ** 2 + first[1] ** 2 + first[2] ** 2)
+    along = (first[0] / length, first[1] / length, first[2] / length)
+    wx, wy, wz = px - place[0], py - place[1], pz - place[2]
+    near = wx * along[0] + wy * along[1] + wz * along[2]
+    square = wx * wx + wy * wy + wz * wz - near * near
+    distance = math.sqrt(max(square, 1e-14))
+    start = math.atan(-near / distance)
+    return along, near, distance, start, math.atan((length - near) / distance) - start
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def directed(emitters: Emitters, e: int, dx: float, dy: float, dz: float, length: float) -> float:
+    """How bright a ball is towards a vertex, part of that along its axis; (dx, dy, dz) leads from the vertex to it."""
+    if emitters.profile[e] < 0 and emitters.cone[e, 0] >= np.float32(math.pi):
+        return 1.0
+    ax, ay, az = emitters.first[e]
+    cosine = min(1.0, max(-1.0, -(dx * ax + dy * ay + dz * az) / max(length, 1e-12)))
+    angle = math.acos(cosine)
+    row = emitters.profile[e]
+    if row < 0:
+        beam, cutoff = emitters.cone[e, 0], emitters.cone[e, 1]
+        if angle <= beam:
+            return 1.0
+        return (cutoff - angle) / (cutoff - beam) if angle < cutoff else 0.0
+    hx, hy, hz = emitters.second[e]
+    bx, by, bz = ay * hz - az * hy, az * hx - ax * hz, ax * hy - ay * hx
+    turn = math.atan2(-(dx * bx + dy * by + dz * bz), -(dx * hx + dy * hy + dz * hz))
+    rows, columns = emitters.profiles.shape[1], emitters.profiles.shape[2]
+    v = angle / math.pi * (rows - 1)
+    h = (turn / (2.0 * math.pi)) % 1.0 * (columns - 1)
+    i, j = min(int(v), rows - 2), min(int(h), columns - 2)
+    v -= i
+    h -= j
+    table = emitters.profiles[row]
+    upper = table[i, j] * (1.0 - h) + table[i, j + 1] * h
+    lower = table[i + 1, j] * (1.0 - h) + table[i + 1, j + 1] * h
+    return upper * (1.0 - v) + lower * v
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def unoccluded(
+    emitters: Emitters,
+    e: int,
+    px: float,
+    py: float,
+    pz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    nodes: NDArray,
+    weights: NDArray,
+) -> float:
+    """What emitter e gives a vertex where nothing hides it, for radiance 1."""
+    kind = emitters.kind[e]
+    if kind == BALL:
+        dx, dy, dz = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz
+        square = dx * dx + dy * dy + dz * dz
+        length = math.sqrt(square)
+        cosine = (dx * nx + dy * ny + dz * nz) / max(length, 1e-12)
+        found = ball(cosine, square, np.float64(emitters.radius[e]) ** 2)
+        return found * directed(emitters, e, dx, dy, dz, length) if found > 0.0 else 0.0
+    if kind == TRIANGLE:
+        if not emitters.two_sided[e] and not _before(emitters, e, px, py, pz):
+            return 0.0
+        return triangle(px, py, pz, nx, ny, nz, emitters.place[e], emitters.first[e], emitters.second[e])
+    return tube(px, py, pz, nx, ny, nz, emitters.place[e], emitters.first[e], emitters.radius[e], nodes, weights)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _before(emitters: Emitters, e: int, px: float, py: float, pz: float) -> bool:
+    """Whether a point is on the side that a triangle shines to."""
+    ux, uy, uz = emitters.first[e]
+    vx, vy, vz = emitters.second[e]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    x, y, z = emitters.place[e]
+    return (px - x) * nx + (py - y) * ny + (pz - z) * nz > 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def aimed(
+    emitters: Emitters,
+    e: int,
+    px: float,
+    py: float,
+    pz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    leaf: float,
+    sample: int,
+    samples: int,
+    shift: float,
+    turn: float,
+) -> tuple[float, float, float, float]:
+    """Ray number `sample` of `samples` to an emitter: the way to the point that it aims at, and its weight.
+
+    The weight is what the point gives where nothing hides it, as part of the whole when that of all samples is summed.
+    leaf: 0 of a surface, 1 of what light reaches alike from all sides; then a quarter takes the place of the cosine.
+    shift, turn in [0, 1): of the vertex.
+    """
+    u = ((sample + shift) / samples) % 1.0
+    v = (sample * _GOLDEN + turn) % 1.0
+    kind = emitters.kind[e]
+    x, y, z = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz
+    if kind == BALL:
+        square = x * x + y * y + z * z
+        radius_square = np.float64(emitters.radius[e]) ** 2
+        if square <= radius_square:
+            return 0.0, 0.0, 0.0, (1.0 - leaf + leaf * 0.25) / samples
+        length = math.sqrt(square)
+        x, y, z = x / length, y / length, z / length
+        sin_square = radius_square / square
+        least = math.sqrt(1.0 - sin_square)
+        lean = u * sin_square / (1.0 + least)  # 1 - cosine, which at small angles keeps its digits
+        sine = math.sqrt(lean * (2.0 - lean))
+        sign = math.copysign(1.0, z)
+        a = -1.0 / (sign + z)
+        b = x * y * a
+        c, s = sine * math.cos(2.0 * math.pi * v), sine * math.sin(2.0 * math.pi * v)
+        dx = c * (1.0 + sign * x * x * a) + s * b + (1.0 - lean) * x
+        dy = c * sign * b + s * (sign + y * y * a) + (1.0 - lean) * y
+        dz = -c * sign * x - s * y + (1.0 - lean) * z
+        reach = length * (1.0 - lean) - math.sqrt(max(radius_square - square * sine * sine, 0.0))
+        cosine = max(dx * nx + dy * ny + dz * nz, 0.0)
+        share = 2.0 * sin_square / (1.0 + least) / samples
+        weight = share * ((1.0 - leaf) * cosine + leaf * 0.25)
+        return dx * reach, dy * reach, dz * reach, weight
+    if kind == TRIANGLE:
+        root = math.sqrt(u)
+        f, g = root * (1.0 - v), root * v
+        ux, uy, uz = emitters.first[e]
+        wx, wy, wz = emitters.second[e]
+        x, y, z = x + f * ux + g * wx, y + f * uy + g * wy, z + f * uz + g * wz
+        square = max(x * x + y * y + z * z, 1e-14)
+        mx, my, mz = uy * wz - uz * wy, uz * wx - ux * wz, ux * wy - uy * wx  # twice the area
+        length = math.sqrt(square)
+        facing = -(x * mx + y * my + z * mz) / length
+        facing = abs(facing) if emitters.two_sided[e] else max(facing, 0.0)
+        cosine = max((x * nx + y * ny + z * nz) / length, 0.0)
+        weight = ((1.0 - leaf) * cosine + leaf * 0.25) * 0.5 * facing / (square * math.pi) / samples
+        return x, y, z, min(weight, 1.0)
+    along, near, distance, start, span = tube_angles(px, py, pz, emitters.place[e], emitters.first[e])
+    radius = min(np.float64(emitters.radius[e]), distance)
+    angle = start + span * u
+    t = near + distance * math.tan(angle)
+    x, y, z = x + along[0] * t, y + along[1] * t, z + along[2] * t
+    length = max(math.sqrt(x * x + y * y + z * z), 1e-12)
+    cosine = max((x * nx + y * ny + z * nz) / length, 0.0)
+    weight = (
+        ((1.0 - leaf) * cosine + leaf * 0.25) * math.cos(angle) * 2.0 * radius / distance * span / math.pi / samples
+    )
+    # Across, on the strip that faces the vertex.
+    sx, sy, sz = along[1] * z - along[2] * y, along[2] * x - along[0] * z, along[0] * y - along[1] * x
+    across = radius * (2.0 * v - 1.0) / max(math.sqrt(sx * sx + sy * sy + sz * sz), 1e-12)
+    return x + across * sx, y + across * sy, z + across * sz, weight
