@@ -6,6 +6,7 @@ in_words(lamp, scale)         # "as bright as the room at 1.3 m"
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -102,6 +103,15 @@ class LampScale:
             object.__setattr__(self, name, checked_size(name, getattr(self, name)))
 
 
+def in_picture_units(light: Sequence[float]) -> tuple[Vector, Brightness]:
+    """Linear RGB in units of the picture as a colour of luminance 1, white for black, and a brightness."""
+    red, green, blue = (float(each) for each in light)
+    bright = float(luminance([red, green, blue]))
+    if not bright > 0.0:
+        return WHITE, Brightness(0.0, "picture")
+    return (red / bright, green / bright, blue / bright), Brightness(bright, "picture")
+
+
 def parse_brightness(text: str) -> Brightness:
     """The brightness that a text means: "+1EV", "800lm", "50cd". Raises InputError for anything else."""
     words = " ".join(str(text).split())
@@ -130,7 +140,7 @@ def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
     if brightness.unit == "picture":
         return times(lamp, brightness.value)
     if brightness.unit == "EV":
-        wanted, has = 2.0**brightness.value * scale.irradiance * scale.metre**2, axis_intensity(lamp)
+        wanted, has = 2.0**brightness.value * scale.irradiance * scale.metre * scale.metre, axis_intensity(lamp)
     else:
         if scale.candela is None:
             unit = {"lumen": "lm", "candela": "cd"}[brightness.unit]
@@ -138,7 +148,7 @@ def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
                 f"`brightness` {brightness.value:g}{unit}: nothing says how many candela a white of the picture has; "
                 "give the brightness in EV, or the scale of the light"
             )
-        wanted = brightness.value * scale.candela * scale.metre**2
+        wanted = brightness.value * scale.candela * scale.metre * scale.metre
         has = axis_intensity(lamp) if brightness.unit == "candela" else flux(lamp)
     sent = float(luminance(has))
     if wanted == 0.0:
@@ -160,7 +170,7 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     distance_m = math.sqrt(intensity / scale.irradiance) / scale.metre
     told = f"as bright as the {place} at {_two_digits(distance_m)} m"
     if scale.candela is not None:
-        told += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre**2))} lm"
+        told += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
     return told
 
 

@@ -60,13 +60,15 @@ class GltfData:
         The morph weights of every node.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        """Raises InputError for a file that is missing, broken, or packed by an extension."""
+    def __init__(self, path: str | Path, meshless: bool = False) -> None:
+        """meshless: it may hold no meshes. Raises InputError for a file that is missing, broken, or packed."""
         self.path = Path(path)
         self.size = file_size(self.path, "glTF file")
         with reading(self.path):
             document, self._blob = self._parsed(self.path.read_bytes())
-            if not isinstance(document, Record) or not isinstance(document.meshes, list) or not document.meshes:
+            if not isinstance(document, Record):
+                raise InputError(f"{self.path}: not a readable glTF 2.0 file: its JSON is no object")
+            if not meshless and (not isinstance(document.meshes, list) or not document.meshes):
                 raise InputError(f"{self.path}: holds no meshes; expected a .glb or .gltf with triangles")
             self.document = document
             required = [str(name) for name in document.extensionsRequired or []]
@@ -203,14 +205,39 @@ class GltfData:
             elif buffer.uri.startswith("data:"):
                 data = _inline(buffer.uri)
             else:
-                from urllib.parse import unquote
-
-                file = inside(self.path.parent, unquote(buffer.uri), self.path)
-                if not file.is_file():
-                    raise InputError(f"{self.path}: its buffer {buffer.uri} is not beside it")
-                data = file.read_bytes()
+                data = self._beside(buffer.uri, "buffer")
             self._buffers[index] = data
         return self._buffers[index]
+
+    def _beside(self, uri: str, what: str) -> bytes:
+        from urllib.parse import unquote
+
+        file = inside(self.path.parent, unquote(uri), self.path)
+        if not file.is_file():
+            raise InputError(f"{self.path}: its {what} {uri} is not beside it")
+        return file.read_bytes()
+
+    def encoded(self, image: Any) -> bytes:
+        """Return the bytes of a picture, packed as in its file.
+
+        Parameters
+        ----------
+        image : Record
+            An entry of `document.images`.
+
+        Returns
+        -------
+        bytes
+
+        Raises
+        ------
+        InputError
+            Where its file is missing.
+        """
+        if image.uri is None:
+            length = entry(self.document.bufferViews, image.bufferView).byteLength
+            return self._view(image.bufferView, 0, np.dtype("u1"), length, 1).tobytes()
+        return _inline(image.uri) if image.uri.startswith("data:") else self._beside(image.uri, "picture")
 
     def initial_transforms(self) -> list[dict]:
         """Tell where every node stands before anything moves.

@@ -18,7 +18,7 @@ from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, global_matric
 from .surfaces import UncheckedMesh, centred, joined
 
 
-class _Piece(NamedTuple):
+class Piece(NamedTuple):
     """A primitive at a node. held: what its vertices hold besides their place, by name; (N, k) each."""
 
     material: int | None
@@ -51,15 +51,15 @@ def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
     """
     data = GltfData(os.fspath(path))
     with reading(path):
-        return _joined_pieces(_pieces(data), _materials(data))
+        return _joined_pieces(placed_pieces(data), _materials(data))
 
 
-def _joined_pieces(pieces: list[_Piece], materials: list[int | None]) -> UncheckedMesh:
+def _joined_pieces(pieces: list[Piece], materials: list[int | None]) -> UncheckedMesh:
     points, faces, normals, colors, first = [], [], [], [], 0
     every, moved = centred(np.concatenate([piece.points for piece in pieces]))
     ends = np.cumsum([len(piece.points) for piece in pieces])
     pieces = [piece._replace(points=part) for piece, part in zip(pieces, np.split(every, ends[:-1]), strict=True)]
-    groups: dict[Any, list[_Piece]] = {}
+    groups: dict[Any, list[Piece]] = {}
     for piece in pieces:
         groups.setdefault((materials.index(piece.material), _kind(piece.held)), []).append(piece)
     named = all("NORMAL" in piece.held for piece in pieces)
@@ -114,7 +114,8 @@ def _kind(held: dict[str, NDArray]) -> int:
     return bits
 
 
-def _pieces(data: GltfData) -> list[_Piece]:
+def placed_pieces(data: GltfData) -> list[Piece]:
+    """Every primitive with triangles, where the nodes of the shown scene place it. Raises InputError without any."""
     document, pieces, skipped, corners = data.document, [], 0, 0
     order, parent, shown = data.hierarchy()
     matrices = global_matrices(data.initial_transforms(), order, parent)
@@ -181,11 +182,11 @@ def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArra
     return triangles(indices, mode), local, held
 
 
-def _placed(material: Any, faces: NDArray, local: NDArray, held: dict[str, NDArray], matrix: NDArray) -> _Piece:
+def _placed(material: Any, faces: NDArray, local: NDArray, held: dict[str, NDArray], matrix: NDArray) -> Piece:
     turn = matrix[:3, :3]
     if "NORMAL" in held:
         held = held | {"NORMAL": _turned(held["NORMAL"].astype(np.float64), turn)}
-    return _Piece(material, faces, local @ turn.T + matrix[:3, 3], held, bool(np.linalg.det(turn) < 0.0))
+    return Piece(material, faces, local @ turn.T + matrix[:3, 3], held, bool(np.linalg.det(turn) < 0.0))
 
 
 def _attributes(attributes: Any) -> list[str]:

@@ -1,0 +1,169 @@
+"""Lamps in glTF files: the lights of KHR_lights_punctual, and where there are none the meshes that glow.
+
+Source: Khronos, "glTF 2.0 Specification", KHR_lights_punctual, KHR_materials_emissive_strength, KHR_texture_transform.
+"""
+
+import io
+import math
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import quiet_numbers, reading
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.gltf import GltfData, entry, global_matrices, warn_skipped
+from splat2mesh.scene.gltfmesh import Piece, placed_pieces
+
+from .asked import AskedLamp, Brightness, in_picture_units
+from .color import WHITE
+from .shapes import Lamp, MeshLamp, SphereLamp, SpotLamp
+
+PUNCTUAL = "KHR_lights_punctual"
+
+MOST_TEXELS = 1 << 26
+"""Of all pictures of a file together: four times the largest that a sign has."""
+
+_CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
+"""Where a face is looked up in its texture, as weights of its corners."""
+
+
+def read_gltf_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
+    """The lamps of a .glb or .gltf, in its own frame and unit: its lights, or else its meshes that glow, as one lamp.
+
+    The intensity of a light is its candela; its range, which no light has, is not used. That of a cone falls between
+    its two angles. A mesh glows as the file shows it: emission 1 is a radiance of 1 in the picture, which shows as
+    white; textures count as the mean over each face. Raises InputError for a file that is broken, or has neither.
+    One DataWarning counts directional lights, which are no lamps.
+    """
+    data = GltfData(os.fspath(path), meshless=True)
+    with reading(path), quiet_numbers():
+        lights = (data.document.extensions or {}).get(PUNCTUAL)
+        lamps = _lights(data, (lights or {}).get("lights") or [])
+        return lamps or [_glow(data)]
+
+
+def read_glow(path: str | os.PathLike[str]) -> AskedLamp:
+    """The meshes of a .glb or .gltf that glow, as one lamp; see `read_gltf_lamps`. Raises InputError without any."""
+    data = GltfData(os.fspath(path), meshless=True)
+    with reading(path), quiet_numbers():
+        return _glow(data)
+
+
+def _lights(data: GltfData, lights: list[Any]) -> list[AskedLamp]:
+    order, parent, shown = data.hierarchy()
+    matrices = global_matrices(data.initial_transforms(), order, parent)
+    lamps, distant = [], 0
+    for index, node in enumerate(data.document.nodes or []):
+        placed = (node.extensions or {}).get(PUNCTUAL)
+        if placed is None or not shown[index]:
+            continue
+        light = entry(lights, placed.light)
+        if light.type == "directional":
+            distant += 1
+            continue
+        color, brightness = in_picture_units(WHITE if light.color is None else light.color)
+        candela = float(1.0 if light.intensity is None else light.intensity) * brightness.value
+        name = str(node.name or light.name or "")
+        lamps.append(AskedLamp(_shape(data, light, matrices[index]), Brightness(candela, "candela"), color, name))
+    warn_skipped(data.path, distant, "directional lights: a sun is no lamp")
+    return lamps
+
+
+def _shape(data: GltfData, light: Any, matrix: NDArray) -> Lamp:
+    x, y, z = matrix[:3, 3].tolist()
+    # Of a ball, which glTF does not know: `export.khr_lights` leaves it there.
+    radius = float((light.extras or {}).get("radius") or 0.0)
+    if light.type == "point":
+        if radius > 0.0:
+            return SphereLamp((x, y, z), radius, WHITE)
+        return SphereLamp((x, y, z), intensity=WHITE)
+    if light.type != "spot":
+        raise InputError(f"{data.path}: a light is of type {light.type}, expected point, spot or directional")
+    ahead = -matrix[:3, 2]
+    length = float(np.linalg.norm(ahead))
+    if not length > 0.0:
+        raise InputError(f"{data.path}: the node of a spot has a scale of 0, so that it points nowhere")
+    a, b, c = (matrix[:3, 3] + ahead / length).tolist()
+    cone = light.spot or {}
+    outer, inner = (math.degrees(cone.get(f"{which}ConeAngle", or_else)) for which, or_else in _CONE)
+    return SpotLamp((x, y, z), (a, b, c), WHITE, outer, min(inner, outer), radius)
+
+
+_CONE = ("outer", math.pi / 4.0), ("inner", 0.0)
+
+
+def _glow(data: GltfData) -> AskedLamp:
+    glowing = {
+        number
+        for number, material in enumerate(data.document.materials or [])
+        if any(value > 0.0 for value in material.emissiveFactor or [])
+    }
+    if not glowing or not data.document.meshes:
+        raise InputError(f"{data.path}: holds no lamps: no point or spot light ({PUNCTUAL}) and no mesh that glows")
+    vertices, faces, radiance, first = [], [], [], 0
+    pieces = [piece for piece in placed_pieces(data) if piece.material in glowing]
+    pictures: dict[Any, NDArray] = {}
+    both = [bool(data.document.materials[piece.material].doubleSided) for piece in pieces]
+    for piece, two_sided in zip(pieces, both, strict=True):
+        corners = piece.faces[:, ::-1] if piece.mirrored else piece.faces
+        light = _emission(data, piece, corners, pictures)
+        bright = light.any(axis=1)
+        corners, light = corners[bright] + first, light[bright]
+        if two_sided and not all(both):  # beside others that are not
+            corners, light = np.concatenate([corners, corners[:, ::-1]]), np.concatenate([light, light])
+        vertices.append(piece.points)
+        faces.append(corners)
+        radiance.append(light)
+        first += len(piece.points)
+    if not any(len(each) for each in faces):
+        raise InputError(f"{data.path}: holds no lamps: its materials that glow have no faces, or black pictures")
+    corners, used = np.concatenate(faces), np.concatenate(vertices)
+    kept, corners = np.unique(corners, return_inverse=True)
+    shape = MeshLamp(used[kept], corners.reshape(-1, 3), np.concatenate(radiance), all(both))
+    return AskedLamp(shape, Brightness(1.0, "picture"), name=data.path.stem)
+
+
+def _emission(data: GltfData, piece: Piece, corners: NDArray, pictures: dict[Any, NDArray]) -> NDArray[np.float64]:
+    """Radiance of the faces of a piece, (M, 3)."""
+    material = data.document.materials[piece.material]
+    more = (material.extensions or {}).get("KHR_materials_emissive_strength") or {}
+    factor = np.array(material.emissiveFactor, np.float64) * float(more.get("emissiveStrength", 1.0))
+    texture = material.emissiveTexture
+    uv = None if texture is None else piece.held.get(f"TEXCOORD_{texture.texCoord or 0}")
+    if texture is None or uv is None:
+        return np.broadcast_to(factor, (len(corners), 3))
+    source = entry(data.document.textures, texture.index).source
+    if source not in pictures:
+        room = MOST_TEXELS - sum(picture.shape[0] * picture.shape[1] for picture in pictures.values())
+        pictures[source] = _picture(data, entry(data.document.images, source), room)
+    picture = pictures[source]
+    height, width = picture.shape[:2]
+    uv = _turned(uv.astype(np.float64), (texture.extensions or {}).get("KHR_texture_transform") or {})
+    summed = np.zeros((len(corners), 3))
+    for weights in _CORNERS:
+        place = np.nan_to_num(np.einsum("k,mkc->mc", weights, uv[corners]) % 1.0)  # as textures repeat
+        column = np.minimum((place[:, 0] * width).astype(np.int64), width - 1)
+        row = np.minimum((place[:, 1] * height).astype(np.int64), height - 1)
+        summed += linear_from_srgb(picture[row, column] / 255.0)
+    return factor * summed / len(_CORNERS)
+
+
+def _turned(uv: NDArray, transform: dict[str, Any]) -> NDArray:
+    turn = float(transform.get("rotation", 0.0))
+    cosine, sine = math.cos(turn), math.sin(turn)
+    scaled = uv * np.array(transform.get("scale", (1.0, 1.0)), np.float64)
+    turned = scaled @ np.array([[cosine, -sine], [sine, cosine]])
+    return turned + np.array(transform.get("offset", (0.0, 0.0)), np.float64)
+
+
+def _picture(data: GltfData, image: Any, most: int) -> NDArray[np.uint8]:
+    """(H, W, 3) sRGB."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(data.encoded(image))) as opened:
+        if opened.width * opened.height > most:
+            raise InputError(f"{data.path}: its pictures have over {MOST_TEXELS:,} pixels; make them smaller")
+        return np.asarray(opened.convert("RGB"))
