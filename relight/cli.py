@@ -114,7 +114,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
         stages.close()
     if done.job is None:
         return done.notes, done.reports[0]
-    lines = [*done.notes, *map(str, done.files), *_costs(done.job)]
+    lines = [*done.notes, *map(str, done.files), *_lamps(done.job), *_costs(done.job)]
     if display.verbose:
         lines += done.job.plan.table() if done.job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
@@ -171,6 +171,19 @@ def _page_served(folder: Path, port: int, display: Display) -> tuple[list[str], 
         with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()
         return [], {"served": server.url}
+
+
+def _lamps(job: "Job") -> list[str]:
+    """What the summary says of lamps that were put in, and of what their brightness is measured by."""
+    if not job.mixes:
+        return []
+    lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.lamps_in_words, 1)]
+    if lines:
+        how = "as high as cameras are held" if job.lamp_scale_known else "of an object of 1 m"
+        lines.append(f"  1 m is taken for {job.lamp_scale.metre:.2g} units of the splat, {how}")
+    if job.captured_factor != 1.0:
+        lines.append(f"  {job.captured_factor:.0%} of the captured light stays; exposed as the capture was")
+    return lines
 
 
 def _costs(job: "Job") -> list[str]:

@@ -21,7 +21,10 @@ from splat2mesh.base.outputs import check_output
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
+from .lamps.placing import asked_lamps, in_brief
+
 if TYPE_CHECKING:
+    from .lamps.asked import AskedLamp
     from .request import AnyLight, RelightRequest
 
 REPORT = "report.json"
@@ -61,6 +64,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     }
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
+    found["placed"] = [_described_lamp(each) for each in asked_lamps(lighting.placed)]
     if not isinstance(found["effects"], str):
         found["effects"] = sorted(found["effects"])
     formats = set(request.formats or ())
@@ -71,6 +75,15 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     if formats & {"live", "web"}:
         found["lights"] = [_described(each) for each in request.lights]
     return dict(json.loads(text_of(found)))  # as a reader of the report finds it
+
+
+def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
+    """What a lamp is asked to be; large arrays by their content."""
+    shape = {each.name: getattr(lamp.shape, each.name) for each in fields(lamp.shape)}
+    plain = {name: _digest([value]) if isinstance(value, np.ndarray) else value for name, value in shape.items()}
+    bright = lamp.brightness
+    told = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
+    return {**told, "shape": plain}
 
 
 def is_results(folder: str | os.PathLike[str]) -> bool:

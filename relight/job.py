@@ -312,6 +312,11 @@ class Job:
 
         return lamp_scale(self.scene, self.appearance, self.relighter.occluder)
 
+    @property
+    def lamp_scale_known(self) -> bool:
+        """Whether the capture tells how long a metre is."""
+        return bool(self.scene.capture.get("eyes"))
+
     @cached_property
     def lamps(self) -> "list[Lamp]":
         """The lamps that are put in, in the frame of the splat and in units of the picture."""
@@ -338,12 +343,26 @@ class Job:
         lamps = [moved(lamp, self.scene.scene_from_splat) for lamp in self.lamps]
         return LampLight(self.relighter, self.appearance, lamps, tolerance)
 
+    @property
+    def captured_factor(self) -> float:
+        """How much of the captured light stays, where the light is a mixture."""
+        given = self.options.captured
+        return float(self.keeps_captured or self.steady) if given is None else given
+
+    @property
+    def lamps_in_words(self) -> list[str]:
+        """A line on each lamp that is put in: where it is, and how bright."""
+        from .lamps.asked import in_words
+        from .lamps.placing import in_brief
+
+        place = "room" if self.scene.capture.get("from") == "inside" else "scene"
+        return [f"{in_brief(lamp)}: {in_words(lamp, self.lamp_scale, place)}" for lamp in self.lamps]
+
     def _mixed(self, shaded: Shaded) -> Shaded:
         """The same light with all its other parts."""
         if not self.mixes:
             return shaded
-        options, alone = self.options, self.keeps_captured or self.steady
-        captured = options.captured if options.captured is not None else float(alone)
+        options, alone, captured = self.options, self.keeps_captured or self.steady, self.captured_factor
         own = self.room.with_its_own_light() if self.room and captured else self.appearance.captured
         placed = None if self.lamp_light is None else self.lamp_light.placed
         level, shading = self._level_of_mixture(shaded), shaded.shading

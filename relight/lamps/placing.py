@@ -7,7 +7,7 @@ from typing import Any, get_args
 from splat2mesh.base.errors import InputError
 
 from .asked import AskedLamp, Brightness
-from .shapes import Lamp
+from .shapes import Lamp, MeshLamp
 
 
 def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
@@ -36,3 +36,16 @@ def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
         else:
             raise InputError(f"`placed` {each!r}: expected a lamp, a text or a file of lamps")
     return found
+
+
+def in_brief(shape: Lamp) -> str:
+    """Return the kind of a lamp and where it is: "sphere at 1.5,1.5,-1.5"."""
+    kind = type(shape).__name__.removesuffix("Lamp").lower()
+    if isinstance(shape, MeshLamp):
+        return f"{kind} of {len(shape.faces)} faces at {_place(shape.vertices.mean(axis=0))}"
+    names = ("position", "center", "start")
+    return f"{kind} at {_place(next(getattr(shape, name) for name in names if hasattr(shape, name)))}"
+
+
+def _place(point: Iterable[float]) -> str:
+    return ",".join(f"{value:.3g}" for value in point)

@@ -172,8 +172,8 @@ class Results:
         with self._stages.stage("relight splats"):
             received = self._received(shading)
             relit = binding.relit(self._appearance.irradiance, received, exposure)
-            if isinstance(light, CapturedLight) and self._sky == "new":
-                return dimmed(relit, self._splats, rows, exposure * backdrop)
+            if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
+                return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
             return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
 
     def _received(self, shading: "Shading", exposure: float = 1.0) -> NDArray[np.float32]:
