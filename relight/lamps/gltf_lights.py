@@ -26,8 +26,8 @@ PUNCTUAL = "KHR_lights_punctual"
 MOST_TEXELS = 1 << 26
 """Of all pictures of a file together: four times the largest that a sign has."""
 
-_CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4], [2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3]]) / 6.0
-"""Where a face is looked up in its texture, as weights of its corners."""
+_PARTS = 6
+"""Into which each side of a face is cut, to look it up in its texture in the middle of each of the 36 triangles."""
 
 
 def read_gltf_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
@@ -143,12 +143,22 @@ def _emission(data: GltfData, piece: Piece, corners: NDArray, pictures: dict[Any
     height, width = picture.shape[:2]
     uv = _turned(uv.astype(np.float64), (texture.extensions or {}).get("KHR_texture_transform") or {})
     summed = np.zeros((len(corners), 3))
-    for weights in _CORNERS:
+    samples = _middles()
+    for weights in samples:
         place = np.nan_to_num(np.einsum("k,mkc->mc", weights, uv[corners]) % 1.0)  # as textures repeat
         column = np.minimum((place[:, 0] * width).astype(np.int64), width - 1)
         row = np.minimum((place[:, 1] * height).astype(np.int64), height - 1)
         summed += linear_from_srgb(picture[row, column] / 255.0)
-    return factor * summed / len(_CORNERS)
+    return factor * summed / len(samples)
+
+
+def _middles() -> NDArray[np.float64]:
+    """Weights of a face's corners (_PARTS^2, 3)."""
+    a, b = (each.ravel() for each in np.mgrid[0:_PARTS, 0:_PARTS])
+    upright, turned = a + b < _PARTS, a + b < _PARTS - 1
+    first = np.concatenate([a[upright] + 1 / 3, a[turned] + 2 / 3]) / _PARTS
+    second = np.concatenate([b[upright] + 1 / 3, b[turned] + 2 / 3]) / _PARTS
+    return np.stack([1.0 - first - second, first, second], axis=1)
 
 
 def _turned(uv: NDArray, transform: dict[str, Any]) -> NDArray:

@@ -96,7 +96,7 @@ def _lamps(pxr: Any, stage: Any, path: str) -> list[AskedLamp]:
             light = light * math.pi * _radius(prim, matrix) ** 2
         red, green, blue = checked_light(f"{prim.GetPath()}", light.tolist())
         color, brightness = in_picture_units((red, green, blue))
-        lamps.append(AskedLamp(shape, brightness, color, str(prim.GetName())))
+        lamps.append(AskedLamp(shape, brightness, color, str(prim.GetDisplayName() or prim.GetName())))
     for what, number in left.items():
         warn_skipped(path, number, what)
     if not lamps:
