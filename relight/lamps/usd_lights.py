@@ -20,6 +20,7 @@ from .asked import AskedLamp, in_picture_units
 from .color import COLDEST_K, HOTTEST_K, WHITE, blackbody
 from .photometry import flux
 from .shapes import Lamp, MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp, Vector, checked_light
+from .usd_trial import check_opens
 
 USD_SUFFIXES = ".usd", ".usda", ".usdc", ".usdz"
 
@@ -49,6 +50,7 @@ def read_usd_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
     with reading(path), quiet_numbers():
         if not size:
             raise InputError(f"{path}: is empty")
+        check_opens(path, size)
         try:
             stage = pxr.Usd.Stage.Open(str(path))
         except pxr.Tf.ErrorException as error:
