@@ -34,6 +34,8 @@ Unit: TypeAlias = Literal["picture", "EV", "lumen", "candela"]
 LARGEST_EV = 40.0
 """2^40 is MOST_LIGHT."""
 
+LONGEST_NAME = 80
+
 BULB_M, TUBE_M = 0.05, 0.013
 """Radii in metres of a bulb and of a fluorescent tube (T8), where nobody names one."""
 
@@ -84,6 +86,7 @@ class AskedLamp:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "color", checked_light("color", self.color))
+        object.__setattr__(self, "name", "".join(each for each in self.name if each.isprintable())[:LONGEST_NAME])
 
 
 @dataclass(frozen=True)

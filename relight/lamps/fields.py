@@ -17,6 +17,7 @@ from splat2mesh.base.inputs import inside
 from .asked import (
     BULB_M,
     DEFAULT_BRIGHTNESS,
+    LONGEST_NAME,
     TUBE_M,
     AskedLamp,
     Brightness,
@@ -62,8 +63,6 @@ SHORT = {"cutoff": "cutoff_deg", "beam": "beam_deg", "turn": "turn_deg", "to": "
 
 PLACE = {"sphere": "position", "spot": "position", "rectangle": "center", "tube": "start", "profile": "position"}
 """Kind -> where it is, which is also called `at`."""
-
-LONGEST_NAME = 80
 
 WARM = blackbody(TEMPERATURES["warm"])
 """The colour of a lamp that nobody gave one."""

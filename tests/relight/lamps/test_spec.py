@@ -1,14 +1,18 @@
 """relight.lamps.spec and fields: what people type."""
 
+import json
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from relight.lamps.asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
-from relight.lamps.color import WHITE, blackbody, luminance, parse_color
-from relight.lamps.fields import EVERY, FIELDS, SHORT
-from relight.lamps.shapes import RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+from relight.lamps.color import NAMES, TEMPERATURES, WHITE, blackbody, luminance, parse_color
+from relight.lamps.fields import EVERY, FIELDS, SHORT, asked_lamp
+from relight.lamps.shapes import MeshLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from relight.lamps.spec import parse_lamp, parse_lamps
 from splat2mesh.base.errors import InputError
 
@@ -32,6 +36,21 @@ def test_every_word_of_a_bulb():
     assert bulb.name == "the lamp by the door"
     assert parse_lamp("0,0,0 brightness=800 lm").brightness == Brightness(800.0, "lumen")
     assert parse_lamp("0,0,0 brightness=50cd").brightness == Brightness(50.0, "candela")
+
+
+def test_the_examples_of_the_document():
+    text = (Path(__file__).parents[3] / "docs/lamps.md").read_text("utf-8")
+    (lines,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
+    typed = [line for line in lines.splitlines() if not re.match(r"\w+\.(ies|glb) ", line)]
+    kinds = [type(parse_lamp(line).shape) for line in typed]
+    assert kinds == [SphereLamp, SphereLamp, SpotLamp, RectangleLamp, RectangleLamp, TubeLamp]
+    (listed,) = re.findall(r"```json\n(.*?)```", text, re.DOTALL)
+    lamps = [{name: value for name, value in lamp.items() if name != "type"} for lamp in json.loads(listed)]
+    kinds = [lamp["type"] for lamp in json.loads(listed)]
+    assert [type(asked_lamp(kind, lamp).shape) for kind, lamp in zip(kinds, lamps, strict=True)] == [
+        *(SphereLamp, SpotLamp, RectangleLamp, TubeLamp, MeshLamp)
+    ]
+    assert all(f"`{name}`" in text for name in (*TEMPERATURES, *NAMES))
 
 
 @pytest.mark.parametrize("text", ["-1,2,3", "sphere:-1,2,3", "at=-1,2,3", "position=-1,2,3", "  at = -1, 2, 3  "])
