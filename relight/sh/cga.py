@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Directions, Points
 from splat2mesh.base.errors import InputError
 
 from . import rotors
@@ -39,7 +40,7 @@ FLOAT32_MAX = float(np.finfo(np.float32).max)
 _MOTOR_TOLERANCE = 1e-4  # of the largest number: products of a few float32 motors pass, other multivectors do not
 
 
-def _product_tables():
+def _product_tables() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Partner and sign, (32, 32) each: blade i times blade partner[i, k] is sign[i, k] times blade k."""
     bits = [sum(1 << (vector - 1) for vector in blade) for blade in BLADES]
     partner, sign = np.zeros((32, 32), int), np.zeros((32, 32))
@@ -214,19 +215,19 @@ def reverse(multivectors: NDArray) -> NDArray:
     return _multivectors(multivectors) * _REVERSAL
 
 
-def _turned(rotor, vectors):
+def _turned(rotor: NDArray[np.float64], vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors (..., 3) turned by rotors."""
     return np.einsum("...ij,...j->...i", rotors.to_matrix(rotor), vectors)
 
 
-def _vectors(values):
+def _vectors(values: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(values, np.float64)
     if values.shape[-1:] != (3,):
         raise InputError(f"points and vectors must have shape (..., 3), found {values.shape}")
     return values
 
 
-def _multivectors(values):
+def _multivectors(values: ArrayLike) -> NDArray[np.float64]:
     values = np.asarray(values, np.float64)
     if values.shape[-1:] != (32,):
         raise InputError(f"multivectors must have shape (..., 32), found {values.shape}")
@@ -234,7 +235,7 @@ def _multivectors(values):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _write_vertex_motors(points, normals, motors):
+def _write_vertex_motors(points: Points, normals: Directions, motors: NDArray[np.float32]) -> int:
     """The compiled twin of motor(rotors.taking_up_to(n), p), into zeros; returns how many points are not finite."""
     broken = 0
     for v in range(len(points)):
@@ -250,7 +251,7 @@ def _write_vertex_motors(points, normals, motors):
             scale = (length - ny) / lean
             s, e12, e23 = lean, scale * nx, -scale * nz
         else:
-            s, e12, e23 = 0.0, 0.0, -1.0
+            s, e12, e23 = np.float64(0.0), np.float64(0.0), np.float64(-1.0)
         scale = 1.0 / np.sqrt(s * s + e12 * e12 + e23 * e23)
         s, e12, e23 = s * scale, e12 * scale, e23 * scale
         row = motors[v]

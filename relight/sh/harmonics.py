@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Coefficients, Floats
 from splat2mesh.base.errors import InputError
 
 MAX_BANDS = 10
@@ -157,7 +158,7 @@ def quadrature(bands: int) -> tuple[NDArray, NDArray]:
     return directions, np.repeat(weight * (2 * np.pi / (2 * bands - 1)), 2 * bands - 1)
 
 
-def _evaluate_block(xyz, bands):
+def _evaluate_block(xyz: Floats, bands: int) -> Floats:
     """(3, N) directions -> (K, N): for each order m up the degrees, then on to the next power of x + i y."""
     x, y, z = xyz
     values = np.zeros((bands * bands, len(x)), xyz.dtype)
@@ -178,7 +179,7 @@ def _evaluate_block(xyz, bands):
     return values
 
 
-def _polar_integrals(height, bands):
+def _polar_integrals(height: int, bands: int) -> NDArray[np.float64]:
     """(H, K): the latitude factor of every basis function about y, integrated over each row with its area."""
     node, weight = np.polynomial.legendre.leggauss(_ROW_NODES)
     colatitude = np.pi * (np.arange(height)[:, None] + 0.5 + 0.5 * node) / height
@@ -192,11 +193,11 @@ def _polar_integrals(height, bands):
 
 
 @lru_cache(MAX_BANDS)
-def _y_polar_basis(bands):
+def _y_polar_basis(bands: int) -> NDArray[np.float64]:
     """(K, K): coefficients about the polar axis y, of ours."""
     return rotation_matrix(_Y_POLAR, bands)
 
 
-def _scaled(coefficients, factor):
+def _scaled(coefficients: Coefficients, factor: NDArray[np.float64]) -> Coefficients:
     """Coefficients with each SH index multiplied by its factor (K,), along the SH axis."""
     return coefficients * (factor if np.ndim(coefficients) == 1 else factor[:, None])

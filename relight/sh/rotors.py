@@ -225,7 +225,7 @@ def unit_vectors(vectors: ArrayLike, what: str) -> NDArray:
     return vectors / length
 
 
-def _checked(rotor):
+def _checked(rotor: ArrayLike) -> NDArray[np.float64]:
     """The rotor as float64. Raises InputError unless it is (..., 4), finite and not 0."""
     rotor = np.asarray(rotor, np.float64)
     if rotor.shape[-1:] != (4,):
@@ -236,7 +236,7 @@ def _checked(rotor):
     return rotor
 
 
-def _about_z(coefficients, angle_rad, bands):
+def _about_z(coefficients: NDArray[np.float64], angle_rad: ArrayLike, bands: int) -> NDArray[np.float64]:
     """(..., K, C) turned by Rz(angle), angles (...): the pairs (m, -m) turn by m times the angle."""
     degree, order = harmonics.degrees_and_orders(bands)
     angle = order * np.asarray(angle_rad)[..., None]
@@ -245,6 +245,6 @@ def _about_z(coefficients, angle_rad, bands):
 
 
 @lru_cache(harmonics.MAX_BANDS)
-def _z_from_y_basis(bands):
+def _z_from_y_basis(bands: int) -> NDArray[np.float64]:
     """(K, K): the rotation of coefficients that takes +y to +z."""
     return harmonics.rotation_matrix(_Y_TO_Z, bands)
