@@ -7,13 +7,14 @@ import io
 import math
 import os
 import warnings
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Mask, Radiance
 from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import file_size, reading
@@ -59,7 +60,9 @@ class Environment:
         self.radiance.setflags(write=False)
         self.rotation_deg = _reduced(rotation_deg)
         self.formula: str | None = None
-        self._derived: dict = {}  # results computed from the unrotated image, by key, shared with all rotated copies
+        self._derived: dict[
+            Hashable, Any
+        ] = {}  # results computed from the unrotated image, by key, shared with all rotated copies
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "Environment":
@@ -137,7 +140,7 @@ class Environment:
         """Rec. 709 luminance averaged over the sphere by solid angle."""
         return float(luminance(self.sh(1)[0])) / math.sqrt(4.0 * math.pi)
 
-    def _along_row(self, row, column):
+    def _along_row(self, row: NDArray[np.float64], column: NDArray[np.float64]) -> Floats:
         """Linear interpolation along a row. The row beyond a pole is the last one again, half a turn away."""
         height, width = self.radiance.shape[:2]
         column = column + 0.5 * width * ((row < 0) | (row >= height))
@@ -148,14 +151,14 @@ class Environment:
         return self.radiance[row, left] * (1.0 - share) + self.radiance[row, (left + 1) % width] * share
 
 
-def _reduced(angle_deg):
+def _reduced(angle_deg: float) -> float:
     """The angle in [0, 360), so that whole turns give identical results to the bit."""
     if not math.isfinite(angle_deg):
         raise InputError(f"a rotation must be a finite number of degrees, found {angle_deg}")
     return round(float(angle_deg) % 360.0, _ANGLE_DIGITS) % 360.0
 
 
-def _repaired(image, name):
+def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[str, int]]:
     """A float32 copy of the image without NaN, infinite or negative values, and how many pixels had each.
 
     Raises InputError when no pixel is finite. One DataWarning tells the counts.
@@ -182,7 +185,7 @@ def _repaired(image, name):
     return image, repaired
 
 
-def _fill_from_neighbors(image, missing):
+def _fill_from_neighbors(image: NDArray[np.float32], missing: Mask) -> None:
     """Give missing values, in place, the mean of the valid ones among the eight around them."""
     height, width = image.shape[:2]
     row, column, channel = np.nonzero(missing)
@@ -196,7 +199,7 @@ def _fill_from_neighbors(image, missing):
     image[missing] = total / np.maximum(count, 1)
 
 
-def _read(path):
+def _read(path: Path) -> Radiance:
     """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
     try:
         exists = os.path.lexists(path)
@@ -220,7 +223,7 @@ def _read(path):
     )
 
 
-def _unknown(path):
+def _unknown(path: Path) -> str:
     """What to say of a file that does not exist: it may be meant as a name, or as a file beside it."""
     beside = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
     lights = [name for name in beside if name.lower().endswith((".exr", ".hdr"))]
@@ -233,7 +236,7 @@ def _unknown(path):
     return f"{path} does not exist: {meant}Give an .exr or .hdr file, or one of {names}"
 
 
-def _read_exr(path):
+def _read_exr(path: Path) -> NDArray[np.float32]:
     """First part of an OpenEXR file that has colour, pasted into its display window."""
     import OpenEXR
 
@@ -253,7 +256,7 @@ def _read_exr(path):
     raise InputError(f"{path} has no colour: expected channels R, G and B, or Y alone, found {found}")
 
 
-def _exr_color(channels):
+def _exr_color(channels: Mapping[str, Floats]) -> NDArray[np.float32] | None:
     """(H, W, 3) of a dict of (H, W) channels: R, G, B, else those of a layer, else luminance, else None."""
     layers = sorted(name[:-1] for name in channels if name == "R" or name.endswith(".R"))
     for layer in layers:  # the unnamed layer sorts first
@@ -264,7 +267,7 @@ def _exr_color(channels):
     return None
 
 
-def _in_display_window(pixels, header):
+def _in_display_window(pixels: NDArray[np.float32], header: Mapping[str, Any]) -> NDArray[np.float32]:
     """The pixels of the display window: black where there is no data; data outside it is dropped."""
     data, display = (np.asarray(header[window], int) for window in ("dataWindow", "displayWindow"))
     (left, top), (right, bottom) = data - display[0]

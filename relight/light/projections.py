@@ -3,10 +3,13 @@
 Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from splat2mesh.base.arrays import Mask, Radiance
 from splat2mesh.base.sphere import row_solid_angles as row_solid_angles
 from splat2mesh.base.sphere import texel_directions
 
@@ -47,7 +50,9 @@ def latlong_from_angular(
     """Canonical lat-long (N/2, N, 3) float32 of Debevec's angular map (www.pauldebevec.com/Probes)."""
     size = image.shape[0]
 
-    def pixel(x, y, z):
+    def pixel(
+        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         across = np.hypot(x, y)
         # Bilinear lookups that straddled the rim would mix in the black beyond it.
         radius = np.minimum(np.arctan2(across, -z) / np.pi, 1.0 - 3.0 / size)
@@ -63,7 +68,9 @@ def latlong_from_cross(
     """Canonical lat-long (2 F, 4 F, 3) float32 of a vertical cross of cube faces."""
     face = image.shape[1] // 3
 
-    def pixel(x, y, z):
+    def pixel(
+        x: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         directions = np.stack([x, y, z])
         column, row = np.zeros((2, *x.shape))
         largest = np.abs(directions).max(axis=0)
@@ -79,7 +86,13 @@ def latlong_from_cross(
     return _resample(image, 2 * face, pixel)
 
 
-def _resample(image, height, pixel):
+def _resample(
+    image: Radiance,
+    height: int,
+    pixel: Callable[
+        [NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]
+    ],
+) -> NDArray[np.float32]:
     """Lat-long (height, 2 height, 3) float32: the mean of bilinear lookups over each texel, by solid angle.
 
     pixel: function of a direction's x, y, z to image coordinates (column, row), texel centres at + 1/2.
@@ -100,20 +113,20 @@ def _resample(image, height, pixel):
     return result
 
 
-def _is_black_outside(image, inside):
+def _is_black_outside(image: Radiance, inside: Mask) -> bool:
     brightness = np.max(image, axis=2)
     outside = brightness[~inside]
     median = np.median(brightness[inside])
     return outside.size > 0 and median > 0 and np.mean(outside <= _DARK * median) >= _EMPTY_SHARE
 
 
-def _angular_inside(size):
+def _angular_inside(size: int) -> Mask:
     """(N, N) bool: within the circle, with two texels to spare for soft rims."""
     offset = np.arange(size) + 0.5 - 0.5 * size
     return np.hypot(offset, offset[:, None]) <= 0.5 * size + 2.0
 
 
-def _cross_inside(face):
+def _cross_inside(face: int) -> Mask:
     """(4 F, 3 F) bool: the six cells that hold a face."""
     cells = np.zeros((4, 3), bool)
     for (column, row), *_ in _CROSS_FACES:

@@ -3,11 +3,13 @@
 Left, right and front are those of a camera on +z that looks at the origin: -x is left, +z the front.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Radiance, Vector
 from splat2mesh.scene.color import luminance
 
 from .projections import row_solid_angles, texel_directions
@@ -75,7 +77,7 @@ def sun_of(name: str) -> tuple[NDArray, NDArray] | None:
     return _direction(*angles), np.array(color)
 
 
-def _studio_light(directions):
+def _studio_light(directions: Directions) -> NDArray[np.float64]:
     height = directions[..., 1:2]
     image = np.where(height > 0, 0.40 + 0.35 * height, 0.40 + 0.20 * height) * np.array([0.97, 0.99, 1.05])
     for center, half_size, color in (
@@ -88,18 +90,18 @@ def _studio_light(directions):
     return image
 
 
-def _overcast_sky(directions):
+def _overcast_sky(directions: Directions) -> NDArray[np.float64]:
     return (1.0 + 2.0 * np.maximum(directions[..., 1:2], 0.0)) / 3.0 * np.array([0.97, 1.0, 1.06])
 
 
-def _noon_sky(directions):
+def _noon_sky(directions: Directions) -> NDArray[np.float64]:
     sun = _direction(*_SUNS["noon"][0])
     blue = _mix((0.80, 0.90, 1.05), (0.28, 0.50, 1.10), np.sqrt(np.maximum(directions[..., 1:2], 0.0)))
     blue = _mix(blue, (1.05, 1.0, 0.95), np.exp(8.0 * (directions @ sun - 1.0))[..., None])  # whiter about the sun
     return _clear_sky(directions, sun)[..., None] * blue
 
 
-def _sunset_sky(directions):
+def _sunset_sky(directions: Directions) -> NDArray[np.float64]:
     sun = _direction(*_SUNS["sunset"][0])
     height = np.sqrt(np.maximum(directions[..., 1:2], 0.0))
     towards = 0.5 + 0.5 * (directions @ sun)[..., None]
@@ -117,7 +119,7 @@ _HAZE, _HAZE_HEIGHT = 0.8, 0.02
 """Part of the air's light in that of the farthest ground, and the slope, as a sine, by which 1/e of it is left."""
 
 
-def _image(name):
+def _image(name: str) -> NDArray[np.float32]:
     directions = texel_directions(HEIGHT, WIDTH)
     image = _SKIES[name](directions)
     if name in _SUNS:
@@ -127,7 +129,9 @@ def _image(name):
 
 
 @lru_cache
-def _constants(name):
+def _constants(
+    name: str,
+) -> tuple[Callable[[Directions], NDArray[np.float64]], float, tuple[Vector, Vector] | None, Vector | None]:
     """Of a sky: its formula, its mean, (direction, radiance) of its sun or None, and radiance of its ground or None."""
     directions = texel_directions(HEIGHT, WIDTH)
     image, sun, ground = _SKIES[name](directions), None, None
@@ -144,17 +148,17 @@ def _constants(name):
     return _SKIES[name], _mean(image), sun, ground
 
 
-def _direction(azimuth_deg, elevation_deg):
+def _direction(azimuth_deg: float, elevation_deg: float) -> NDArray[np.float64]:
     """Unit vector (3,): azimuth from +z towards +x, elevation towards +y."""
     azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
     return np.array([np.cos(elevation) * np.sin(azimuth), np.sin(elevation), np.cos(elevation) * np.cos(azimuth)])
 
 
-def _mix(a, b, share):
+def _mix(a: ArrayLike, b: ArrayLike, share: Floats) -> NDArray[np.float64]:
     return np.asarray(a) * (1.0 - share) + np.asarray(b) * share
 
 
-def _softbox(directions, center, half_size):
+def _softbox(directions: Directions, center: ArrayLike, half_size: tuple[float, float]) -> NDArray[np.float64]:
     """Brightness (H, W) in 0..1 of a rectangle that faces the origin from `center`, with soft edges.
 
     half_size: horizontal and vertical half extent over its distance.
@@ -170,7 +174,7 @@ def _softbox(directions, center, half_size):
     return np.where(depth > 0, ramp_x**2 * (3 - 2 * ramp_x) * ramp_y**2 * (3 - 2 * ramp_y), 0.0)
 
 
-def _clear_sky(directions, sun):
+def _clear_sky(directions: Directions, sun: Vector) -> NDArray[np.float64]:
     """Relative luminance (H, W) of the CIE clear sky (Kittler; CIE 22-1973), without the sun's disc."""
     height = np.maximum(directions[..., 1], 0.01)
     cosine = np.clip(directions @ sun, -1.0, 1.0)
@@ -178,7 +182,9 @@ def _clear_sky(directions, sun):
     return scatter * (1.0 - np.exp(-0.32 / height))
 
 
-def _with_sun(sky, directions, sun, color, level_share):
+def _with_sun(
+    sky: Radiance, directions: Directions, sun: Vector, color: ArrayLike, level_share: float
+) -> NDArray[np.float64]:
     """The sky with a sun that brings `level_share` times the sky's own luminous light onto level ground."""
     areas = row_solid_angles(HEIGHT, WIDTH)
     disc = _disc(directions, sun) * areas
@@ -186,13 +192,13 @@ def _with_sun(sky, directions, sun, color, level_share):
     return sky + (disc * power / disc.sum() / areas)[..., None] * (np.asarray(color) / luminance(color))
 
 
-def _sun_power(sky, directions, sun, level_share):
+def _sun_power(sky: Radiance, directions: Directions, sun: Vector, level_share: float) -> float:
     """Irradiance of a surface that faces the sun."""
     level = np.sum(luminance(sky) * row_solid_angles(HEIGHT, WIDTH) * np.maximum(directions[..., 1], 0.0))
     return level_share * level / sun[1]
 
 
-def _disc(directions, center):
+def _disc(directions: Directions, center: Vector) -> NDArray[np.float64]:
     """Share (H, W) of each texel that the sun's disc covers."""
     radius, k = np.radians(_SUN_RADIUS_DEG), _SUBSAMPLES
     covered = np.zeros(directions.shape[:2])
@@ -203,7 +209,7 @@ def _disc(directions, center):
     return covered
 
 
-def _over_ground(sky, directions):
+def _over_ground(sky: Radiance, directions: Directions) -> NDArray[np.float64]:
     """The sky above the horizon, and below it a matt ground of uniform radiance that this sky lights."""
     areas = row_solid_angles(HEIGHT, WIDTH)[..., None]
     above = directions[..., 1:2] > 0
@@ -211,9 +217,9 @@ def _over_ground(sky, directions):
     return np.where(above, sky, _GROUND_ALBEDO * irradiance / np.pi)
 
 
-def _mean(image):
+def _mean(image: Radiance) -> float:
     return np.sum(luminance(image) * row_solid_angles(HEIGHT, WIDTH)) / (4.0 * np.pi)
 
 
-def _normalised(image):
+def _normalised(image: Radiance) -> NDArray[np.float32]:
     return (image / _mean(image)).astype(np.float32)

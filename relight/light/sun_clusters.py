@@ -1,11 +1,13 @@
 """Cluster spots of light into suns: the fewest clusters that may shine as single points."""
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Radiance
 from splat2mesh.scene.color import luminance
 
 _EDGE_ERROR = (math.sqrt(2.0) - 1.0) / (2.0 * math.sqrt(math.pi)) / (6.0 * math.pi**2)
@@ -17,7 +19,11 @@ integrates to s (sqrt 2 - 1) / sqrt pi."""
 _SPREAD_HELD = 1.36  # over B: a wider spot is as wrong as one of this spread, since the bands hold what is smoother
 
 
-def clusters(spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray, int, float]:
+Spots: TypeAlias = tuple[Directions, Radiance, Floats]
+"""Directions (P, 3), weights (P, 3) and variances (P,) in rad^2 of small patches of light."""
+
+
+def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray, int, float]:
     """Label (P,) of each spot, the number of clusters, and the relative error of letting each shine as a point.
 
     The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
@@ -31,7 +37,17 @@ def clusters(spots, bands: int, scale: float, allowed: float, most: int) -> tupl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _halved(toward, weights, bright, variance, held, factor, allowed, most, label):
+def _halved(
+    toward: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    bright: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    held: float,
+    factor: float,
+    allowed: float,
+    most: int,
+    label: NDArray[np.int64],
+) -> tuple[int, float]:
     """Fill in the labels; returns the number of clusters and the sum of their squared errors.
 
     Number by number: expressions of whole arrays take Numba five times as long to compile.
@@ -86,7 +102,9 @@ def _halved(toward, weights, bright, variance, held, factor, allowed, most, labe
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _centroid(part, toward, bright, center):
+def _centroid(
+    part: NDArray[np.int64], toward: NDArray[np.float64], bright: NDArray[np.float64], center: NDArray[np.float64]
+) -> float:
     """Fill in the centroid (3,) of a cluster; returns its brightness."""
     total = 0.0
     center[0] = center[1] = center[2] = 0.0
@@ -100,7 +118,15 @@ def _centroid(part, toward, bright, center):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _point_error(part, toward, weights, bright, variance, held, factor):
+def _point_error(
+    part: NDArray[np.int64],
+    toward: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    bright: NDArray[np.float64],
+    variance: NDArray[np.float64],
+    held: float,
+    factor: float,
+) -> float:
     """Squared relative error of a cluster that shines as one point."""
     center, weight = np.zeros(3), np.zeros(3)
     total, square = _centroid(part, toward, bright, center), 0.0

@@ -9,6 +9,7 @@ both for walls that may stand anywhere, and find the fewest suns within a tolera
 """
 
 import math
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Directions, Floats, Indices, Integers, Radiance
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
@@ -25,7 +27,7 @@ from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from . import projections
 from .environment import Environment, turned_about_y
-from .sun_clusters import clusters
+from .sun_clusters import Spots, clusters
 from .suns import Suns
 
 DEFAULT_TOLERANCE = 0.007
@@ -116,7 +118,7 @@ def split(
     return (rest.rotated(turned), suns.rotated(turned)) if len(suns) else (environment, suns)
 
 
-def _split(environment, bands, tolerance, limit):
+def _split(environment: Environment, bands: int, tolerance: float, limit: int) -> tuple[Environment, Suns]:
     """Rest (or the environment itself) and Suns of an unrotated environment."""
     image = _square_texels(environment.radiance)
     coarse = _Coarse(image, bands)
@@ -137,14 +139,14 @@ def _split(environment, bands, tolerance, limit):
 class _Cut(NamedTuple):
     """The result of cutting at a level: texels, the share of each that stays, and the spots taken out."""
 
-    row: np.ndarray
-    column: np.ndarray
-    stays: np.ndarray
-    spots: tuple  # as `_spots` says
+    row: Indices
+    column: Indices
+    stays: NDArray[np.float64]
+    spots: Spots
     contrast: float  # that the rest has, relative
 
 
-def _cuts(environment, image, coarse):
+def _cuts(environment: Environment, image: Radiance, coarse: "_Coarse") -> Iterator[_Cut]:
     """A _Cut for every level that anything exceeds."""
     brightness = luminance(image)
     around = _around(brightness)
@@ -161,9 +163,11 @@ def _cuts(environment, image, coarse):
         yield _Cut(row, column, stays, spots, coarse.contrast(row, column, excess))
 
 
-def _cheapest(cuts, bands, scale, tolerance, limit):
+def _cheapest(
+    cuts: list[_Cut], bands: int, scale: float, tolerance: float, limit: int
+) -> tuple[tuple[bool, int, float], _Cut, NDArray[np.int64]]:
     """((missed, number, error), cut, labels of its spots): fewest suns within the tolerance, else the least error."""
-    best = None
+    best: tuple[tuple[bool, int, float], _Cut, NDArray[np.int64]] | None = None
     for cut in cuts:
         most = limit if best is None or best[0][0] else min(limit, best[0][1])
         label, count, width = clusters(cut.spots, bands, scale, tolerance**2 - cut.contrast**2, most)
@@ -171,10 +175,12 @@ def _cheapest(cuts, bands, scale, tolerance, limit):
         found = error > tolerance, count if error <= tolerance else 0, error
         if best is None or found < best[0]:
             best = found, cut, label
+    if best is None:
+        raise ValueError("expected a cut to choose from, found none")
     return best
 
 
-def _square_texels(image):
+def _square_texels(image: NDArray[np.float32]) -> NDArray[np.float32]:
     """The same patches of radiance in about square texels: rows or columns repeated, to 0.35 degrees at the finest.
 
     What follows takes a texel to be as wide as it is high. Images about twice as wide as high come back themselves.
@@ -193,7 +199,7 @@ class _Coarse:
     Each vertex faces a direction of a Fibonacci sphere; a wall beside it hides a half of all directions at random.
     """
 
-    def __init__(self, image, bands):
+    def __init__(self, image: Radiance, bands: int) -> None:
         height, width, _ = image.shape
         self._rows, self._columns = _pooling((height, width), GRID)
         self._full, self._banded, self._project = _probes(bands)
@@ -201,7 +207,9 @@ class _Coarse:
         self._shape = height, width
         self.scale = math.sqrt(np.square(self._full @ self._cells).sum(axis=1).mean())
 
-    def contrast(self, row=(), column=(), excess=None):
+    def contrast(
+        self, row: Indices | tuple[()] = (), column: Indices | tuple[()] = (), excess: Radiance | None = None
+    ) -> float:
         """Relative error, root mean square, of the banded light of the image less the `excess` (T, 3) of texels."""
         cells = self._cells.copy()
         if excess is not None:
@@ -214,7 +222,7 @@ class _Coarse:
 
 
 @lru_cache(harmonics.MAX_BANDS)
-def _probes(bands):
+def _probes(bands: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
     """Three matrices: radiance of cells to exit radiance of the imagined vertices, (P, cells); SH coefficients to the
     same, (P, K); radiance of cells to coefficients by least squares, (K, cells)."""
     full, cells, areas = _imagined()
@@ -226,7 +234,7 @@ def _probes(bands):
 
 
 @lru_cache(1)
-def _imagined():
+def _imagined() -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
     """The imagined vertices' exit radiance (P, cells) float32, directions and solid angles of the cells."""
     normals = fibonacci_sphere(_PROBES).astype(np.float32)
     walls = np.random.default_rng(0).normal(size=normals.shape).astype(np.float32)
@@ -245,13 +253,13 @@ def pooled(image: NDArray, grid: tuple[int, int]) -> NDArray:
     return np.stack(cells, axis=-1).astype(np.float64)
 
 
-def _pooling(shape, grid):
+def _pooling(shape: tuple[int, int], grid: tuple[int, int]) -> tuple[csr_array, csr_array]:
     """Sparse (rows, H) and (columns, W): what shares of their solid angle the cells of a grid take from an image."""
     rows = _overlap(grid[0], shape[0], lambda share: -np.cos(np.pi * share))
     return rows, _overlap(grid[1], shape[1], lambda share: share)
 
 
-def _overlap(cells, texels, measure):
+def _overlap(cells: int, texels: int, measure: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> csr_array:
     """Sparse (cells, texels): the share of each cell's extent, as `measure` maps 0..1, that a texel takes."""
     edges = np.union1d(np.arange(cells + 1) / cells, np.arange(texels + 1) / texels)
     middle, extent = 0.5 * (edges[1:] + edges[:-1]), np.diff(measure(edges))
@@ -261,7 +269,7 @@ def _overlap(cells, texels, measure):
     return csr_array((extent / whole[cell], (cell, texel)), (cells, texels))
 
 
-def _around(brightness):
+def _around(brightness: Floats) -> Floats:
     """Luminance (H, W) around bright patches narrower than `_OPENING_DEG`, by a morphological opening."""
     height, width = brightness.shape
     size = 2 * math.ceil(0.5 * _OPENING_DEG / 180.0 * height) + 1
@@ -270,7 +278,7 @@ def _around(brightness):
     return maximum_filter(minimum_filter(brightness, size, mode=mode), size, mode=mode)
 
 
-def _spots(row, column, excess, shape, part_energy):
+def _spots(row: Indices, column: Indices, excess: Radiance, shape: tuple[int, int], part_energy: float) -> Spots:
     """Spots to gather suns from: directions (P, 3), weights (P, 3) and variances (P,) of their width, rad^2.
 
     A texel is divided until a part holds at most `part_energy`; texels of fine images are pooled instead.
@@ -286,7 +294,10 @@ def _spots(row, column, excess, shape, part_energy):
     bright = np.zeros((height + 2, width), np.int8)  # dark rows beyond the poles, the seam closed by rolling
     bright[row + 1, column] = 1
     steps = (-1, 0, 1)
-    near = sum(np.roll(bright, (down, right), axis=(0, 1)) for down in steps for right in steps)
+    near = np.zeros_like(bright)
+    for down in steps:
+        for right in steps:
+            near += np.roll(bright, (down, right), axis=(0, 1))
     alone = near[row + 1, column] == 1
     alone &= height * _POINT_DEG >= 180.0
     parts = np.clip(np.ceil(np.sqrt(luminance(weights) / part_energy)), 1, _PARTS).astype(int)
@@ -299,15 +310,16 @@ def _spots(row, column, excess, shape, part_energy):
         # A square as wide as the part is high; texels toward the poles are narrower than that.
         variance = np.where(alone[of], 0.0, _variance(np.pi / height / count))
         found.append((toward.reshape(-1, 3), part.reshape(-1, 3), np.repeat(variance, count * count)))
-    return tuple(np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    toward, weights, variances = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+    return toward, weights, variances
 
 
-def _variance(side):
-    """Of the distance from its centre over a square of this side."""
+def _variance(side: float) -> float:
+    """Mean squared distance from the centre of a square with this side."""
     return side * side / 6.0
 
 
-def _suns(spots, label):
+def _suns(spots: Spots, label: Integers) -> tuple[Suns, NDArray[np.float64]]:
     """Suns of clusters, brightest first, after a few rounds in which every spot goes to the nearest sun; and the (S,)
     variances of their light."""
     toward, weights, variances = spots
@@ -322,8 +334,10 @@ def _suns(spots, label):
     return Suns(directions[order], gathered[order]), spread[order]
 
 
-def _gathered(toward, weights, label):
+def _gathered(
+    toward: Directions, weights: Radiance, label: Integers
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Directions (S, 3) to the centroids of luminance, and summed weights (S, 3), of spots by label 0..S - 1."""
     moment = toward * luminance(weights)[:, None]
-    total = np.stack([np.bincount(label, values) for values in (*moment.T, *weights.T)], axis=1)
+    total = np.asarray(np.stack([np.bincount(label, values) for values in (*moment.T, *weights.T)], axis=1), np.float64)
     return total[:, :3] / np.linalg.norm(total[:, :3], axis=1, keepdims=True), total[:, 3:]

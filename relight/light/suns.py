@@ -17,8 +17,8 @@ class Suns:
     weights: (S, 3) float64 linear, radiance times solid angle: the irradiance of a surface that faces the sun.
     """
 
-    directions: np.ndarray
-    weights: np.ndarray
+    directions: NDArray[np.float64]
+    weights: NDArray[np.float64]
 
     @classmethod
     def none(cls) -> "Suns":
