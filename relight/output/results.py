@@ -158,6 +158,7 @@ class Results:
         from ..splats import shown_as_sky, under_sky
         from ..splats.sky import dimmed
 
+        assert self._splats is not None  # else nobody asks
         if self._sky_rows is None:
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
         light, shading, exposure, backdrop = shaded

@@ -4,14 +4,19 @@ The mesh is welded and sorted by the bits of its vertices, so that the division 
 result.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Directions, Faces, Floats, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
 from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
 
 from ..transfer.neighbors import ranked_nodes
 
@@ -47,7 +52,7 @@ class Surface:
     box.
     """
 
-    def __init__(self, scene, diagonal=None):
+    def __init__(self, scene: Scene, diagonal: float | None = None) -> None:
         """diagonal: of the scene that this one is a part of, in the frame of its splats; its own box's without."""
         vertices, normals = scene.vertices, scene.normals
         content = np.ascontiguousarray(np.hstack([vertices, normals]).astype(np.float32) + np.float32(0.0))
@@ -70,23 +75,23 @@ class Surface:
         if diagonal is None:
             diagonal = float(np.linalg.norm(np.ptp(self.points[used].astype(np.float64), axis=0)))
         self.diagonal = diagonal
-        self._caster = None
+        self._caster: RayCaster | None = None
 
-    def of_vertices(self, values):
+    def of_vertices(self, values: Floats) -> Floats:
         """Values of the vertices (V, C) as values of the nodes (M, C); vertices of a node have the same."""
         result = np.zeros((len(self.points), values.shape[1]), values.dtype)
         result[self.node] = values
         return result
 
     @property
-    def caster(self):
+    def caster(self) -> RayCaster:
         """The RayCaster of the faces."""
         if self._caster is None:
             self._caster = RayCaster(self.points, self.faces)
         return self._caster
 
 
-def _distinct(content):
+def _distinct(content: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """The distinct rows (M, 6) of positions and normals (N, 6), along a curve through space and by their bits where
     they share a place, and the number of each row among them, (N,)."""
     size = max(float(np.abs(content[:, :3]).max()), 1e-30)  # of the curve; beyond it a place is sorted like its edge
@@ -97,7 +102,7 @@ def _distinct(content):
     return content[order[new]], number
 
 
-def _distinct_faces(corners, nodes):
+def _distinct_faces(corners: Integers, nodes: int) -> Faces:
     """The distinct rows, sorted, of corners (F, 3) among so many nodes: (G, 3) int32."""
     bits = max(int(nodes - 1).bit_length(), 1)
     if 3 * bits > 63:
@@ -115,7 +120,7 @@ class Places:
     over the scene has.
     """
 
-    def __init__(self, surface, splats, kept=None):
+    def __init__(self, surface: Surface, splats: Splats, kept: Mapping[str, NDArray[Any]] | None = None) -> None:
         """Ask the mesh, or take the `columns`, `weights` and `far` of a dict that were `kept` for the same.
 
         Needs finite means and quaternions that are not zero. Raises InputError or KeyError for what does not fit.
@@ -126,7 +131,7 @@ class Places:
         else:
             self.columns, self.weights, self.far = _checked(kept, len(splats), len(surface.points))
 
-    def _ask(self, surface, splats):
+    def _ask(self, surface: Surface, splats: Splats) -> None:
         count, near = len(splats), NEAR * surface.diagonal
         self.columns = np.zeros((count, 3 + NEAREST), np.int32)
         self.weights = np.zeros((count, 3 + NEAREST), np.float32)
@@ -135,7 +140,7 @@ class Places:
 
         touching = surface.caster.closest(splats.means)
 
-        def ask(rows):
+        def ask(rows: slice) -> None:
             means = splats.means[rows]
             corners = surface.faces[touching.faces[rows]]
             second, third = np.clip(touching.uv[rows], 0.0, 1.0).T
@@ -156,18 +161,18 @@ class Places:
 
         in_batches(ask, count, _BATCH)
 
-    def interpolate(self, values):
+    def interpolate(self, values: Floats) -> NDArray[np.float32]:
         """(M, C) float32 of nodes -> (N, C) float32 of Gaussians."""
         patches = Patches.of(self._surface, values)
         result = np.zeros((len(self.far), values.shape[1]), np.float32)
 
-        def mix(rows):
+        def mix(rows: slice) -> None:
             result[rows] = np.einsum("nk,nkc->nc", self.weights[rows], values[self.columns[rows]])
 
         in_batches(mix, len(result), _BATCH)
         lost = np.flatnonzero(self.far > 1e-3)  # less than that is no step of a display
 
-        def fade(part):
+        def fade(part: slice) -> None:
             rows = lost[part]
             result[rows] += self.far[rows, None] * (patches.seen_from(self._means[rows]) - result[rows])
 
@@ -175,7 +180,9 @@ class Places:
         return result
 
 
-def _checked(kept, count, nodes):
+def _checked(
+    kept: Mapping[str, NDArray[Any]], count: int, nodes: int
+) -> tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]:
     """(columns, weights, far) of what was kept, where it is of so many Gaussians and nodes."""
     columns, weights, far = kept["columns"], kept["weights"], kept["far"]
     shape = count, 3 + NEAREST
@@ -195,13 +202,13 @@ class Patches(NamedTuple):
     centers: (P, 3) float64. areas: (P,). values: (P, C). side: of a patch.
     """
 
-    centers: np.ndarray
-    areas: np.ndarray
-    values: np.ndarray
+    centers: NDArray[np.float64]
+    areas: NDArray[np.float64]
+    values: Floats
     side: float
 
     @classmethod
-    def of(cls, surface, values):
+    def of(cls, surface: Surface, values: Floats) -> "Patches":
         """The patches of a Surface and of values (M, C) of its nodes."""
         used = surface.used
         points = surface.points.astype(np.float64)
@@ -209,17 +216,17 @@ class Patches(NamedTuple):
         side = max(np.ptp(points[used], axis=0).max(), 1e-30) / PATCHES
         cells = np.clip(((points - low) / side).astype(np.int64), 0, PATCHES)
         _, cell = np.unique(cells @ [1, 100, 10000], return_inverse=True)
-        area = np.bincount(cell, surface.areas)
+        area = np.asarray(np.bincount(cell, surface.areas), np.float64)
         kept = area > 0.0
         area = area[kept]
 
-        def mean(of):
+        def mean(of: Floats) -> NDArray[np.float64]:
             sums = [np.bincount(cell, surface.areas * column)[kept] for column in of.astype(np.float64).T]
             return np.stack(sums, axis=1) / area[:, None]
 
         return cls(mean(points), area, mean(values), float(side))
 
-    def seen_from(self, points):
+    def seen_from(self, points: Points) -> NDArray[np.float32]:
         """Means (N, C) float32 by area over the fourth power of distance: far away, the mean of all patches."""
         from scipy.spatial.distance import cdist
 
@@ -232,7 +239,7 @@ class Patches(NamedTuple):
         return result
 
 
-def _normals(splats):
+def _normals(splats: Splats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Shortest axes (N, 3) float32, of either sign, and how flat the Gaussians are, (N,) in [0, 1]."""
     shortest = splats.scales.argmin(axis=1)
     axes = np.take_along_axis(splats.rotation_matrices(), shortest[:, None, None], axis=2)[:, :, 0]
@@ -240,7 +247,7 @@ def _normals(splats):
     return axes, np.maximum(1.0 - (ranked[:, 0] / np.maximum(ranked[:, 1], 1e-30) / ROUND) ** 2, 0.0)
 
 
-def _agreement(axes, flat, normals):
+def _agreement(axes: Directions, flat: Floats, normals: Directions) -> Floats:
     """Weights in [LEAST_AGREEMENT, 1] of places with normals (N, k, 3) for Gaussians with these axes: (N, k)."""
     cosine = np.einsum("nc,nkc->nk", axes, normals)
     return 1.0 - flat[:, None] * (1.0 - LEAST_AGREEMENT) * (1.0 - np.minimum(cosine * cosine, 1.0))

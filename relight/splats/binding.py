@@ -1,17 +1,23 @@
 """Splats bound to the mesh made of them: do what depends on geometry once, then relight under any number of lights."""
 
 import warnings
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Mask, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats, sound
 
-from ..transfer.store import array_key
+from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
-from .light_ratio import log_gain, relit_sh
+from .light_ratio import Usual, log_gain, relit_sh
 from .looks import Looks
 from .wide import Neighborhoods
 
@@ -38,14 +44,15 @@ class Binding:
 
     def __init__(
         self,
-        splats,  # Splats, as read, in their own frame
-        scene,  # Scene made of them; its vertex colours are the captured ones
-        views=None,  # list of View in the frame of the splats, for the fit; chosen by default, () for no fit
-        seed=0,  # of the choice
-        advance=lambda count: None,  # called with the number of views looked at
-        cache=None,  # Cache of the scene, where what takes long is kept unless views are given
-        diagonal=None,  # of `Surface`, where the scene is a part of another
-    ):
+        splats: Splats,  # Splats, as read, in their own frame
+        scene: Scene,  # Scene made of them; its vertex colours are the captured ones
+        views: Sequence[View]
+        | None = None,  # list of View in the frame of the splats, for the fit; chosen by default, () for no fit
+        seed: int = 0,  # of the choice
+        advance: Callable[[int], None] = lambda count: None,  # called with the number of views looked at
+        cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given
+        diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
+    ) -> None:
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
         self._splats, self.lit = splats, sound(splats)
         unlit = len(splats) - int(self.lit.sum())
@@ -69,14 +76,14 @@ class Binding:
             self._bind(scene, None, seed, advance)
             cache.put("binding", *key, **self._arrays())
 
-    def _bind(self, scene, views, seed, advance):
+    def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
         sketch = self._sketched()
         views = self._chosen(sketch, scene, seed) if views is None else views
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
 
-    def _restore(self, kept):
+    def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""
         self.places = Places(self.surface, self.shown, kept)
         count = len(self._sketched())
@@ -88,30 +95,30 @@ class Binding:
             raise InputError("kept places are on another mesh")
         return self
 
-    def _arrays(self):
+    def _arrays(self) -> dict[str, NDArray[Any]]:
         places = self.places
         arrays = {name: getattr(places, name) for name in ("columns", "weights", "far")}
         arrays |= {"near": self._wide.near, "taken": self._taken}
         return arrays if self._looks is None else arrays | self._looks.arrays()
 
-    def _sketched(self):
+    def _sketched(self) -> Splats:
         """The Splats of the pictures, which are `_drawn`: without what depends on the view, a third of the memory and
         time and the same fit. Far ones stand between the scene and virtual eyes that no camera of the capture had."""
         self._drawn = (self.places.far < 0.5) & (self.shown.opacities >= INVISIBLE_OPACITY)
         return _diffuse(self.shown, self._drawn)
 
     @property
-    def used(self):
+    def used(self) -> Mask:
         """(V,) bool: the vertices that any splat which is drawn takes light from."""
         return self._taken[self.surface.node]
 
     @cached_property
-    def _taken(self):
+    def _taken(self) -> Mask:
         """(M,) bool: the nodes of those vertices."""
         columns, weights = self.places.columns[self._drawn], self.places.weights[self._drawn]
         return np.bincount(columns.ravel(), weights.ravel(), len(self.surface.points)) > LEAST_USE
 
-    def _asked(self):
+    def _asked(self) -> Mask:
         """(M,) bool: the nodes whose light is used."""
         asked = np.zeros(len(self.surface.points), bool)
         asked[self.places.columns.ravel()] = True
@@ -119,7 +126,9 @@ class Binding:
             asked[self._looks.corners.ravel()] = True
         return asked
 
-    def relit(self, before, after, exposure=1.0, rounds=ROUNDS, usual=None):
+    def relit(
+        self, before: Radiance, after: Radiance, exposure: float = 1.0, rounds: int = ROUNDS, usual: Usual | None = None
+    ) -> Splats:
         """The splats in a new light: Splats, in order, of which only `sh` differs.
 
         before: (V, 3) irradiance of the scene's vertices in the light of the capture, unit of the captured colours.
@@ -149,11 +158,11 @@ class Binding:
             sh[self.lit] = relit_rows
         return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
 
-    def spread(self, of_vertices):
+    def spread(self, of_vertices: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit."""
         return self.places.interpolate(self._wide.shared(self.surface.of_vertices(of_vertices)))
 
-    def _chosen(self, sketch, scene, seed):
+    def _chosen(self, sketch: Splats, scene: Scene, seed: int) -> Sequence[View]:
         """Views from where the capture of a place stood, of an object from all around."""
         from splat2mesh.views.eyes import around
         from splat2mesh.views.standpoints import Eye
@@ -170,19 +179,28 @@ class Binding:
         return virtual_views(sketch, VIEWS, PIXELS, up / np.linalg.norm(up), seed)
 
 
-def relit(splats, scene, before, after, exposure=1.0, views=None, rounds=ROUNDS, seed=0):
+def relit(
+    splats: Splats,
+    scene: Scene,
+    before: Radiance,
+    after: Radiance,
+    exposure: float = 1.0,
+    views: Sequence[View] | None = None,
+    rounds: int = ROUNDS,
+    seed: int = 0,
+) -> Splats:
     """Bind splats and relight them in one call. Keep a `Binding` for several lights: it does most of the work once."""
     return Binding(splats, scene, views, seed).relit(before, after, exposure, rounds)
 
 
-def _key(splats, scene, volume):
+def _key(splats: Splats, scene: Scene, volume: Floats) -> str:
     """Text that tells what is bound from anything else on the same geometry."""
     shown = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, 0]
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64) if scene.is_place else None
     return array_key(*shown, np.asarray(scene.scene_from_splat, np.float64), eyes, volume)
 
 
-def _diffuse(splats, rows):
+def _diffuse(splats: Splats, rows: Mask) -> Splats:
     return Splats(
         splats.means[rows], splats.scales[rows], splats.quats_wxyz[rows], splats.opacities[rows], splats.sh[rows, :1]
     )

@@ -5,16 +5,21 @@ footprints as `splat2mesh.render.rasterize` does, and every picture and its tran
 Each tile has one thread, and what goes to the Gaussians is added in a fixed order: bits do not depend on threads.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Integers, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import shared
-from splat2mesh.render.footprints import TILE, camera_of, footprint_batches
+from splat2mesh.render.footprints import TILE, Footprint, camera_of, footprint_batches
 from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
 from splat2mesh.render.screentiles import AREA, ScreenTiles
+from splat2mesh.render.view import View
+from splat2mesh.splats.splats import Splats
 
 LEAST_SHARE = np.float32(1 / 512)
 """Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
@@ -42,13 +47,13 @@ class Blending(NamedTuple):
     tile and shares: (I,) uint16 in parts of UNIT, of each item.
     """
 
-    tiles: np.ndarray
-    runs: np.ndarray
-    items: np.ndarray
-    splats: np.ndarray
-    counts: np.ndarray
-    pixels: np.ndarray
-    shares: np.ndarray
+    tiles: NDArray[np.int64]
+    runs: NDArray[np.int64]
+    items: NDArray[np.int64]
+    splats: NDArray[np.int32]
+    counts: NDArray[np.uint16]
+    pixels: NDArray[np.uint8]
+    shares: NDArray[np.uint16]
 
     def checked(self, count: int) -> "Blending":
         """Itself, where it is one of `count` Gaussians. Raises InputError for what loops cannot trust."""
@@ -66,7 +71,7 @@ class Blending(NamedTuple):
             raise InputError(f"kept pictures show others than {count} splats")
         return self
 
-    def drawn(self, colors: np.ndarray) -> np.ndarray:
+    def drawn(self, colors: NDArray[np.float32]) -> NDArray[np.float32]:
         """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)
         _draw(
@@ -82,7 +87,7 @@ class Blending(NamedTuple):
         )
         return picture
 
-    def spread(self, values: np.ndarray, sums: np.ndarray) -> None:
+    def spread(self, values: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
         """Add to each Gaussian, sums (N, C), its shares of the pixels' values (P, C), float32 both."""
         for first, last in zip(self.tiles[:-1], self.tiles[1:], strict=True):
             begin, end = self.runs[first], self.runs[last]
@@ -91,16 +96,22 @@ class Blending(NamedTuple):
             _add(self.splats[begin:end], seen, sums)
 
 
+Lists: TypeAlias = tuple[Integers, ...]
+"""Of a view's tiles: how many runs and items each has, then `splats`, `counts`, `pixels` and `shares` of a Blending."""
+
+Look: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
+"""Takes the number of a view, its alpha (H, W) and its median depth (H, W), camera z."""
+
 _KINDS = ["i8", "i8", "i8", "i4", "u2", "u1", "u2"]
 
 
 def blending_of(
-    splats,  # Splats
-    views,  # list of View in their frame
-    near,  # camera z of the near plane
-    look=lambda number, alpha, depth: None,  # called with the number of a view, its alpha (H, W) and its median depth
-):
-    """The Blending of some views. What the look is given is as of `Rendering`.
+    splats: Splats,
+    views: Sequence[View],  # in their frame
+    near: float,  # camera z of the near plane
+    look: Look = lambda number, alpha, depth: None,
+) -> Blending:
+    """Return the Blending of some views of splats. `look` is called with each view as `Rendering` shows it.
 
     The look may return the pixels that are wanted, (H, W) bool: then no other has shares.
     """
@@ -117,7 +128,7 @@ def blending_of(
     return Blending(np.array(tiles, np.int64), *starts, *(np.concatenate(each) for each in lists))
 
 
-def in_tiles(image):
+def in_tiles(image: NDArray[Any]) -> NDArray[Any]:
     """An image (H, W, ...) as pixels of tiles, (P, ...), zeros beyond its edges."""
     height, width, *rest = image.shape
     tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
@@ -126,7 +137,7 @@ def in_tiles(image):
     return whole.reshape(tiles_y, TILE, tiles_x, TILE, *rest).swapaxes(1, 2).reshape(-1, *rest)
 
 
-def _listed(splats, view, near):
+def _listed(splats: Splats, view: View, near: float) -> tuple[Lists, NDArray[np.float32], NDArray[np.float32]]:
     """((runs and items of each tile, splats, counts, pixels, shares), alpha (H, W), median depth (H, W)) of a view."""
     camera = camera_of(view, near)
     tiles = ScreenTiles.empty(camera, PLANES, transmittance=0, median=1)
@@ -153,7 +164,7 @@ def _listed(splats, view, near):
     return _merged(found, count), 1 - images[0], images[1].copy()
 
 
-def _merged(found, tiles):
+def _merged(found: list[Lists], tiles: int) -> Lists:
     """Batch after batch of tiles' lists as the lists of the tiles: the same fields."""
     runs = sum((each[0] for each in found), np.zeros(tiles, np.int64))
     items = sum((each[1] for each in found), np.zeros(tiles, np.int64))
@@ -168,7 +179,7 @@ def _merged(found, tiles):
     return runs, items, *result
 
 
-def _within(part, wanted):
+def _within(part: Lists, wanted: Mask) -> Lists:
     """The lists of a view's tiles with nothing but the pixels wanted, (P,) bool."""
     runs, items, *lists = part
     left, held = np.zeros_like(runs), np.zeros_like(items)
@@ -177,7 +188,17 @@ def _within(part, wanted):
 
 
 @_serial
-def _drop(runs, items, wanted, splats, counts, pixels, shares, left, held):
+def _drop(
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    wanted: Mask,
+    splats: NDArray[np.int32],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint16],
+    left: NDArray[np.int64],
+    held: NDArray[np.int64],
+) -> tuple[int, int]:
     """Move what is wanted of all lists to their beginnings: how many runs and items that is."""
     run, item, to_run, to_item = 0, 0, 0, 0
     for tile in range(len(runs)):
@@ -200,23 +221,23 @@ def _drop(runs, items, wanted, splats, counts, pixels, shares, left, held):
 @shared
 @_function
 def _record(
-    begin,
-    end,
-    footprints,
-    starts,
-    entries,
-    dealt,
-    open_tiles,
-    tiles_x,
-    block,
-    begins,
-    pixels,
-    shares,
-    number,
-    count,
-    used,
-    ran,
-):
+    begin: int,
+    end: int,
+    footprints: NDArray[np.void],
+    starts: Integers,
+    entries: Integers,
+    dealt: Integers,
+    open_tiles: Mask,
+    tiles_x: int,
+    block: NDArray[np.float32],
+    begins: NDArray[np.int64],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint16],
+    number: NDArray[np.int32],
+    count: NDArray[np.uint16],
+    used: NDArray[np.int64],
+    ran: NDArray[np.int64],
+) -> None:
     """Note what each footprint gives each open tile from begins[tile] and starts[tile] on, and how much that was."""
     for deal in range(begin, end):
         tile = dealt[deal]
@@ -250,7 +271,9 @@ def _record(
 
 
 @_function
-def _row(block, first, s, q_y, dx, lane):
+def _row(
+    block: NDArray[np.float32], first: int, s: Footprint, q_y: float, dx: float, lane: NDArray[np.float32]
+) -> None:
     """Shares of a footprint in the pixel row at `first`; like `rasterize`'s own without a branch."""
     precision, cutoff, opacity, depth = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity, s.depth
     for column in range(np.uint64(TILE)):
@@ -268,7 +291,7 @@ def _row(block, first, s, q_y, dx, lane):
 
 
 @_function
-def _any_open(block):
+def _any_open(block: NDArray[np.float32]) -> bool:
     unfinished = 0
     for i in range(np.uint64(AREA)):
         unfinished += block[i] >= MIN_TRANSMITTANCE
@@ -276,7 +299,7 @@ def _any_open(block):
 
 
 @_serial
-def _pack(begins, used, values, packed):
+def _pack(begins: NDArray[np.int64], used: NDArray[np.int64], values: Integers, packed: Integers) -> None:
     """The used beginnings of the tiles' parts, end to end."""
     at = 0
     for tile in range(len(used)):
@@ -286,7 +309,7 @@ def _pack(begins, used, values, packed):
 
 
 @_serial
-def _lay(values, counts, cursor, whole):
+def _lay(values: Integers, counts: NDArray[np.int64], cursor: NDArray[np.int64], whole: Integers) -> None:
     """Copy each tile's part to where its cursor stands, and move that on."""
     at = 0
     for tile in range(len(counts)):
@@ -298,7 +321,18 @@ def _lay(values, counts, cursor, whole):
 
 @shared
 @_function
-def _draw(begin, end, runs, items, splats, counts, pixels, shares, colors, picture):
+def _draw(
+    begin: int,
+    end: int,
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    splats: NDArray[np.int32],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint16],
+    colors: NDArray[np.float32],
+    picture: NDArray[np.float32],
+) -> None:
     unit = ONE / UNIT
     for tile in range(begin, end):
         at, base = items[tile], tile * AREA
@@ -315,7 +349,18 @@ def _draw(begin, end, runs, items, splats, counts, pixels, shares, colors, pictu
 
 @shared
 @_function
-def _gather(begin, end, first, runs, items, counts, pixels, shares, values, seen):
+def _gather(
+    begin: int,
+    end: int,
+    first: int,
+    runs: NDArray[np.int64],
+    items: NDArray[np.int64],
+    counts: NDArray[np.uint16],
+    pixels: NDArray[np.uint8],
+    shares: NDArray[np.uint16],
+    values: NDArray[np.float32],
+    seen: NDArray[np.float32],
+) -> None:
     """What each run of a view's tiles sees, (R, C); first is the view's first tile."""
     unit, width = ONE / UNIT, values.shape[1]
     for tile in range(first + begin, first + end):
@@ -333,7 +378,7 @@ def _gather(begin, end, first, runs, items, counts, pixels, shares, values, seen
 
 
 @_serial
-def _add(splats, seen, sums):
+def _add(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
     for run in range(len(splats)):
         for c in range(sums.shape[1]):
             sums[splats[run], c] += seen[run, c]

@@ -9,7 +9,9 @@ Gaussian without a clip, and interpolate its logarithm, the log gain b = log g.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.splats import SH_C0
 
@@ -38,12 +40,12 @@ class Usual(NamedTuple):
     light ratio of the whole scene. gain: (3,), its mean log gain, where it was found.
     """
 
-    soft: np.ndarray
-    ratio: np.ndarray
-    gain: np.ndarray | None = None
+    soft: Floats
+    ratio: Floats
+    gain: Floats | None = None
 
     @classmethod
-    def of(cls, before, after, shares):
+    def of(cls, before: Radiance, after: Radiance, shares: Floats) -> "Usual":
         """That of irradiances (V, 3) in both lights, vertices weighing `shares`, (V,)."""
         total = shares @ before, shares @ after
         # A colour that the light of the capture lacked has no ratio: it stays as it is.
@@ -52,12 +54,12 @@ class Usual(NamedTuple):
 
 
 def log_gain(
-    captured,  # (V, 3) linear colours as captured
-    before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
-    after,  # (V, 3) irradiance in the new light, exposure applied
-    shares=None,  # (V,) weights of the vertices in means, such as areas; equal by default
-    usual=None,  # Usual of the scene that these vertices are a part of; their own by default
-):
+    captured: Radiance,  # (V, 3) linear colours as captured
+    before: Radiance,  # (V, 3) irradiance in the light of the capture, unit of `captured`
+    after: Radiance,  # (V, 3) irradiance in the new light, exposure applied
+    shares: Floats | None = None,  # (V,) weights of the vertices in means, such as areas; equal by default
+    usual: Usual | None = None,  # Usual of the scene that these vertices are a part of; their own by default
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Log gain of every vertex, (V, 3) float32, and its mean over the scene, (3,). Equal light gives zeros, to the bit.
 
     The light ratio is (S S' + e^2 r) / (S^2 + e^2), e = 0.1 median(S), r = mean(S') / mean(S). No surface sends out
@@ -74,12 +76,12 @@ def log_gain(
     shares = np.ones(len(captured)) if shares is None else np.asarray(shares, np.float64)
     if not shares.sum() > 0.0:
         shares = np.ones(len(captured))
-    soft, usual, mean = Usual.of(before, after, shares) if usual is None else usual
+    soft, whole, mean = Usual.of(before, after, shares) if usual is None else usual
     below = before * before + soft
     ratio = np.divide(
-        before * after + soft * usual, below, out=np.broadcast_to(usual, below.shape).copy(), where=below > 0
+        before * after + soft * whole, below, out=np.broadcast_to(whole, below.shape).copy(), where=below > 0
     )
-    ratio += _excess(captured, before) * (usual - ratio)
+    ratio += _excess(captured, before) * (whole - ratio)
     shown, start = ratio * captured, np.maximum(SHOULDER_START, captured)
     room = np.maximum(1.0 - start, _LEAST_ROOM)
     rolled = start - room * np.expm1(-np.maximum(shown - start, 0.0) / room)
@@ -90,9 +92,9 @@ def log_gain(
 
 
 def linear_parts(
-    captured,  # (V, 3) linear colours as captured
-    before,  # (V, 3) irradiance in the light of the capture, unit of `captured`
-):
+    captured: Radiance,  # (V, 3) linear colours as captured
+    before: Radiance,  # (V, 3) irradiance in the light of the capture, unit of `captured`
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(own, usual), (V, 3) float64 both: the light ratio of `log_gain`, before its roll-off, is linear in new light.
 
     ratio = own * after + usual * r, with r = mean(after) / mean(before). Raises InputError as `log_gain` does.
@@ -107,10 +109,10 @@ def linear_parts(
 
 
 def relit_sh(
-    sh,  # (N, K, 3) float32 colour coefficients of splats
-    logs,  # (N, 3) log gain of each splat
-    mean,  # (3,) log gain of the whole scene
-):
+    sh: NDArray[np.float32],  # (N, K, 3) float32 colour coefficients of splats
+    logs: NDArray[np.float32],  # (N, 3) log gain of each splat
+    mean: NDArray[np.float32],  # (3,) log gain of the whole scene
+) -> NDArray[np.float32]:
     """The coefficients in the new light, (N, K, 3) float32: splats whose log gain is 0 keep every bit.
 
     The diffuse part follows the affine map. The view-dependent part is reflected light: scale it with the light, so
@@ -125,12 +127,12 @@ def relit_sh(
     return result
 
 
-def _excess(captured, before):
+def _excess(captured: Radiance, before: Radiance) -> Floats:
     """Share (V, 3) of a captured colour that exceeds what arrived."""
     return np.where(captured > _DARKEST, np.maximum(captured - before, 0.0) / np.maximum(captured, _DARKEST), 0.0)
 
 
-def _checked(values, name):
+def _checked(values: ArrayLike, name: str) -> NDArray[np.float64]:
     values = np.asarray(values)
     if values.ndim != 2 or values.shape[1] != 3:
         raise InputError(f"relit splats need {name} of shape (V, 3), found {values.shape}")

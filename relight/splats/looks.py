@@ -1,13 +1,18 @@
 """What the fit of relit splats looks at: pictures of them, and which place of the mesh each pixel shows."""
 
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Faces, Floats, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
-from splat2mesh.splats.splats import SH_C0
+from splat2mesh.render.view import View
+from splat2mesh.splats.splats import SH_C0, Splats
 
+from .attachment import Surface
 from .blending import Blending, blending_of, in_tiles
 from .light_ratio import CURVE_OFFSET
 
@@ -33,16 +38,23 @@ class Looks(NamedTuple):
     corners: (Q, 3) int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third."""
 
     blending: Blending
-    known: np.ndarray
-    corners: np.ndarray
-    uv: np.ndarray
+    known: NDArray[np.int64]
+    corners: NDArray[np.int32]
+    uv: NDArray[np.float32]
 
     @classmethod
-    def at(cls, splats, surface, views, near, advance=lambda count: None):
+    def at(
+        cls,
+        splats: Splats,
+        surface: Surface,
+        views: Sequence[View],
+        near: float,
+        advance: Callable[[int], None] = lambda count: None,
+    ) -> "Looks":
         """Of Splats before a Surface, both in the frame of the views, list of View; near: camera z."""
         found = []
 
-        def look(number, alpha, depth):
+        def look(number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> Mask:
             found.append(_shown(views[number], alpha, depth, surface))
             advance(1)
             return found[-1][0]
@@ -53,7 +65,7 @@ class Looks(NamedTuple):
         return cls(blending, np.flatnonzero(known), corners, uv)
 
     @classmethod
-    def restored(cls, arrays, splats, nodes):
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, nodes: int) -> "Looks":
         """Those of so many splats and nodes, from `arrays`. Raises InputError or KeyError for what does not fit."""
         blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
         known, corners, uv = (arrays[name] for name in ("known", "corners", "uv"))
@@ -68,11 +80,13 @@ class Looks(NamedTuple):
             raise InputError("kept pictures are not finite")
         return cls(blending, known, corners, uv)
 
-    def arrays(self):
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes."""
         return self.blending._asdict() | {"known": self.known, "corners": self.corners, "uv": self.uv}
 
-    def corrections(self, before, relit, of_nodes, rounds):
+    def corrections(
+        self, before: NDArray[np.float32], relit: NDArray[np.float32], of_nodes: Floats, rounds: int
+    ) -> NDArray[np.float32]:
         """Corrections (N, 3) float32 to add to the constant coefficients `relit`, so that pictures of the relit splats
         agree with pictures of the captured ones times the light ratio of the mesh.
 
@@ -85,7 +99,7 @@ class Looks(NamedTuple):
         shown = _shown_colors(before)
         wanted = self.blending.drawn(shown + np.float32(CURVE_OFFSET))[self.known]
 
-        def gain(rows):
+        def gain(rows: slice) -> None:
             second, third = self.uv[rows].T
             weights = np.stack([1.0 - second - third, second, third], axis=1)
             wanted[rows] *= np.expm1(np.einsum("nk,nkc->nc", weights, of_nodes[self.corners[rows]]))
@@ -103,12 +117,14 @@ class Looks(NamedTuple):
         return moved
 
 
-def _shown_colors(constant):
+def _shown_colors(constant: NDArray[np.float32]) -> NDArray[np.float32]:
     """Constant coefficients as what is drawn, (N, 3) float32."""
     return np.maximum(np.float32(0.5) + np.float32(SH_C0) * constant, np.float32(0.0))
 
 
-def _shown(view, alpha, depth, surface):
+def _shown(
+    view: View, alpha: NDArray[np.float32], depth: NDArray[np.float32], surface: Surface
+) -> tuple[Mask, Faces, NDArray[np.float32]]:
     """Whether each pixel shows the mesh (H, W), the corners (H, W, 3) int32 and weights (H, W, 2) float32 of where."""
     directions = view.ray_directions().astype(np.float32)
     rays = np.concatenate([np.broadcast_to(view.center.astype(np.float32), directions.shape), directions], axis=-1)

@@ -5,19 +5,26 @@ seen from the middle of the scene, and no longer depends on the view. Out there 
 they are no sky, and take the change of light of the mesh's edge.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Floats, Indices, Mask, Points, Vector
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb, luminance
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..albedo.division import weighted_quantile
 from ..light import SKIES
 from ..light.tonemap import tone_map
 from .light_ratio import CURVE_POWER, LEAST, MOST, relit_sh
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..light.environment import Environment
 
 BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
 """Sine of the elevation below which nothing is sky, and above which far splats show mostly sky: its brightness is read
@@ -42,7 +49,7 @@ VOTES = 9
 """Neighbours, itself among them, whose majority a far splat follows."""
 
 
-def shown_as_sky(splats, scene, appearance):
+def shown_as_sky(splats: Splats, scene: Scene, appearance: "Appearance") -> Indices:
     """Rows (M,) of these Splats of a Scene that show the sky: of the far background, and of what hangs in the air
     before it. In the windows of a closed room, and where all stays as captured, all of the background."""
     rows = scene.background_splats
@@ -51,11 +58,11 @@ def shown_as_sky(splats, scene, appearance):
 
 
 def sky_rows(
-    splats,  # Splats as captured, every row of the source
-    rows,  # (M,) which of them are far background
-    scene_from_splat,  # (4, 4)
-    vertices=None,  # (V, 3) of the mesh, scene frame
-):
+    splats: Splats,  # Splats as captured, every row of the source
+    rows: Indices,  # (M,) which of them are far background
+    scene_from_splat: ArrayLike,  # (4, 4)
+    vertices: Points | None = None,  # (V, 3) of the mesh, scene frame
+) -> Indices:
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
 
     Where the mesh is told, rows of other splats follow: those that look like sky, are about as far away, and lie
@@ -82,13 +89,13 @@ class Backdrop(NamedTuple):
     """What sky is told by, in the frame of the splats. middle: (3,) of the scene. up: (3,). level: luminance of what is
     high up. least: distance from the middle from which the sky begins, inf where there is none."""
 
-    middle: np.ndarray
-    up: np.ndarray
+    middle: Vector
+    up: Vector
     level: float
     least: float
 
 
-def backdrop_of(some, middle, up):
+def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
     """The Backdrop of far Splats, or of a sample of them. middle, up: of a Backdrop."""
     _, distance, height, color = _seen(some, middle, up)
     bright = luminance(linear_from_srgb(color))
@@ -100,20 +107,22 @@ def backdrop_of(some, middle, up):
     return Backdrop(np.asarray(middle), np.asarray(up), level, least)
 
 
-def is_sky(some, backdrop):
+def is_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of far Splats show sky: (N,) bool."""
     off, sky = _seen(some, backdrop.middle, backdrop.up)[0], _like_sky(some, backdrop)
     around = cKDTree(off).query(off, min(VOTES, len(off)))[1].reshape(len(off), -1)
     return sky[around].mean(axis=1) > 0.5
 
 
-def _like_sky(some, backdrop):
+def _like_sky(some: Splats, backdrop: Backdrop) -> Mask:
     """Which of Splats have the place and colour of sky, each by itself: (N,) bool."""
     _, distance, height, color = _seen(some, backdrop.middle, backdrop.up)
     return ~_surface(height, color, backdrop.level) & (distance >= backdrop.least)
 
 
-def _seen(some, middle, up):
+def _seen(
+    some: Splats, middle: Vector, up: Vector
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
     """Places (N, 3) from the middle, distances (N,), sines of their elevation (N,) and shown colours (N, 3)."""
     finite = np.isfinite(some.means).all(axis=1)[:, None]
     off = np.where(finite, some.means - middle, np.float32(1.0)).astype(np.float64)
@@ -122,7 +131,7 @@ def _seen(some, middle, up):
     return off, distance, off @ (up / np.linalg.norm(up)) / distance, color
 
 
-def _surface(height, color, level):
+def _surface(height: Floats, color: Floats, level: float) -> Mask:
     """(N,) bool: what its place and colour tell to be no sky of such luminance."""
     bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
     surface = (height < BELOW) | (bright < DARK * level)
@@ -131,14 +140,14 @@ def _surface(height, color, level):
 
 
 def under_sky(
-    splats,  # Splats, relit, every row of the source
-    rows,  # (M,) which of them are far background
-    environment,  # Environment, turned as the scene is lit
-    scene_from_splat,  # (4, 4)
-    exposure,  # shown = radiance * exposure
-    choice="new",  # of SKIES; "keep" is for the caller not to ask
-    eye=None,  # (3,) from where they are seen, in the splats' frame; the middle of the others without
-):
+    splats: Splats,  # Splats, relit, every row of the source
+    rows: Indices,  # (M,) which of them are far background
+    environment: "Environment",  # Environment, turned as the scene is lit
+    scene_from_splat: ArrayLike,  # (4, 4)
+    exposure: float,  # shown = radiance * exposure
+    choice: str = "new",  # of SKIES; "keep" is for the caller not to ask
+    eye: Vector | None = None,  # (3,) from where they are seen, in the splats' frame; the middle of the others without
+) -> Splats:
     """The Splats with the far ones in the new sky, or with opacity 0. Raises InputError for another choice
     and for rows that are not there."""
     if choice not in SKIES:
