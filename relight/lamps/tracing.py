@@ -32,11 +32,13 @@ POINT_ANGLE = 2e-3
 ALONE = 24
 """Emitters that a vertex takes by themselves, the brightest; it takes all where there are no more than these."""
 
-BY_CHANCE = 24
-"""Emitters that it takes for all the others."""
+CHANCE_PART = 6
+"""Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
+bright as each other, the worst case, the error is .03 with 32 rays, with 2 in place of 6 it is .07."""
 
-BLOCK = 64
-"""Vertices, side by side along a curve through space, that share a list of the brightest."""
+BLOCK = 16
+"""Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over
+the gaps between bodies, some have a lamp at hand that is none of the brightest in their middle: single bright dots."""
 
 BATCH_VERTICES = 2**14
 
@@ -92,7 +94,7 @@ def lamplight(
     for start in range(0, len(origins) if len(emitters.kind) else 0, BATCH_VERTICES):
         part = slice(start, start + BATCH_VERTICES)
         at = (origins[part], normals[part], share[part], offsets[part])
-        chosen = chosen_at(*at, emitters, least)
+        chosen = chosen_at(*at, emitters, least, CHANCE_PART * rays)
         _add(occluder, emitters, chosen, rays, least, at, found[part])
         advance(len(at[0]))
     radiance = np.empty_like(found)
@@ -107,13 +109,14 @@ def chosen_at(
     offsets: NDArray[np.float32],
     emitters: Emitters,
     least: float,
+    chance: int,
 ) -> Chosen:
-    """Return the emitters that vertices take: all where there are few."""
+    """Return the emitters that vertices take: all where there are few; else the brightest, and `chance` others."""
     count = len(emitters.kind)
-    if count <= ALONE + BY_CHANCE:
+    if count <= ALONE + chance:
         every = np.broadcast_to(np.arange(count, dtype=np.int32), (len(origins), count))
         return Chosen(np.ascontiguousarray(every), np.ones(every.shape, np.float32))
-    taken = np.full((len(origins), ALONE + BY_CHANCE), -1, np.int32)
+    taken = np.full((len(origins), ALONE + chance), -1, np.int32)
     weights = np.zeros(taken.shape, np.float32)
     blocks = -(-len(origins) // BLOCK)
     each = max(1, blocks // 16)
@@ -146,8 +149,10 @@ def _add(
     pilots: NDArray[np.int32] = np.zeros(len(vertex), np.int32)
     most = min(rays, max(PILOT_RAYS, rays // PILOT_PART))
     in_slices(_pilots, len(vertex), origins, emitters, vertex, emitter, most, pilots)
+    if len(emitters.kind) > chosen.emitters.shape[1]:  # what was taken by chance is one of many
+        pilots[slot >= ALONE] = 1
     free, mixed = _visible(occluder, emitters, place, vertex, emitter, pilots, 0.5)
-    soft = np.flatnonzero(mixed & (rays > pilots))
+    soft = np.flatnonzero(mixed & (rays > pilots) & (pilots > 1))
     if len(soft):
         all_rays: NDArray[np.int32] = np.full(len(soft), rays, np.int32)
         free[soft] = _visible(occluder, emitters, place, vertex[soft], emitter[soft], all_rays, 0.0)[0]
@@ -300,9 +305,9 @@ def _choose(
     taken: NDArray,
     weights: NDArray,
 ) -> None:
-    """Choose for blocks of vertices: the brightest by the most that they can give there, others by chance."""
+    """Choose for blocks of vertices: the brightest by what they give at its middle, others by chance."""
     count = len(emitters.kind)
-    most = np.empty(count, np.float32)
+    usual = np.empty(count, np.float32)
     reached = np.empty(count, np.float64)
     best = np.empty(ALONE, np.int64)
     for block in range(begin, end):
@@ -320,29 +325,29 @@ def _choose(
             square = 0.0
             for axis in range(3):
                 square += (0.5 * (low[axis] + high[axis]) - emitters.middle[e, axis]) ** 2
-            distance = np.sqrt(square) - radius - emitters.reach[e]
-            most[e] = emitters.peak[e]
-            if distance > 0.0:
-                most[e] = min(most[e], emitters.power[e] / (distance * distance))
-            if most[e] < least:
-                most[e] = 0.0
-        alone = _brightest(most, best)
+            distance = max(np.sqrt(square) - emitters.reach[e], 0.0)
+            mean = emitters.power[e] / (distance * distance + radius * radius + np.float32(1e-12))
+            near = max(distance - radius, 0.0)
+            dark = emitters.power[e] < least * near * near
+            usual[e] = 0.0 if dark else min(emitters.peak[e], mean)
+        alone = _brightest(usual, best)
         total = 0.0
         for e in range(count):
-            total += most[e]
+            total += usual[e]
             reached[e] = total
         for v in range(first, last):
             for k in range(alone):
                 taken[v, k], weights[v, k] = best[k], 1.0
             if total <= 0.0:
                 continue
-            for k in range(BY_CHANCE):
-                at = (k + offsets[v, 0]) / BY_CHANCE * total
+            chance = taken.shape[1] - ALONE
+            for k in range(chance):
+                at = (k + offsets[v, 0]) / chance * total
                 e = min(np.searchsorted(reached, at, side="right"), count - 1)
-                while e > 0 and most[e] == 0.0:
+                while e > 0 and usual[e] == 0.0:
                     e -= 1
                 taken[v, ALONE + k] = e
-                weights[v, ALONE + k] = total / (BY_CHANCE * most[e])
+                weights[v, ALONE + k] = total / (chance * usual[e])
 
 
 @njit(cache=True, nogil=True)
