@@ -17,19 +17,26 @@ OBJECT_M = 1.0
 """What is taken for the diagonal of an object, of which nothing tells a size."""
 
 
+ROOM_LUX, OUTDOOR_LUX = 200.0, 10_000.0
+"""Illuminance that the median light of a capture is taken for, where a person gives lumens or candela: a lit or daylit
+room has 100 to 500 lx, an overcast day 5,000 to 20,000. A photograph does not tell."""
+
+
 def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
-    """Return the LampScale of a scene: splat units per metre, and the median irradiance of the capture.
+    """Return the LampScale of a scene: splat units per metre, the median irradiance of the capture, and what a candela
+    is beside it.
 
     A metre is told by how high above the floor the capture stood. An object has no size of its own.
     """
     light = luminance(look.irradiance)
+    inside = bool(look.capture and "room" in look.capture)
     lit = light[light > 0.0]
     irradiance = np.pi * float(np.median(lit)) if len(lit) else np.pi
     motion = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
     scale = float(np.cbrt(abs(np.linalg.det(motion)))) or 1.0  # scene units per splat unit
     height = _eye_height(scene, occluder)
     metre = scene.diagonal / OBJECT_M if height is None else height / EYE_M
-    return LampScale(metre / scale, irradiance)
+    return LampScale(metre / scale, irradiance, irradiance / (ROOM_LUX if inside else OUTDOOR_LUX))
 
 
 def _eye_height(scene: Scene, occluder: Occluder) -> float | None:

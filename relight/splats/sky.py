@@ -172,11 +172,11 @@ def under_sky(
 
 
 def dimmed(
-    relit,  # Splats, relit, every row of the source
-    source,  # Splats as captured
-    rows,  # (M,) which of them are far background
-    factor,  # on its light
-):
+    relit: Splats,  # every row of the source
+    source: Splats,  # as captured
+    rows: Indices,  # (M,) which of them are far background
+    factor: float,  # on its light
+) -> Splats:
     """The Splats with the far ones as captured, but with so many times the light."""
     if not len(rows):
         return relit
