@@ -103,6 +103,11 @@ def clip(value: Any) -> str:
     return words if len(words) <= 40 else words[:37] + "..."
 
 
+def plain(error: InputError) -> str:
+    """What an error says, in one line, of which no field is taken for an option of the command line."""
+    return " ".join(str(error).split()).replace("`", "")
+
+
 def vector(name: str, value: Any) -> Vector:
     """Three finite numbers, of a list or of a text with commas. Raises InputError."""
     parts = value.split(",") if isinstance(value, str) else value

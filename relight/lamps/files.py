@@ -13,7 +13,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import file_size, quiet_numbers, read_json, reading
 
 from .asked import AskedLamp
-from .fields import asked_lamp, clip
+from .fields import asked_lamp, clip, plain
 from .gltf_lights import read_gltf_lamps
 from .usd_lights import USD_SUFFIXES, read_usd_lamps
 
@@ -63,7 +63,7 @@ def read_json_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
                 given = {name: value for name, value in fields.items() if name != "type"}
                 lamps.append(asked_lamp(str(fields["type"]), given, Path(path).parent))
         except InputError as error:
-            raise InputError(f"{path}: lamp {number}: {error}") from None
+            raise InputError(f"{path}: lamp {number}: {plain(error)}") from None
     return lamps
 
 

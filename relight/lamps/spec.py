@@ -20,7 +20,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers
 
 from .asked import AskedLamp, moved
-from .fields import FIELDS, asked_lamp, changed, clip, meant, vector
+from .fields import FIELDS, asked_lamp, changed, clip, meant, plain, vector
 from .files import LAMP_SUFFIXES, read_lamps
 
 LONGEST_SPEC = 4096
@@ -36,19 +36,19 @@ def parse_lamp(text: str) -> AskedLamp:
     """The one lamp that a text asks for. Raises InputError, in one line, for anything else."""
     found = parse_lamps(text)
     if len(found) != 1:
-        raise InputError(f"`lamp` {clip(text)}: has {len(found)} lamps, expected one")
+        raise InputError(f"`placed` {clip(text)}: has {len(found)} lamps, expected one")
     return found[0]
 
 
 def parse_lamps(text: str) -> list[AskedLamp]:
     """The lamps that a text asks for: one, or those of a file. Raises InputError, in one line, for anything else."""
     if len(text) > LONGEST_SPEC:
-        raise InputError(f"`lamp` {clip(text)}: {len(text)} letters, expected at most {LONGEST_SPEC}")
+        raise InputError(f"`placed` {clip(text)}: {len(text)} letters, expected at most {LONGEST_SPEC}")
     try:
         with quiet_numbers():
             return _parsed(text)
     except InputError as error:
-        raise InputError(f"`lamp` {clip(text)}: {' '.join(str(error).split())}") from None
+        raise InputError(f"`placed` {clip(text)}: {plain(error)}") from None
 
 
 def _parsed(text: str) -> list[AskedLamp]:

@@ -95,7 +95,7 @@ BAD = {
     "no type": ([{"position": [0, 0, 0]}], "lamp 1: type: missing"),
     "unknown type": ([SPHERE, {"type": "shpere"}], "lamp 2: shpere: no kind of lamp; did you mean sphere?"),
     "unknown field": ([SPHERE | {"postion": 1}], "postion: a sphere has no such field; did you mean position?"),
-    "null": ([SPHERE | {"radius": None}], "`radius` None"),
+    "null": ([SPHERE | {"radius": None}], "radius None"),
     "not a number": ('[{"type": "sphere", "position": [0, NaN, 0]}]', "expected three numbers"),
     "a text": ([SPHERE | {"position": {"x": 1}}], "expected three numbers"),
     "twice": ('[{"type": "sphere", "type": "spot"}]', "type: given twice"),
