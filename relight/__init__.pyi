@@ -1,3 +1,4 @@
+from .api import RelightPlan as RelightPlan
 from .api import RelitScene as RelitScene
 from .api import RelitSplat as RelitSplat
 from .api import Scene as Scene

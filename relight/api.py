@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ from .writing import Writer, report_of
 
 if TYPE_CHECKING:
     import pyvista
+
+    from .planning.lamp_plan import LampPlan
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,23 +203,54 @@ def relight_splat(
     return RelitSplat(writer.relit_splats(relit._shaded), relit, relit.report, found[1] if found else [])
 
 
-def plan_relight(request: RelightRequest, stages: Stages | None = None) -> tuple[Plan | None, str]:
-    """Return the Plan of a request without any work that takes long, and a note on what it leaves open, or "".
+class RelightPlan(NamedTuple):
+    """What `plan_relight` tells.
 
-    The Plan is None for a splat that is not meshed yet. Nothing is written. Raises InputError for what cannot be
-    planned: a method that has no settings to choose, a room that no environment changes.
+    plan: the Plan of the environment; None where there is none, or the splat is not meshed yet. note: what it leaves
+    open, or "". lamps: the LampPlan of the lamps that are put in, or None. lamp_count: how many.
+    lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any.
+    """
+
+    plan: Plan | None
+    note: str
+    lamps: "LampPlan | None" = None
+    lamp_count: int = 0
+    lamps_picture: NDArray[np.uint8] | None = None
+
+    def table(self) -> list[str]:
+        """Return it as lines of text."""
+        lines = [] if self.plan is None else self.plan.table()
+        lines += [f"  {self.note}"] * bool(self.note) if lines else [self.note] * bool(self.note)
+        return lines + ([] if self.lamps is None else self.lamps.table(self.lamp_count))
+
+
+def plan_relight(request: RelightRequest, stages: Stages | None = None) -> RelightPlan:
+    """Return what a request calls for, without any work that takes long; nothing is written.
+
+    For lamps the light of the capture has to be known, and is estimated. Raises InputError for what cannot be planned:
+    a method that has no settings to choose, a room that no environment changes.
     """
     planned = planned_request(request)
     if planned is None:
         note = f"{request.scene} is meshed first: splat2mesh {request.scene} --plan shows how. "
-        return None, note + "Light is planned once that is done."
+        return RelightPlan(None, note + "Light is planned once that is done.")
     job = Job(planned.under(lights_of(planned)[0]), stages)
+    lamps, count, picture = None, 0, None
+    if job.lamp_light is not None:
+        lamps, count = job.lamp_light.plan, len(job.lamps)
+    if job.from_inside and job.room is not None and job.room.lamps_found:
+        from .output.lamps_picture import lamps_picture
+
+        picture = lamps_picture(job.scene, job.lamps_found)
+    if job.keeps_captured:
+        note = "" if lamps else "the captured light needs no rays, and there is nothing to plan"
+        return RelightPlan(None, note, lamps, count, picture)
     plan, note = job.planned()
-    if plan is None and job.steady:
+    if plan is None and job.steady and lamps is None:
         raise InputError("no environment changes this room, so that there is nothing to plan")
-    if plan is None:
+    if plan is None and lamps is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
-    return plan, note
+    return RelightPlan(plan, note, lamps, count, picture)
 
 
 def view_request(

@@ -32,6 +32,9 @@ LIGHT_STAGES = frozenset(
 
 MOST_PORT = 65535
 
+LAMPS_PICTURE = "lamps.png"
+"""What `--plan` of a room with lamps writes, in its folder: the numbers that `--lamps` takes."""
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit code."""
@@ -135,12 +138,19 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
     from .api import plan_relight
 
     try:
-        plan, note = plan_relight(request, stages)
+        told = plan_relight(request, stages)
     except InputError as error:
         raise InputError(f"--plan: {error}") from error
-    if plan is None:
-        return [note], {"plan": None}
-    return plan.table() + [f"  {note}"] * bool(note), {"plan": plan.as_dict(), "note": note}
+    lines = told.table()
+    if told.lamps_picture is not None:
+        from .output.mesh_files import write_png
+
+        path = Path(request.output or str(request.scene)) / LAMPS_PICTURE
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_png(path, told.lamps_picture)
+        lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
+    plan, lamps = told.plan and told.plan.as_dict(), told.lamps and told.lamps.as_dict()
+    return lines, {"plan": plan, "note": told.note, "lamps": lamps}
 
 
 def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> tuple[list[str], Any]:

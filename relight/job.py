@@ -299,6 +299,17 @@ class Job:
         return isinstance(self.environment, CapturedLight)
 
     @property
+    def from_inside(self) -> bool:
+        """Whether the scene was captured from within."""
+        return self.scene.capture.get("from") == "inside"
+
+    @property
+    def lamps_found(self) -> list[dict[str, Any]]:
+        """What the report tells of the captured lamps of a closed room, by number."""
+        room = self.appearance.room
+        return [] if room is None else list(room.told["lamps"])
+
+    @property
     def mixes(self) -> bool:
         """Whether the new light has other parts than an environment as it is."""
         options = self.options
@@ -341,7 +352,7 @@ class Job:
 
         tolerance = self.options.tolerance or DEFAULT_TOLERANCE
         lamps = [moved(lamp, self.scene.scene_from_splat) for lamp in self.lamps]
-        return LampLight(self.relighter, self.appearance, lamps, tolerance)
+        return LampLight(self.relighter, self.appearance, lamps, tolerance, self.captured_factor)
 
     @property
     def captured_factor(self) -> float:
@@ -355,7 +366,7 @@ class Job:
         from .lamps.asked import in_words
         from .lamps.placing import in_brief
 
-        place = "room" if self.scene.capture.get("from") == "inside" else "scene"
+        place = "room" if self.from_inside else "scene"
         return [f"{in_brief(lamp)}: {in_words(lamp, self.lamp_scale, place)}" for lamp in self.lamps]
 
     def _mixed(self, shaded: Shaded) -> Shaded:

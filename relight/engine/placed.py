@@ -1,10 +1,9 @@
 """The light of lamps that people placed, on a scene: direct, and thrown on by its surfaces."""
 
-import math
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from splat2mesh.scene.color import luminance
 from ..lamps.emitters import emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import lamplight
+from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..transfer.bounces import with_bounces
 from ..transfer.occluder import Frame
 from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
@@ -22,13 +22,6 @@ from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
 if TYPE_CHECKING:
     from .appearance import Appearance
     from .relighter import Relighter
-
-RAYS_OF_ERROR = 0.6
-"""Rays in half-shadows times the relative error that they leave, of direct light over all vertices, against 512 rays:
-a bulb, a globe, a panel and a tube in a trained room and a trained garden have .007 to .011 with 64, .003 to .005 with
-128 (a tube that nearly touches a shelf .017)."""
-
-LEAST_RAYS, MOST_RAYS = 8, 512
 
 NEGLIGIBLE = 0.01
 """Part of the tolerance, of the median light of the capture, below which one lamp's light at a vertex is left out."""
@@ -49,16 +42,31 @@ class LampLight:
     """The light of placed lamps on the scene of a Relighter, found once.
 
     lamps: in the frame of the scene, unit of the picture. look: the Appearance, whose albedo bounces take.
-    rays: for each vertex and lamp in half-shadows, as the tolerance calls for.
+    captured: factor on the light of the capture beside them.
     """
 
-    def __init__(self, relighter: "Relighter", look: "Appearance", lamps: Sequence[Lamp], tolerance: float) -> None:
+    def __init__(
+        self,
+        relighter: "Relighter",
+        look: "Appearance",
+        lamps: Sequence[Lamp],
+        tolerance: float,
+        captured: float = 1.0,
+    ) -> None:
         self._relighter, self._look, self.lamps = relighter, look, list(lamps)
-        self.rays = rays_for(tolerance)
+        self._tolerance, self._captured = tolerance, np.float32(captured)
         scene = relighter.scene
         frame = Frame.around(scene.vertices, scene.faces)
         self._emitters = emitters_of(self.lamps, frame.center, frame.diagonal)
         self._least = NEGLIGIBLE * tolerance * float(np.median(luminance(look.irradiance)))
+
+    @cached_property
+    def plan(self) -> LampPlan:
+        """How many rays they call for."""
+        relighter, beside = self._relighter, self._captured * self._look.irradiance
+        more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": relighter.options.seed}
+        with relighter.stages.stage("plan"):
+            return plan_lamps(relighter.occluder, self._emitters, beside, self._tolerance, **more)
 
     @cached_property
     def placed(self) -> Placed:
@@ -89,14 +97,18 @@ class LampLight:
         return Placed(radiance, received.astype(np.float32), direct, bounces)
 
     def _direct(self, emitters, advance=lambda count: None) -> NDArray[np.float32]:
-        relighter = self._relighter
-        foliage = relighter.precomputed.foliage
-        leaf = None
-        if foliage is not None:
-            leaf = np.zeros(len(relighter.scene.vertices), np.float32)
-            leaf[foliage.rows] = foliage.share[:, 0]
-        more = {"leaf": leaf, "least": self._least, "seed": relighter.options.seed, "advance": advance}
-        return lamplight(relighter.occluder, emitters, self.rays, **more)
+        more = {"leaf": self._leaf, "least": self._least, "seed": self._relighter.options.seed, "advance": advance}
+        return lamplight(self._relighter.occluder, emitters, self.plan.rays, **more)
+
+    @cached_property
+    def _leaf(self) -> NDArray[np.float32] | None:
+        """Which part of each vertex is a leaf, (V,); None where there are none."""
+        foliage = self._relighter.precomputed.foliage
+        if foliage is None:
+            return None
+        leaf = np.zeros(len(self._relighter.scene.vertices), np.float32)
+        leaf[foliage.rows] = foliage.share[:, 0]
+        return leaf
 
     @cached_property
     def _albedo(self) -> NDArray[np.float32]:
@@ -108,9 +120,3 @@ class LampLight:
         """The bounces by which the light of the capture was estimated, which are there."""
         is_place = self._relighter.scene.is_place
         return self._relighter.computed(CAPTURE_OF_PLACE if is_place else CAPTURE)["interreflection"]
-
-
-def rays_for(tolerance: float) -> int:
-    """Rays in half-shadows for a relative error of direct light: a power of 2."""
-    wanted = 2 ** math.ceil(math.log2(RAYS_OF_ERROR / tolerance))
-    return int(min(max(wanted, LEAST_RAYS), MOST_RAYS))
