@@ -56,7 +56,7 @@ def _best(eyes: NDArray[np.float64], place: NDArray[np.float64], scene: "Scene")
     rays = np.hstack([eyes, toward * near[:, None]]).astype(np.float32)
     hidden = RayCaster(scene.vertices, scene.faces).occluded(rays, 1.0)
     steep = np.abs(toward[:, 1]) / np.maximum(distance, 1e-9)
-    return eyes[np.argmin(10.0 * hidden + 2.0 * (steep > 0.8) + distance / scene.diagonal)]
+    return eyes[np.argmin(10.0 * hidden + steep)]
 
 
 def _ringed(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
