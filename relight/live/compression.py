@@ -31,7 +31,7 @@ LARGEST = 127
 """Weights and components are signed bytes."""
 
 
-class Choice(NamedTuple):
+class CompressionLevel(NamedTuple):
     """How much is kept. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a weight."""
 
     clusters: int
@@ -42,7 +42,7 @@ class Choice(NamedTuple):
         return 2 + self.weights
 
 
-CHOICES = tuple(Choice(clusters, weights) for weights in (2, 6, 14) for clusters in (64, 256, 1024))
+CHOICES = tuple(CompressionLevel(clusters, weights) for weights in (2, 6, 14) for clusters in (64, 256, 1024))
 """4, 8 and 16 bytes a row: what a shader reads in whole texels."""
 
 

@@ -27,7 +27,7 @@ LEAST_SUN = 0.1
 """Of all light, as a surface receives it that faces the sun: a weaker one casts no shadow that is seen."""
 
 
-class Light(NamedTuple):
+class PortableLight(NamedTuple):
     """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
     mean: its mean luminance. lamps: factor on those of a room beside it. name: as it is shown.
@@ -44,7 +44,7 @@ class Light(NamedTuple):
 
 
 def light_of(environment, exposure, lamps=0.0):
-    """The Light of an Environment, as turned."""
+    """The PortableLight of an Environment, as turned."""
     suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)[1]
     suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
     kept = luminance(suns.weights) > least
@@ -58,7 +58,7 @@ def light_of(environment, exposure, lamps=0.0):
     whole = about_y(environment.sh(BANDS))
     rest, mean = whole - about_y(suns.sh(BANDS)), environment.mean_luminance
     image = image.astype(np.float32)
-    return Light(environment.name, image, rest, whole, suns, float(exposure), mean, float(lamps))
+    return PortableLight(environment.name, image, rest, whole, suns, float(exposure), mean, float(lamps))
 
 
 def _joined(suns):
@@ -77,7 +77,7 @@ def _joined(suns):
 
 
 def capture_light(response, shares, lamps=0.0):
-    """The Light of the capture day, by least squares: that which leaves every vertex as it is. None where none does.
+    """The PortableLight of the capture day, by least squares: it leaves every vertex as it is. None where none does.
 
     response: Response. shares: (V,) weights of the vertices. lamps: factor that is shown beside it; the capture has 1.
     Harmonics alone; the sky is what they look like.
@@ -100,7 +100,7 @@ def capture_light(response, shares, lamps=0.0):
     image = np.maximum(evaluate(texel_directions(*IMAGE).reshape(-1, 3), BANDS) @ light, 0.0)
     mean = float(light[0] @ [0.2126, 0.7152, 0.0722]) / np.sqrt(4.0 * np.pi)
     image = image.reshape(*IMAGE, 3).astype(np.float32)
-    return Light("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
+    return PortableLight("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
 
 
 def rgbe(image):

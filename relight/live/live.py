@@ -46,7 +46,7 @@ _BATCH = 1 << 16
 
 class Live(NamedTuple):
     """splats: Splats, in the order of the bundle. order: (N,) their rows in the source. transfer: (N, 2 + W) uint8.
-    basis: Packed. surfaces: Surfaces. lights: list of Light. mean: of Response.
+    basis: Packed. surfaces: Surfaces. lights: list of PortableLight. mean: of Response.
     proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in

@@ -1,7 +1,7 @@
 """Settings worth considering for a light on a scene: what each costs, how far off it is, and which of them is best."""
 
 import math
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,22 +42,28 @@ MAX_SPLITS = 3
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
 
 
-class Candidate(tuple):
-    """(seconds, error, Settings)."""
+class Candidate(NamedTuple):
+    """Settings, the seconds that they take, and how far off they are."""
 
-    seconds, error, settings = (property(lambda self, i=i: self[i]) for i in range(3))  # type: ignore[misc]
+    seconds: float
+    error: float
+    settings: Settings
 
 
 def _quickest(candidate):
-    return candidate[:2]
+    return candidate.seconds, candidate.error
+
+
+def _most_exact(candidate):
+    return candidate.error, candidate.seconds
 
 
 class Choice:
     """All settings worth considering for what was measured."""
 
     def __init__(self, measured, environment, options, tolerance, angles, leaves, there):
-        self._leaves, self._there = leaves, lru_cache(None)(there)
-        self._levels = lru_cache(None)(self._level_of)
+        self._leaves, self._there = leaves, there
+        self._known_there, self._known_levels = {}, {}
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
@@ -81,7 +87,7 @@ class Choice:
                 best = min(good, key=_quickest) if good else self._least()
             else:
                 good = [each for each in self._candidates if each.seconds <= self._budget_s]
-                best = min(good, key=lambda each: each[1::-1]) if good else min(self._candidates, key=_quickest)
+                best = min(good, key=_most_exact) if good else min(self._candidates, key=_quickest)
             key = best.settings.bands, best.settings.sun_tolerance
             if not best.settings.sun_tolerance or key in self._splits or len(self._splits) == MAX_SPLITS:
                 break
@@ -228,7 +234,7 @@ class Choice:
         if settings.rays:
             error = math.hypot(error, self._noise(settings))
         traced = int(sizes.sum() if settings.shadowed is None else sizes[list(settings.shadowed)].sum())
-        sample, there = self.measured.sample, self._there(settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0))
+        sample, there = self.measured.sample, self._is_there(settings)
         once, each = costs.seconds(
             settings,
             int(sizes.sum()),
@@ -239,7 +245,14 @@ class Choice:
             there,
         )
         once += self._leaves.seconds if settings.volume and not there[0] else 0.0
-        return Candidate((once + self._angles * each, error, settings))
+        return Candidate(once + self._angles * each, error, settings)
+
+    def _is_there(self, settings):
+        """Whether transfer and bounces of the settings are there already: whatever the suns, and when bounces stop."""
+        settings = settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0)
+        if settings not in self._known_there:
+            self._known_there[settings] = self._there(settings)
+        return self._known_there[settings]
 
     def but_noise(self, settings):
         """Predicted error of the settings but for the noise of their rays."""
@@ -260,7 +273,7 @@ class Choice:
         if key in self._splits:
             return max(SUN_WIDTH * tolerance, self._splits[key][2])
         if self._width_factor > 1.0:  # few bands keep suns from being as fine as they should be
-            tolerance = max(tolerance, self.measured.truncation(settings.bands, self._levels(*key)))
+            tolerance = max(tolerance, self.measured.truncation(settings.bands, self._level(*key)))
         return SUN_WIDTH * self._width_factor * tolerance
 
     def _truncation(self, settings):
@@ -277,14 +290,17 @@ class Choice:
         key = settings.bands, settings.sun_tolerance
         if key in self._splits:
             return {"image": self._splits[key][0]}
-        return {"level": self._levels(*key)}
+        return {"level": self._level(*key)}
 
-    def _level_of(self, bands, sun_tolerance):
+    def _level(self, bands, sun_tolerance):
         """The highest of LEVELS at which the light is cut off smooth enough for so many bands, or the smoothest."""
-        levels = range(len(sun_split.LEVELS))
-        errors = [self.measured.truncation(bands, level) for level in levels]
-        good = [level for level in levels if errors[level] <= 0.5 * sun_tolerance]
-        return good[0] if good else int(np.argmin(errors))
+        key = bands, sun_tolerance
+        if key not in self._known_levels:
+            levels = range(len(sun_split.LEVELS))
+            errors = [self.measured.truncation(bands, level) for level in levels]
+            good = [level for level in levels if errors[level] <= 0.5 * sun_tolerance]
+            self._known_levels[key] = good[0] if good else int(np.argmin(errors))
+        return self._known_levels[key]
 
     def _split(self, key):
         rest, found = sun_split.split(self._environment, *key)

@@ -1,6 +1,5 @@
 """What workers do for a relit city: one light for all tiles, found on the coarse city; then tile by tile."""
 
-import gc
 import io
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -142,7 +141,7 @@ def _lit(
         facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
         facts |= {name: max(value, facts.get(name, 0)) for name, value in told.items()}
         del local
-        _release()
+        give_back()
     shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
     files = {}
     if "glb" in request.formats:
@@ -174,19 +173,13 @@ def _lit_part(
         relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
     shading = relighter.shading(shared.sky, colors)
     del relighter, plan  # which hold all that was traced
-    _release()
+    give_back()
     own = np.flatnonzero(local.own)
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     relit = None
     if splats is not None:
         relit = _relit_sh(splats, local, before, _irradiance(shading.radiance, colors), shared, request.spacing)
     return shading.radiance[own], relit, told
-
-
-def _release() -> None:
-    """Return what nothing needs any more to the system: plans hold each other, so that it waits for the collector."""
-    gc.collect()
-    give_back()
 
 
 def _places(splats: Splats, shared: Shared) -> Floats:

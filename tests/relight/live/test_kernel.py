@@ -210,11 +210,11 @@ def test_another_splat_is_refused_in_one_line(folder, tmp_path):
 
 def test_rows_come_back_from_clusters_as_they_went_in():
     rng = np.random.default_rng(0)
-    from relight.live.compression import Choice, compress
+    from relight.live.compression import CompressionLevel, compress
 
     centers, axes = rng.normal(size=(4, 12)) * 10, rng.normal(size=(4, 2, 12))
     of = rng.integers(0, 4, 3000)
     rows = centers[of] + np.einsum("nw,nwd->nd", rng.normal(size=(3000, 2)), axes[of])
-    found: Compressed = compress(rows.astype(np.float32), np.ones(3000, np.float32), Choice(4, 2))
+    found: Compressed = compress(rows.astype(np.float32), np.ones(3000, np.float32), CompressionLevel(4, 2))
     error = np.sqrt(np.mean((found.rows() - rows) ** 2)) / rows.std()
     assert error < 0.01  # a byte of each weight

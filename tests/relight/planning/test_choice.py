@@ -1,0 +1,67 @@
+"""What is chosen among candidates, by closed forms; and that nothing of it outlives its use."""
+
+import gc
+import weakref
+
+import pytest
+from plan_scenes import corner
+
+from relight import Environment, Relighter
+from relight.planning.choice import NEAR_LEAST, Candidate, Choice
+from relight.transfer.settings import Settings
+
+
+def chosen_from(rows, target=1.0, budget_s=None):
+    """A Choice among rows of (seconds, error), each with as many bands as its place in the list."""
+    choice = Choice.__new__(Choice)
+    choice._candidates = [Candidate(*row, Settings("analytic", bands)) for bands, row in enumerate(rows)]
+    choice._target, choice._budget_s, choice._splits = target, budget_s, {}
+    return choice
+
+
+@pytest.mark.parametrize(
+    "rows,best",
+    [
+        ([(3.0, 0.1), (1.0, 0.9), (2.0, 0.2)], 1),  # the quickest of those within the target
+        ([(0.5, 1.1), (2.0, 1.0)], 1),  # too far off, however quick
+        ([(2.0, 0.5), (1.0, 0.5), (1.0, 0.4), (1.0, 0.4)], 2),  # the more exact of two as quick; the first of equals
+        ([(1.0, 2.01 * NEAR_LEAST), (5.0, 2.0), (3.0, 1.99 * NEAR_LEAST)], 2),  # none within: quick, and near the least
+    ],
+)
+def test_a_tolerance_takes_the_quickest(rows, best):
+    assert chosen_from(rows).best().settings.bands == best
+
+
+@pytest.mark.parametrize(
+    "rows,best",
+    [
+        ([(1.0, 0.5), (2.0, 0.1), (3.0, 0.01)], 1),  # the most exact that can be paid
+        ([(2.0, 0.1), (1.0, 0.1), (1.0, 0.1)], 1),  # the quicker of two as exact; the first of equals
+        ([(5.0, 0.1), (4.0, 0.9), (4.0, 0.8)], 2),  # none can be paid: the quickest
+    ],
+)
+def test_a_budget_takes_the_most_exact(rows, best):
+    assert chosen_from(rows, budget_s=2.0).best().settings.bands == best
+
+
+def test_a_curve_leaves_out_what_a_quicker_one_nearly_equals():
+    rows = [(4.0, 0.2), (1.0, 1.0), (2.0, 0.98), (3.0, 0.96), (5.0, 0.5)]
+    curve = chosen_from(rows).curve()
+    assert [type(step) for step in curve] == 3 * [tuple]
+    assert curve == [(1.0, 1.0, Settings("analytic", 1)), (3.0, 0.96, Settings("analytic", 3)), (4.0, 0.2, curve[2][2])]
+
+
+@pytest.mark.parametrize("settled", [False, True])
+def test_what_was_traced_for_a_plan_goes_with_it(settled):
+    relighter, light = Relighter(corner(8)[0], tolerance=0.1), Environment.load("noon")
+    gc.collect()
+    gc.disable()
+    try:
+        plan = relighter.plan_for(light)
+        if settled:
+            relighter.shading(light)
+        held = [weakref.ref(each) for each in (plan, plan.choice, relighter.precomputed, relighter.occluder, relighter)]
+        del plan, relighter
+        assert [each() for each in held] == 5 * [None]
+    finally:
+        gc.enable()
