@@ -85,10 +85,9 @@ class Precomputed:
 
     def _matrices(self):
         """Of how many rays there are interreflections, in memory or kept."""
-        texts = self.cache.settings_of("bounces")
-        name = (str(self.seed), self.receivers.key)
+        kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)
         return sorted(
-            {*self._interreflections, *(int(each[0]) for each in texts if each[1:] == name and each[0].isdigit())}
+            {*self._interreflections, *(each[0] for each in kept if each[1:] == name and type(each[0]) is int)}
         )
 
     def transfer(self, settings):
@@ -243,7 +242,7 @@ class Precomputed:
         return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
     def _key(self, settings, rays):
-        """What a transfer is told apart by, as its file is named."""
+        """What a transfer is told apart by, as its file says."""
         method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
 
@@ -256,13 +255,10 @@ def _transfer(kept, shape):
     return transfer
 
 
-def _key_of(texts):
-    """The key that a file's name was made of, or None for another's file."""
-    try:
-        method, bands, rays, chunks, seed, leaves = texts
-        return method, int(bands), int(rays), chunks, int(seed), leaves
-    except ValueError:
-        return None
+def _key_of(settings):
+    """The key that a transfer was kept under, or None for what is none."""
+    types = tuple(map(type, settings))
+    return settings if types == (str, int, int, str, int, str) else None
 
 
 def _serves(key, settings, leaves):

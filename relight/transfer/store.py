@@ -2,12 +2,14 @@
 
     cache/transfer-raytraced-8-128-0.npz
 
-Each file carries the key of the geometry that it was made for and is checked (size and CRC of every array) as it is
-read. What does not fit, from another geometry, another version or a torn write, counts as not there.
+Each file carries the key of the geometry that it was made for, and the settings as JSON: its name is for people, and is
+never parsed. It is checked (size and CRC of every array) as it is read. What does not fit, from another geometry,
+another version or a torn write, counts as not there; files of older versions are removed.
 """
 
 import contextlib
 import hashlib
+import json
 import os
 import warnings
 from pathlib import Path
@@ -19,8 +21,8 @@ from splat2mesh.base.inputs import load_arrays
 from splat2mesh.base.leftovers import sweep
 from splat2mesh.base.outputs import staged_file
 
-VERSION = 1
-"""Of what is kept: goes up whenever the same geometry and settings would give other numbers."""
+VERSION = 2
+"""Of what is kept: goes up whenever files change, or the same geometry and settings would give other numbers."""
 
 FOLDER = "cache"
 
@@ -29,6 +31,9 @@ MOST_OF_A_KIND = 6
 
 LARGEST = 1 << 34
 """Bytes of the arrays of one file: the transfer of 5 million vertices in 10 bands has 2 GB."""
+
+LONGEST = 1 << 16
+"""Bytes of the key and the settings of a file."""
 
 MOST_BYTES = 2 * 2**30
 """Of all files of a folder together, except the one that was kept last: 160 MB is the transfer of a large place."""
@@ -57,7 +62,7 @@ class Cache:
 
     def get(self, kind, *settings):
         """Dict of the arrays kept under a kind and its settings, or None."""
-        return self._read(self._path(kind, settings)) if self.folder else None
+        return self._read(self._path(kind, settings), _told(settings)) if self.folder else None
 
     def restored(self, make, kind, *settings):
         """What `make` makes of the arrays that are kept, or None, also where it cannot: then they count as not there.
@@ -73,10 +78,12 @@ class Cache:
             return None
 
     def settings_of(self, kind):
-        """[settings] of every file of a kind, as tuples of text."""
-        if not self.folder or not self.folder.is_dir():
-            return []
-        return [tuple(path.stem.split("-")[1:]) for path in sorted(self.folder.glob(f"{kind}-*.npz"))]
+        """[settings] of every file of a kind and this geometry, as `put` was given them; what is no number is text.
+
+        They are what a file says: whoever uses them must check them.
+        """
+        found = [_label(path) for path in self._files() if path.name.startswith(f"{kind}-")]
+        return [tuple(settings) for key, settings in filter(None, found) if key == self._key]
 
     def put(self, kind, *settings, **arrays):
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
@@ -85,7 +92,8 @@ class Cache:
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
             with staged_file(self._path(kind, settings)) as staging, open(staging, "wb") as file:
-                np.savez(file, key=np.array(self._key), **arrays)  # not waited for: a torn one counts as not there
+                label = {"key": np.array(self._key), "settings": np.array(_told(settings))}
+                np.savez(file, **label, **arrays)  # not waited for: a torn one counts as not there
             self._forget(kind)
             self._fit()
 
@@ -108,10 +116,16 @@ class Cache:
         return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
 
     def _sweep(self):
-        """Remove, without a word, what runs that were killed had left here: it can be computed again."""
+        """Remove, without a word, what runs that were killed had left here, and what older versions kept: it can be
+        computed again. Files of newer versions, and those of other programs, stay."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
             sweep(self.folder)
+        for path in self._files():
+            version = _version(path)
+            if version is not None and version < VERSION:
+                with contextlib.suppress(OSError):
+                    path.unlink()
 
     def _fit(self):
         """Remove what was not used for longest until the rest is small enough."""
@@ -125,10 +139,10 @@ class Cache:
     def _path(self, kind, settings):
         return self.folder / ("-".join([kind, *map(str, settings)]) + ".npz")
 
-    def _read(self, path):
+    def _read(self, path, settings):
         try:
             found = load_arrays(path, LARGEST)
-            if str(found.pop("key")) != self._key:
+            if (str(found.pop("key")), str(found.pop("settings"))) != (self._key, settings):
                 return None
             if not self._read_only:
                 os.utime(path)
@@ -141,6 +155,30 @@ class Cache:
         files = sorted(self.folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
         for path in files[MOST_OF_A_KIND:]:
             path.unlink(missing_ok=True)
+
+
+def _told(settings):
+    """Settings as JSON."""
+    return json.dumps(settings, default=str)
+
+
+def _label(path):
+    """(key, settings) that a file carries, or None for another program's, another version's or a torn one."""
+    try:
+        found = load_arrays(path, LONGEST, ("key", "settings"))
+        settings = json.loads(str(found["settings"]))
+    except (OSError, InputError, ValueError, MemoryError, RecursionError):
+        return None
+    return (str(found["key"]), settings) if isinstance(settings, list) else None
+
+
+def _version(path):
+    """The version of a file, or None for another program's or a torn one."""
+    try:
+        version, _, geometry = str(load_arrays(path, LONGEST, ("key",))["key"]).partition(" ")
+    except (OSError, InputError, ValueError, MemoryError):
+        return None
+    return int(version) if geometry and version.isascii() and version.isdigit() and len(version) < 10 else None
 
 
 def geometry_key(scene):

@@ -8,7 +8,7 @@ import json
 import os
 import stat
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
@@ -88,8 +88,9 @@ def load_array(path: str | os.PathLike[str]) -> Any:
         raise ValueError(f"{error} ({size} bytes)") from None
 
 
-def load_arrays(path: str | os.PathLike[str], most: int) -> dict[str, Any]:
-    """The arrays of an .npz file, of at most `most` bytes unpacked. Raises ValueError for what holds none."""
+def load_arrays(path: str | os.PathLike[str], most: int, names: Collection[str] | None = None) -> dict[str, Any]:
+    """The arrays of an .npz file, or those of some names alone, of at most `most` bytes unpacked. Raises ValueError for
+    what holds none, or not all of the names."""
     import lzma
     import zipfile
     import zlib
@@ -99,11 +100,12 @@ def load_arrays(path: str | os.PathLike[str], most: int) -> dict[str, Any]:
     file_size(path, ".npz file")
     try:
         with zipfile.ZipFile(path) as packed:
-            size = sum(entry.file_size for entry in packed.infolist())
+            entries = packed.infolist()
+            size = sum(each.file_size for each in entries if names is None or each.filename[: -len(".npy")] in names)
             if size > most:
                 raise ValueError(f"it announces {size:,} bytes, expected at most {most:,}")
         with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+            return {name: file[name] for name in (file.files if names is None else names)}
     except (*_PACKED, zipfile.BadZipFile, zlib.error, lzma.LZMAError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from None
 

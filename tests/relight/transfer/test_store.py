@@ -60,7 +60,7 @@ def test_arrays_come_back_as_they_were(tmp_path):
     for name, array in ARRAYS.items():
         np.testing.assert_array_equal(found[name], array)
         assert found[name].dtype == array.dtype
-    assert kept.settings_of("transfer") == [("raytraced", "8", "128")] and kept.settings_of("light") == []
+    assert kept.settings_of("transfer") == [("raytraced", 8, 128)] and kept.settings_of("light") == []
     for other in (("transfer", "raytraced", 8, 64), ("light", "raytraced", 8, 128)):
         assert kept.get(*other) is None
 
@@ -125,6 +125,39 @@ def test_another_geometry_or_version_is_not_there(tmp_path, monkeypatch):
     assert Cache(tmp_path, "one").get("transfer", 1) is None
 
 
+def test_settings_are_what_a_file_says_whatever_its_name(tmp_path):
+    kept = Cache(tmp_path, "geometry")
+    kept.put("transfer", "a-b", 3, None, 0.5, **ARRAYS)
+    assert kept.settings_of("transfer") == [("a-b", 3, None, 0.5)]
+    assert kept.get("transfer", "a", "b-3", None, 0.5) is None  # of the same name
+    (path,) = tmp_path.iterdir()
+    path.rename(tmp_path / "transfer-x.npz")
+    assert kept.settings_of("transfer") == [("a-b", 3, None, 0.5)] and kept.get("transfer", "x") is None
+    assert Cache(tmp_path, "other").settings_of("transfer") == []
+    for settings in ("{}", "[", '"text"', "[" * 100_000):
+        np.savez(tmp_path / "transfer-x.npz", key=np.array(kept._key), settings=np.array(settings))
+        assert kept.settings_of("transfer") == []
+
+
+def test_files_of_older_versions_go_and_those_of_others_stay(tmp_path, monkeypatch):
+    def put(version, name):
+        monkeypatch.setattr(store, "VERSION", version)
+        Cache(tmp_path, "geometry").put("transfer", name, **ARRAYS)
+
+    for version in (9, 7):
+        put(version, f"of_{version}")
+    np.savez(tmp_path / "transfer-1.npz", key=np.array("7 geometry"), values=ARRAYS["values"])  # without its settings
+    np.savez(tmp_path / "anything.npz", key=np.array("mine"), values=ARRAYS["values"])
+    np.savez(tmp_path / "keyless.npz", values=ARRAYS["values"])
+    (tmp_path / "torn.npz").write_bytes(b"PK")
+    monkeypatch.setattr(store, "VERSION", 8)
+    every = {path.name for path in tmp_path.iterdir()}
+    Cache(tmp_path, "geometry", read_only=True)
+    assert {path.name for path in tmp_path.iterdir()} == every
+    Cache(tmp_path, "another")
+    assert every - {path.name for path in tmp_path.iterdir()} == {"transfer-of_7.npz", "transfer-1.npz"}
+
+
 def test_writers_at_once_leave_one_whole_file(tmp_path):
     """Every reading in between finds all of one writer's arrays, or nothing."""
     kept, failures, done = Cache(tmp_path, "geometry"), [], threading.Event()
@@ -160,9 +193,9 @@ def test_few_files_of_a_kind_stay_and_those_are_the_latest_used(tmp_path):
     kept.put("light", 0, **ARRAYS)
     assert kept.get("transfer", 0) is not None  # used: now it is the newest
     kept.put("transfer", "new", **ARRAYS)
-    there = {int(name) if name.isdigit() else name for (name,) in kept.settings_of("transfer")}
+    there = {name for (name,) in kept.settings_of("transfer")}
     assert there == {0, "new", *range(2, MOST_OF_A_KIND)}
-    assert kept.settings_of("light") == [("0",)]
+    assert kept.settings_of("light") == [(0,)]
 
 
 @pytest.mark.parametrize("obstacle", ["read-only", "file", "full"])
