@@ -8,6 +8,7 @@ from typing import Any
 
 from splat2mesh.base.errors import InputError
 
+from .light import SUN_TOLERANCE
 from .transfer import DEFAULT_BANDS, DEFAULT_RAYS, GASH_BANDS, METHODS, NEURAL_RAYS, SHADOWING, check_rays
 from .transfer.settings import (
     BOUNCE_RAYS,
@@ -16,7 +17,6 @@ from .transfer.settings import (
     EFFECTS,
     SHADOWS,
     SUN,
-    SUN_TOLERANCE,
     VOLUME,
     VOLUME_DIRECTIONS,
     Settings,

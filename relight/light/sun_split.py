@@ -25,15 +25,10 @@ from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
-from . import projections
+from . import SUN_TOLERANCE, projections
 from .environment import Environment, turned_about_y
 from .sun_clusters import Spots, clusters
 from .suns import Suns
-
-DEFAULT_TOLERANCE = 0.007
-"""Of the estimate, which is for walls beside every vertex. True errors of 10 bands and 256 rays were 0.2 to 1.1 of it
-on two objects, and 0.5 to 1.5 on two tables full of them, under eight lights (scripts/bench light)."""
-
 
 DEFAULT_LIMIT = 128
 """Most suns. Half of them stand before a vertex: a quarter of the rays of the default transfer, for every light."""
@@ -95,7 +90,7 @@ class Rest(Environment):
 def split(
     environment: Environment,
     bands: int = harmonics.MAX_BANDS,
-    tolerance: float = DEFAULT_TOLERANCE,
+    tolerance: float = SUN_TOLERANCE,
     limit: int = DEFAULT_LIMIT,
 ) -> tuple[Environment, Suns]:
     """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.

@@ -6,7 +6,8 @@ import numpy as np
 
 from splat2mesh.scene.color import luminance
 
-from ..light.sun_split import DEFAULT_TOLERANCE, pooled, split
+from ..light import SUN_TOLERANCE
+from ..light.sun_split import pooled, split
 from ..light.suns import Suns
 from ..sh import harmonics
 from .harmonics import about_y, evaluate
@@ -45,7 +46,7 @@ class PortableLight(NamedTuple):
 
 def light_of(environment, exposure, lamps=0.0):
     """The PortableLight of an Environment, as turned."""
-    suns = split(environment, BANDS, DEFAULT_TOLERANCE, MOST_SUNS)[1]
+    suns = split(environment, BANDS, SUN_TOLERANCE, MOST_SUNS)[1]
     suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
     kept = luminance(suns.weights) > least
     suns = Suns(suns.directions[kept], suns.weights[kept])

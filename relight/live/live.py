@@ -20,7 +20,7 @@ from .lights import capture_light, light_of
 from .response import BANDS, LAMPS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 
-TOLERANCE = 0.03
+BYTES_TOLERANCE = 0.03
 """Relative error of the light that the bytes may add, where none is asked for: 1.3% of a display value."""
 
 PROXY_VERTICES = 50_000
@@ -112,7 +112,7 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         every = slice(None, None, -(-len(rows) // _BATCH))
         truth = np.stack([binding.spread(each)[every] for each in np.moveaxis(truth, 1, 0)], axis=1)
     with relighter.stages.stage("compress"):
-        allowed = TOLERANCE if tolerance is None else tolerance
+        allowed = BYTES_TOLERANCE if tolerance is None else tolerance
         found, errors = _compressed(rows, counts, basis, vectors, truth, every, allowed, seed)
     with relighter.stages.stage("surface"):
         foliage = lit.precomputed.foliage if settings.volume else None

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from splat2mesh.splats.splats import Splats
 
-from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, SUN_TOLERANCE, Settings
+from ..light import SUN_TOLERANCE
+from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance

@@ -14,7 +14,7 @@ from splat2mesh.base.errors import InputError
 
 from .apply import BlockTransfer
 
-DEFAULT_TOLERANCE = 0.02
+POSE_TOLERANCE = 0.02
 
 MAX_POSES = 1024
 
@@ -31,7 +31,7 @@ class BakedMotion:
         transfer,  # DynamicTransfer, moved about
         changes_at,  # time in s -> chunk -> (vertices, normals), as `DynamicTransfer.update_all` takes them
         duration_s,
-        tolerance=DEFAULT_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
+        tolerance=POSE_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
         shortest_s=1 / 60,  # intervals are not halved below this
         first_s=0.5,  # longest interval: a motion that comes back within one would not be seen
         advance=lambda count: None,  # called with 1 for every pose computed

@@ -24,13 +24,11 @@ from . import check_rays, sampling
 from .bounce_rows import gather, gather_rgb, join, merge, packed
 from .checks import check_shape, checked_albedo
 from .neighbors import ranked_nodes
+from .settings import BOUNCE_TOLERANCE
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):
 16 rays 2.7%, 32 1.8%, 64 1.3%, 128 1.1%, 256 1.0%. The direct light of 10 bands is 3 to 4% off by itself."""
-
-DEFAULT_TOLERANCE = 1e-3
-"""Well below what the rays leave; a tabletop gets there in six bounces, an object in three."""
 
 DEFAULT_MAX_BOUNCES = 16
 """Reached only by bright scenes that are nearly closed."""
@@ -230,7 +228,7 @@ def with_bounces(
     direct,  # (V, 3) exit radiance of the white scene in direct light, of any kind
     albedo,  # (V, 3) linear, in [0, 1]
     interreflection,  # Interreflection
-    tolerance=DEFAULT_TOLERANCE,
+    tolerance=BOUNCE_TOLERANCE,
     max_bounces=DEFAULT_MAX_BOUNCES,
 ):
     """Exit radiance with interreflection, (V, 3) float32, and what each bounce gave: a list of floats.
@@ -255,7 +253,7 @@ def transfer_with_bounces(
     transfer,  # (V, K) of the white scene
     albedo,  # (V, 3) linear, in [0, 1]
     interreflection,  # Interreflection
-    tolerance=DEFAULT_TOLERANCE,
+    tolerance=BOUNCE_TOLERANCE,
     max_bounces=DEFAULT_MAX_BOUNCES,
 ):
     """Transfer with interreflection, (V, K, 3) float32, and contributions as of `with_bounces`.

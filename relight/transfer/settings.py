@@ -7,9 +7,12 @@ SHADOWS, SUN, BOUNCES, VOLUME = EFFECTS = ("shadows", "sun", "bounces", "volume"
 directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo.
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
-SUN_TOLERANCE, BOUNCE_RAYS, BOUNCE_TOLERANCE, VOLUME_DIRECTIONS = 0.007, 64, 1e-3, 512
-"""Where nothing is planned: the defaults of `sun_split.split`, `bounces.Interreflection`, `with_bounces` and
-`volume.Foliage`."""
+BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512
+"""Where nothing is planned: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
+
+BOUNCE_TOLERANCE = 1e-3
+"""What bounces still to come may contribute, where nothing is planned: well below what the rays leave. A tabletop gets
+there in six bounces, an object in three."""
 
 
 class Settings(NamedTuple):

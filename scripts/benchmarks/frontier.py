@@ -29,7 +29,7 @@ from relight.transfer import sampling
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.reference import reference
-from relight.transfer.settings import Settings
+from relight.transfer.settings import BOUNCE_TOLERANCE, Settings
 from relight.transfer.split_light import split_light
 from relight.transfer.store import Cache
 
@@ -37,7 +37,6 @@ SAMPLES = 1500
 DIRECTIONS, FIELD_DIRECTIONS = 16384, 2048
 FIELD_RAYS, GATHER_RAYS = 256, 2048
 TOLERANCES = 0.05, 0.02, 0.01, 0.005
-BOUNCE_TOLERANCE = 1e-3
 BARE_RAYS = 16  # of each vertex, for the unit of time
 MADE_VERTICES = 12_000
 DEFAULT_SCENES = ("ball", "ball-on-plane", "tabletop", "room", "object")
