@@ -7,11 +7,14 @@ and from the horizon, and varies slowly. Part of it is even in all directions of
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Floats
 
 from ..light.environment import Environment
 from ..light.skies import BUILTIN
 from ..sh import harmonics
-from .compression import principal
+from .compression import Compressed, principal
 from .harmonics import turned
 from .lights import light_of
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector
@@ -31,16 +34,16 @@ _BATCH = 1 << 14
 class Basis(NamedTuple):
     """A response is mean + row @ directions. mean: (COEFFICIENTS, 3), directions: (D, COEFFICIENTS, 3), float32."""
 
-    mean: np.ndarray
-    directions: np.ndarray
+    mean: NDArray[np.float32]
+    directions: NDArray[np.float32]
 
-    def colors(self, vectors):
+    def colors(self, vectors: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """What the mean and the directions make of lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
         vectors = np.asarray(vectors, np.float32)
         return np.einsum("kc,tkc->tc", self.mean, vectors), np.einsum("dkc,tkc->dtc", self.directions, vectors)
 
 
-def usual_moment(brightness):
+def usual_moment(brightness: float) -> NDArray[np.float64]:
     """Mean of v v^T over the built-in lights, their angles and colours, (COEFFICIENTS, COEFFICIENTS): v is the
     `light_vector` of a light of mean luminance `brightness`. Lamps are as they were captured."""
     total = np.zeros((COEFFICIENTS, COEFFICIENTS))
@@ -59,7 +62,9 @@ def usual_moment(brightness):
     return total
 
 
-def reduced(values, counts, moment):
+def reduced(
+    values: NDArray[np.float32], counts: Floats, moment: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], Basis]:
     """(rows (V, D) float32, Basis) of responses (V, COEFFICIENTS, 3) that count so much (V,), by `usual_moment`."""
     size, axes = np.linalg.eigh(moment)
     size = np.sqrt(np.maximum(size, 1e-9 * size.max()))
@@ -85,19 +90,19 @@ class Packed(NamedTuple):
     components: (C, W, D) int8, and scales (C, 1 + W) float32 of both.
     """
 
-    directions: np.ndarray
-    direction_scales: np.ndarray
-    means: np.ndarray
-    components: np.ndarray
-    scales: np.ndarray
+    directions: NDArray[np.int16]
+    direction_scales: NDArray[np.float32]
+    means: NDArray[np.int16]
+    components: NDArray[np.int8]
+    scales: NDArray[np.float32]
 
-    def tobytes(self):
+    def tobytes(self) -> bytes:
         """direction_scales, directions, scales, means, components, little-endian, end to end."""
         kinds = {"direction_scales": "<f4", "directions": "<i2", "scales": "<f4", "means": "<i2", "components": "i1"}
         return b"".join(getattr(self, name).astype(kind).tobytes() for name, kind in kinds.items())
 
 
-def packed(basis, found):
+def packed(basis: Basis, found: Compressed) -> Packed:
     """The Packed of a Basis and of Compressed rows."""
     directions = np.concatenate([basis.mean[None], basis.directions])
     direction_scales = _peak(directions.reshape(len(directions), -1), 32767)
@@ -111,5 +116,5 @@ def packed(basis, found):
     )
 
 
-def _peak(values, largest):
+def _peak(values: Floats, largest: float) -> Floats:
     return np.maximum(np.abs(values).max(axis=-1), 1e-20) / largest

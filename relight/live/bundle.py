@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
@@ -12,20 +14,24 @@ from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .surface import OWN_STEPS
 
+if TYPE_CHECKING:
+    from .live import Live
+
 FORMAT, FORMAT_VERSION = "relight-live", 1
 
 META = "live.json"
 
 
-def write_bundle(folder, live, exact=True):
+def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = True) -> list[str]:
     """Write the files of a Live into a folder that exists; returns their names. exact: whether splat.ply too."""
     folder = Path(folder)
     kinds = ["compressed.ply"] + ["ply"] * exact
     for kind in kinds:
         write_splats(folder / f"splat.{kind}", live.splats, kind)
-    contents = {"transfer.bin": live.transfer, "surface.bin": live.surfaces.packed, "basis.bin": live.basis.tobytes()}
+    parts = live.transfer.tobytes(), live.surfaces.packed.tobytes(), live.basis.tobytes()
+    contents = dict(zip(("transfer.bin", "surface.bin", "basis.bin"), parts, strict=True))
     for name, content in contents.items():
-        (folder / name).write_bytes(content if isinstance(content, bytes) else content.tobytes())
+        (folder / name).write_bytes(content)
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
     for file, light in zip(light_files(live), live.lights, strict=True):
         (folder / file).parent.mkdir(exist_ok=True)
@@ -40,7 +46,7 @@ def write_bundle(folder, live, exact=True):
     return [META, *names, "proxy.glb"]
 
 
-def described(live, splats):
+def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
     """What live.json says: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
     clusters, weights, directions = live.basis.components.shape
     return {
@@ -102,12 +108,12 @@ def described(live, splats):
     }
 
 
-def light_files(live):
+def light_files(live: "Live") -> list[str]:
     """Names of the lights' images."""
     return [f"lights/{number}.rgbe" for number in range(len(live.lights))]
 
 
-def sha256(path):
+def sha256(path: Path) -> str:
     """SHA-256 of a file, as a hex string."""
     digest = hashlib.sha256()
     with open(path, "rb") as file:

@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Integers
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_slices
 
@@ -38,7 +40,7 @@ class CompressionLevel(NamedTuple):
     weights: int
 
     @property
-    def bytes(self):
+    def bytes(self) -> int:
         return 2 + self.weights
 
 
@@ -54,12 +56,12 @@ class Compressed(NamedTuple):
     """cluster: (N,) uint16. weights: (N, W) int8. means: (C, D), components: (C, W, D) float32, to be multiplied with
     the weights as bytes: row = means[cluster] + weights @ components[cluster]."""
 
-    cluster: np.ndarray
-    weights: np.ndarray
-    means: np.ndarray
-    components: np.ndarray
+    cluster: NDArray[np.uint16]
+    weights: NDArray[np.int8]
+    means: NDArray[np.float32]
+    components: NDArray[np.float32]
 
-    def rows(self, part=slice(None)):
+    def rows(self, part: slice = slice(None)) -> NDArray[np.float32]:
         """The rows as they are read again: (N, D) float32."""
         cluster = self.cluster[part]
         return self.means[cluster] + np.einsum(
@@ -67,7 +69,7 @@ class Compressed(NamedTuple):
         )
 
 
-def principal(values, counts, most):
+def principal(values: Floats, counts: Floats, most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mean (D,) and orthonormal directions (P, D), P <= most, that hold most of the variance of rows (V, D), each
     counted so often (V,). float64."""
     counts = counts / counts.sum()
@@ -80,13 +82,19 @@ def principal(values, counts, most):
     return mean, _signed(directions[:, np.argsort(-spread, kind="stable")[:most]].T)
 
 
-def choices_for(count):
+def choices_for(count: int) -> list[CompressionLevel]:
     """The CHOICES for so many rows, those first that take the fewest bytes with their components."""
     able = [choice for choice in CHOICES if choice.clusters * LEAST_ROWS <= max(count, 64 * LEAST_ROWS)]
     return sorted(able, key=lambda choice: choice.bytes * count + choice.clusters * (choice.weights + 2) * COMPONENT)
 
 
-def compress(rows, counts, choice, seed=0, centers=None):
+def compress(
+    rows: NDArray[np.float32],
+    counts: Floats,
+    choice: CompressionLevel,
+    seed: int = 0,
+    centers: NDArray[np.float32] | None = None,
+) -> Compressed:
     """Compressed rows (N, D) float32, each of which counts so much (N,) float32.
 
     centers: of `cluster_centers`, where they are known from another choice of as many clusters.
@@ -114,7 +122,7 @@ def compress(rows, counts, choice, seed=0, centers=None):
     return Compressed(cluster.astype(np.uint16), packed, means, components)
 
 
-def cluster_centers(rows, counts, clusters, seed=0):
+def cluster_centers(rows: NDArray[np.float32], counts: Floats, clusters: int, seed: int = 0) -> NDArray[np.float32]:
     """Centres (C, D) float32 by k-means; one that loses all its rows takes the row that is worst off."""
     step = -(-len(rows) // TRAINED_ON)
     rows, counts = np.ascontiguousarray(rows[::step], np.float32), counts[::step]
@@ -135,7 +143,9 @@ def cluster_centers(rows, counts, clusters, seed=0):
     return centers
 
 
-def _axes(rows, counts, cluster, clusters, weights):
+def _axes(
+    rows: NDArray[np.float32], counts: Floats, cluster: Integers, clusters: int, weights: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Means (C, D) and the first components (C, W, D) of every cluster, float32."""
     order = np.argsort(cluster, kind="stable")
     ends = np.searchsorted(cluster[order], np.arange(clusters + 1))
@@ -150,19 +160,26 @@ def _axes(rows, counts, cluster, clusters, weights):
     return means, axes
 
 
-def _columns(centers):
+def _columns(centers: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Centres as the kernel reads them: (D, C) and half their squared lengths (C,)."""
     return np.ascontiguousarray(centers.T), 0.5 * np.square(centers).sum(axis=1)
 
 
-def _signed(directions):
+def _signed(directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """Directions (P, D), each with its largest entry positive, so that equal input has equal output."""
     top = np.take_along_axis(directions, np.abs(directions).argmax(axis=1)[:, None], axis=1)
     return directions * np.where(top < 0.0, -1.0, 1.0)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"})
-def _nearest(begin, end, rows, centers, half, near):
+def _nearest(
+    begin: int,
+    end: int,
+    rows: NDArray[np.float32],
+    centers: NDArray[np.float32],
+    half: NDArray[np.float32],
+    near: Integers,
+) -> None:
     """The nearest centres, (N, k), nearest first."""
     score = np.zeros(centers.shape[1], np.float32)
     for n in range(begin, end):
@@ -183,7 +200,15 @@ def _nearest(begin, end, rows, centers, half, near):
 
 
 @njit(cache=True, nogil=True)
-def _best(begin, end, rows, near, means, axes, cluster):
+def _best(
+    begin: int,
+    end: int,
+    rows: NDArray[np.float32],
+    near: Integers,
+    means: NDArray[np.float32],
+    axes: NDArray[np.float32],
+    cluster: Integers,
+) -> None:
     """Of the nearest clusters the one whose components leave the least error."""
     dimensions, weights = rows.shape[1], axes.shape[1]
     off = np.zeros(dimensions, np.float32)
@@ -206,7 +231,15 @@ def _best(begin, end, rows, near, means, axes, cluster):
 
 
 @njit(cache=True, nogil=True)
-def _weigh(begin, end, rows, cluster, means, axes, weights):
+def _weigh(
+    begin: int,
+    end: int,
+    rows: NDArray[np.float32],
+    cluster: Integers,
+    means: NDArray[np.float32],
+    axes: NDArray[np.float32],
+    weights: NDArray[np.float32],
+) -> None:
     for n in range(begin, end):
         c = cluster[n]
         for w in range(axes.shape[1]):

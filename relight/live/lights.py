@@ -3,15 +3,18 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import luminance
 
 from ..light import SUN_TOLERANCE
+from ..light.environment import Environment
 from ..light.sun_split import pooled, split
 from ..light.suns import Suns
 from ..sh import harmonics
 from .harmonics import about_y, evaluate
-from .response import BANDS, LAMPS, SPREAD_BANDS
+from .response import BANDS, LAMPS, SPREAD_BANDS, Response
 
 IMAGE = (64, 128)
 """Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
@@ -35,17 +38,17 @@ class PortableLight(NamedTuple):
     """
 
     name: str
-    image: np.ndarray
-    rest: np.ndarray
-    whole: np.ndarray
+    image: NDArray[np.float32]
+    rest: NDArray[np.float64]
+    whole: NDArray[np.float64]
     suns: Suns
     exposure: float
     mean: float
     lamps: float = 0.0
 
 
-def light_of(environment, exposure, lamps=0.0):
-    """The PortableLight of an Environment, as turned."""
+def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:
+    """The Light of an Environment, as turned."""
     suns = split(environment, BANDS, SUN_TOLERANCE, MOST_SUNS)[1]
     suns, least = _joined(suns), LEAST_SUN * np.pi * environment.mean_luminance
     kept = luminance(suns.weights) > least
@@ -62,9 +65,10 @@ def light_of(environment, exposure, lamps=0.0):
     return PortableLight(environment.name, image, rest, whole, suns, float(exposure), mean, float(lamps))
 
 
-def _joined(suns):
+def _joined(suns: Suns) -> Suns:
     """Suns that stand closer than NEAR_DEG as one: a disc needs one shadow."""
-    directions, weights = [], []
+    directions: list[NDArray[np.float64]] = []
+    weights: list[NDArray[np.float64]] = []
     for direction, weight in zip(suns.directions, suns.weights, strict=True):
         close = [i for i, other in enumerate(directions) if other @ direction > np.cos(np.radians(NEAR_DEG))]
         if close:
@@ -77,7 +81,7 @@ def _joined(suns):
     return Suns(np.array(directions), np.array(weights)) if directions else suns
 
 
-def capture_light(response, shares, lamps=0.0):
+def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> PortableLight | None:
     """The PortableLight of the capture day, by least squares: it leaves every vertex as it is. None where none does.
 
     response: Response. shares: (V,) weights of the vertices. lamps: factor that is shown beside it; the capture has 1.
@@ -104,7 +108,7 @@ def capture_light(response, shares, lamps=0.0):
     return PortableLight("capture", image, light, light, Suns.none(), 1.0, mean, float(lamps))
 
 
-def rgbe(image):
+def rgbe(image: Radiance) -> NDArray[np.uint8]:
     """(..., 4) uint8 of radiance (..., 3): mantissas and a shared exponent, as Radiance files have them."""
     largest = image.max(axis=-1)
     _, exponent = np.frexp(np.where(largest > 1e-32, largest, 0.0))
@@ -114,7 +118,7 @@ def rgbe(image):
     return bytes_.astype(np.uint8)
 
 
-def from_rgbe(packed):
+def from_rgbe(packed: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of what rounds to them."""
     scale = np.ldexp(1.0, packed[..., 3:].astype(int) - 136)
     return np.where(packed[..., 3:] > 0, (packed[..., :3] + 0.5) * scale, 0.0).astype(np.float32)

@@ -1,24 +1,35 @@
 """A scene's splats ready for any light: their responses compressed, their surfaces, and lights to begin with."""
 
 import warnings
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Faces, Floats, Indices, Matrix4, Points, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import SH_C0, Splats
 from splat2mesh.surface.decimate import decimate
 
+from ..light.environment import Environment
 from ..splats.binding import Binding
 from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.sky import shown_as_sky
-from .basis import Packed, packed, reduced, usual_moment
-from .compression import choices_for, cluster_centers, compress
+from .basis import Basis, Packed, packed, reduced, usual_moment
+from .compression import Compressed, choices_for, cluster_centers, compress
 from .harmonics import turned
-from .lights import capture_light, light_of
+from .lights import PortableLight, capture_light, light_of
 from .response import BANDS, LAMPS, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..engine.relit_room import RelitRoom
+    from ..transfer.settings import Settings
 
 BYTES_TOLERANCE = 0.03
 """Relative error of the light that the bytes may add, where none is asked for: 1.3% of a display value."""
@@ -55,23 +66,33 @@ class Live(NamedTuple):
     """
 
     splats: Splats
-    order: np.ndarray
-    transfer: np.ndarray
+    order: Indices
+    transfer: NDArray[np.uint8]
     basis: Packed
     surfaces: Surfaces
-    lights: list
-    mean: np.ndarray
-    proxy: tuple
-    frame: np.ndarray
-    errors: list
+    lights: list[PortableLight]
+    mean: NDArray[np.float64]
+    proxy: tuple[NDArray[np.float32], Faces]
+    frame: Matrix4
+    errors: list[dict[str, float]]
     brightness: float | None
-    middle: np.ndarray
-    source: dict
-    camera: dict
+    middle: NDArray[np.float64]
+    source: dict[str, str]
+    camera: dict[str, Any]
     lamps: float | None = None
 
 
-def live_of(relighter, appearance, splats, environments, settings, tolerance=None, sky="new", seed=0, room=None):
+def live_of(
+    relighter: "Relighter",
+    appearance: "Appearance",
+    splats: Splats,
+    environments: Sequence[tuple[Environment, float] | tuple[Environment, float, float]],
+    settings: "Settings",
+    tolerance: float | None = None,
+    sky: str = "new",
+    seed: int = 0,
+    room: "RelitRoom | None" = None,
+) -> Live:
     """The Live of a scene.
 
     relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
@@ -106,7 +127,7 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
         brightness = 1.0 if appearance.capture is None else float(appearance.capture["brightness"])
         even = np.sqrt(4.0 * np.pi) * (response.values[:, 0] + response.values[:, BANDS**2])  # under a constant sky
         even = np.maximum(brightness * even + response.values[:, LAMPS], np.float32(1e-3))
-        counts = shares * _visible_error(even, appearance.captured)
+        counts: Floats = shares * _visible_error(even, appearance.captured)
         rows, basis = reduced(response.values, counts, usual_moment(brightness))
         rows, counts = _rows_and_counts(binding, rows, even, splats)
         every = slice(None, None, -(-len(rows) // _BATCH))
@@ -142,7 +163,9 @@ def live_of(relighter, appearance, splats, environments, settings, tolerance=Non
     )
 
 
-def _rows_and_counts(binding, rows, even, splats):
+def _rows_and_counts(
+    binding: Binding, rows: NDArray[np.float32], even: NDArray[np.float32], splats: Splats
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Rows (N, D) float32 of the lit splats from those of the vertices, and how much an error of each shows, (N,).
 
     even: (V, 3) light ratio under a constant sky.
@@ -153,13 +176,13 @@ def _rows_and_counts(binding, rows, even, splats):
     return rows, _visible_error(binding.spread(even), color, lit.opacities).astype(np.float32)
 
 
-def _visible_error(ratio, color, opacity=1.0):
+def _visible_error(ratio: Radiance, color: Radiance, opacity: Floats | float = 1.0) -> Floats:
     """How much a squared error of the ratio counts, (N,)."""
     ratio = luminance(np.maximum(ratio, 1e-3))
     return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
 
 
-def _turned_vectors(lights):
+def _turned_vectors(lights: Sequence[PortableLight]) -> NDArray[np.float32]:
     """The vectors of lights at ANGLES_DEG, (T, COEFFICIENTS, 3) float32."""
     vectors = []
     for light in lights:
@@ -169,13 +192,25 @@ def _turned_vectors(lights):
     return np.stack(vectors).astype(np.float32)
 
 
-def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
+def _compressed(
+    rows: NDArray[np.float32],
+    counts: Floats,
+    basis: Basis,
+    vectors: NDArray[np.float32],
+    truth: Floats,
+    every: slice,
+    tolerance: float,
+    seed: int,
+) -> tuple[Compressed, list[dict[str, float]]]:
     """The first of `choices_for` the rows within the tolerance, else the best; and what each that was tried takes and
     leaves, a list of dicts. truth: (S, T, 3), light ratio of `every` so many rows under lights of vectors (T, K, 3).
     """
     base, small = basis.colors(vectors)
     size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
-    tried, best, centers, hopeless = [], None, {}, set()
+    tried: list[dict[str, float]] = []
+    best: tuple[float, Compressed] | None = None
+    centers: dict[int, NDArray[np.float32]] = {}
+    hopeless: set[int] = set()
     for choice in choices_for(len(rows)):
         if choice.weights in hopeless:
             continue
@@ -192,6 +227,7 @@ def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
         if error > HOPELESS * tolerance:
             hopeless.add(choice.weights)
     else:
+        assert best is not None  # there is always a choice
         warnings.warn(
             f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was asked for",
             DataWarning,
@@ -200,7 +236,7 @@ def _compressed(rows, counts, basis, vectors, truth, every, tolerance, seed):
     return best[1], tried
 
 
-def _first_view(scene, splats, vertices):
+def _first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:
     """Where to look from first, as the preview does. An object has `bounds` too, two corners in the scene frame: the
     page moves the camera back until what lies in them fits its window."""
     camera = scene.preview_camera
@@ -217,7 +253,7 @@ def _first_view(scene, splats, vertices):
     }
 
 
-def _captured_box(scene, splats, vertices):
+def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest corner (3,) of what was captured, scene frame: no far background, no stray splats."""
     near = (splats.opacities > SOLID) & np.isfinite(splats.means).all(axis=1)
     near[scene.background_splats] = False
@@ -230,7 +266,7 @@ def _captured_box(scene, splats, vertices):
     return low - margin, high + margin
 
 
-def _spatial_order(splats):
+def _spatial_order(splats: Splats) -> Indices:
     """Rows along a Z-order curve, those without a finite place last."""
     finite = np.isfinite(splats.means).all(axis=1)
     rows = np.flatnonzero(finite)

@@ -7,11 +7,17 @@ of it is packed: gzip, then base64. In the folder the page reads the bundle besi
 import base64
 import gzip
 import json
+import os
 import re
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from .bundle import META, write_bundle
+
+if TYPE_CHECKING:
+    from .live import Live
 
 MOST_IN_A_FILE = 1_500_000
 """Splats above which the page is a folder: a file of them is about 60 MB, and browsers hold several copies of it."""
@@ -49,7 +55,9 @@ html, body {{ height: 100%; margin: 0; overflow: hidden; background: #212123; }}
 """
 
 
-def write_page(folder, live, turn=0.0, most=MOST_IN_A_FILE):
+def write_page(
+    folder: str | os.PathLike[str], live: "Live", turn: float = 0.0, most: int = MOST_IN_A_FILE
+) -> list[str]:
     """Write the page of a Live into a folder that exists; returns the names of its files.
 
     turn: degrees that the first light is turned by at the start. most: splats above which it is a folder.
@@ -69,7 +77,9 @@ def write_page(folder, live, turn=0.0, most=MOST_IN_A_FILE):
     return [PAGE]
 
 
-def page_of(meta, names, contents=None, turn=0.0):
+def page_of(
+    meta: Mapping[str, Any], names: Sequence[str], contents: Mapping[str, bytes] | None = None, turn: float = 0.0
+) -> str:
     """The page as text. meta: dict of live.json. names: files of the bundle. contents: dict of their bytes to pack into
     the page, without which it reads them beside it."""
     names = [name for name in names if name != META]
@@ -88,11 +98,11 @@ def page_of(meta, names, contents=None, turn=0.0):
     )
 
 
-def _packed(content):
+def _packed(content: bytes) -> str:
     return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
 
 
-def _script():
+def _script() -> str:
     """The viewer and what lights it as one module; names of ours in a block of their own."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
@@ -112,5 +122,5 @@ def _script():
     )
 
 
-def _text(name):
+def _text(name: str) -> str:
     return (_WEB / name).read_text("utf-8")

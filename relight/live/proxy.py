@@ -1,18 +1,22 @@
 """The mesh behind the splats as glTF: it hides suns, stops a walker and catches shadows."""
 
-import numpy as np
+from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Faces, Points
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.glb import Glb
 
 
-def write_proxy(path, vertices, faces):
+def write_proxy(path: Path, vertices: NDArray[np.float32], faces: Faces) -> None:
     """Write a mesh, (V, 3) float32 in the scene frame and (F, 3), as one node of a binary glTF, with normals."""
     with staged_file(path) as staging:
         staging.write_bytes(proxy_glb(vertices, faces))
 
 
-def proxy_glb(vertices, faces):
+def proxy_glb(vertices: NDArray[np.float32], faces: Faces) -> bytes:
     """The bytes of that file."""
     file = Glb("relight")
     attributes = {
@@ -23,7 +27,7 @@ def proxy_glb(vertices, faces):
     return file.content()
 
 
-def vertex_normals(vertices, faces):
+def vertex_normals(vertices: Points, faces: Faces) -> NDArray[np.float64]:
     """Unit normals (V, 3) float64, means of the faces around by area; +y where there is none."""
     a, b, c = vertices[faces.T].astype(np.float64)
     normal = np.cross(b - a, c - a)

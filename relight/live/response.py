@@ -8,15 +8,24 @@ shadows of their own there. In a room all but suns comes by its windows, however
 `direct` has what is passed on beyond the bands of `spread`.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Coefficients, Floats
 
 from ..engine.appearance import LEAST_ALBEDO
 from ..sh import harmonics
 from ..splats.light_ratio import linear_parts
 from ..transfer.bounces import transfer_with_bounces
 from .harmonics import POLAR
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..engine.relit_room import RelitRoom
+    from ..transfer.settings import Settings
 
 BANDS, SPREAD_BANDS = 10, 4
 """Bands of light that arrives straight and of light passed on: of what bounces on a tabletop 4 bands leave .2%."""
@@ -33,12 +42,18 @@ class Response(NamedTuple):
     the scene, by light and by lamps.
     """
 
-    values: np.ndarray
-    own: np.ndarray
-    mean: np.ndarray
+    values: NDArray[np.float32]
+    own: NDArray[np.float32]
+    mean: NDArray[np.float64]
 
 
-def response_of(relighter, appearance, settings, shares, room=None):
+def response_of(
+    relighter: "Relighter",
+    appearance: "Appearance",
+    settings: "Settings",
+    shares: Floats,
+    room: "RelitRoom | None" = None,
+) -> Response:
     """The Response of a scene's vertices.
 
     relighter: Relighter. appearance: its Appearance. settings: Settings with BANDS bands. shares: (V,) areas, the
@@ -54,8 +69,8 @@ def response_of(relighter, appearance, settings, shares, room=None):
     bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # what relit splats divide by
     values = np.zeros((len(before), COEFFICIENTS, 3), np.float32)
     mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
-    lamps = np.zeros_like(captured)
-    seen = (albedo / bright).astype(np.float32)
+    lamps: Floats = np.zeros_like(captured)
+    seen: Floats = (albedo / bright).astype(np.float32)
     if room is None or not room.steady:
         straight = relighter.precomputed.transfer(settings)[0][:, : BANDS**2]
         few = SPREAD_BANDS**2 if room is None else BANDS**2
@@ -89,7 +104,9 @@ def response_of(relighter, appearance, settings, shares, room=None):
     return Response(values, (own * seen).astype(np.float32), mean)
 
 
-def _sent(relighter, straight, albedo, settings):
+def _sent(
+    relighter: "Relighter", straight: NDArray[np.float32], albedo: NDArray[np.float32], settings: "Settings"
+) -> NDArray[np.float32]:
     """What every vertex sends out, (V, K, 3), for each coefficient of light that arrives straight (V, K)."""
     if not settings.bounce_rays:
         return straight[:, :, None] * albedo[:, None]
@@ -97,13 +114,13 @@ def _sent(relighter, straight, albedo, settings):
     return transfer_with_bounces(straight, albedo, matrix, settings.bounce_tolerance)[0]
 
 
-def _about_y(values, bands):
+def _about_y(values: NDArray[np.float32], bands: int) -> NDArray[np.float32]:
     """Values (V, K, 3) of coefficients in our basis as those of coefficients about +y."""
     about = harmonics.rotation_matrix(POLAR, bands).astype(np.float32)
     return np.einsum("jk,vkc->vjc", about, values, optimize=True)
 
 
-def light_vector(rest, whole, lamps=0.0):
+def light_vector(rest: Coefficients, whole: Coefficients, lamps: float = 0.0) -> NDArray[np.float64]:
     """(COEFFICIENTS, 3) that the values are multiplied with: coefficients about +y without suns, and with them, and
     the factor on lamps."""
     return np.concatenate([rest[: BANDS**2], whole[: SPREAD_BANDS**2], np.full((1, 3), lamps)])

@@ -1,9 +1,11 @@
 """A folder with a page, shown on this machine alone: browsers let no page read files beside it from a disk."""
 
+import io
 import os
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import BinaryIO
 
 from splat2mesh.base.errors import InputError
 
@@ -15,10 +17,12 @@ class _Handler(SimpleHTTPRequestHandler):
     """Serves regular files of one folder, to who asks for this machine by name: a page from elsewhere can have its own
     name point here (DNS rebinding), and would read what is served."""
 
-    def log_message(self, *_):
+    def log_message(self, *_: object) -> None:
         pass
 
-    def send_head(self):
+    server: "_Server"
+
+    def send_head(self) -> io.BytesIO | BinaryIO | None:
         """As the base class; refuses other hosts, and what leads out of the folder or is no file."""
         port = self.server.server_address[1]
         if self.headers.get("Host", "").lower() not in {f"{name}:{port}" for name in ("127.0.0.1", "localhost")}:
@@ -41,11 +45,11 @@ class _Server(ThreadingHTTPServer):
     first = INDEX
 
     @property
-    def url(self):
+    def url(self) -> str:
         return f"http://127.0.0.1:{self.server_address[1]}/"
 
 
-def server_of(folder, port=0):
+def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
     """A server, to be closed, of the page that `relight --format web` wrote, a file or a folder; port 0 takes any.
 
     folder: that folder, or the one of results that holds it. Raises InputError where there is no page, and for a port

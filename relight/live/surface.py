@@ -1,9 +1,18 @@
 """What suns and the view of the albedo need of a splat, in 8 bytes: where its surface lies, which way it faces, how
 much a light on it changes it."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Directions
+from splat2mesh.scene.scene import Scene
+
+from ..splats.binding import Binding
+
+if TYPE_CHECKING:
+    from ..transfer.volume import Foliage
 
 UNLIT, LIT, SKY = 0, 1, 2
 """Kinds of splats: those that stay as captured, those that take the light, and far background, which shows the sky."""
@@ -20,12 +29,12 @@ _BATCH = 1 << 16
 class Surfaces(NamedTuple):
     """packed: (N, 8) uint8. lift: scene units per step of the fourth byte. own: (3,) of its middle step."""
 
-    packed: np.ndarray
+    packed: NDArray[np.uint8]
     lift: float
-    own: np.ndarray
+    own: NDArray[np.float64]
 
 
-def octahedral(normals):
+def octahedral(normals: Directions) -> NDArray[np.int8]:
     """(N, 2) int8 of unit vectors (N, 3): the octahedron unfolded, z up."""
     x, y, z = (normals / np.maximum(np.abs(normals).sum(axis=1, keepdims=True), 1e-12)).T
     fold = z < 0.0
@@ -34,7 +43,7 @@ def octahedral(normals):
     return np.rint(np.stack([u, v], axis=1) * 127.0).astype(np.int8)
 
 
-def from_octahedral(packed):
+def from_octahedral(packed: NDArray[np.int8]) -> NDArray[np.float32]:
     """Unit vectors (N, 3) float32 of `octahedral`."""
     u, v = packed.astype(np.float32).T / np.float32(127.0)
     z = 1.0 - np.abs(u) - np.abs(v)
@@ -43,7 +52,14 @@ def from_octahedral(packed):
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def surfaces(binding, means, scene, own, kinds, foliage=None):
+def surfaces(
+    binding: Binding,
+    means: NDArray[np.float32],
+    scene: Scene,
+    own: NDArray[np.float32],
+    kinds: NDArray[np.uint8],
+    foliage: "Foliage | None" = None,
+) -> Surfaces:
     """The Surfaces of N splats.
 
     binding: Binding. means: (N, 3) centres, splat frame. own: (V, 3) of `response.Response`. kinds: (N,) uint8.
