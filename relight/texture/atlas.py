@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Faces, Floats, Indices, Integers, Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import read_only
 
@@ -48,16 +49,16 @@ class Atlas:
     inside: (T,) bool, whether its centre lies in its face; the others are gutter.
     """
 
-    uv: np.ndarray
-    vertex: np.ndarray
-    faces: np.ndarray
-    chunks: list
+    uv: NDArray[np.float32]
+    vertex: NDArray[np.int32]
+    faces: Faces
+    chunks: list[range]
     vertices: int
     size: int
-    texels: np.ndarray
-    face: np.ndarray
-    weights: np.ndarray
-    inside: np.ndarray
+    texels: NDArray[np.int64]
+    face: NDArray[np.int32]
+    weights: NDArray[np.float32]
+    inside: Mask
     texel_size: float
 
     def interpolate(self, values: NDArray) -> NDArray:
@@ -72,7 +73,7 @@ class Atlas:
         return values[self._nearest].reshape(self.size, self.size, -1)
 
     @cached_property
-    def _nearest(self):
+    def _nearest(self) -> NDArray[np.int32]:
         return _nearest_texel(self.texels, self.size)
 
 
@@ -164,7 +165,9 @@ def face_areas(points: NDArray, faces: NDArray) -> NDArray:
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
-def _charts(nodes, corners, texels_per_unit):
+def _charts(
+    nodes: NDArray[np.float32], corners: Faces, texels_per_unit: float
+) -> tuple[NDArray[np.float64], Faces, int]:
     """xatlas: uv (W, 2) float64 in texels, faces (F, 3) of these, and the side of the square that they fill."""
     import xatlas
 
@@ -193,7 +196,7 @@ def _charts(nodes, corners, texels_per_unit):
     return *_without_holes(uv, np.concatenate(node), faces), max(atlas.width, atlas.height)
 
 
-def _without_holes(uv, node, faces):
+def _without_holes(uv: NDArray[np.float64], node: Integers, faces: Faces) -> tuple[NDArray[np.float64], Faces]:
     """Give slivers that xatlas left out, at (0, 0), the coordinates of one of their corners in another face."""
     lost = np.flatnonzero((uv[faces] == 0.0).all(axis=(1, 2)))
     if len(lost) == 0:
@@ -210,7 +213,7 @@ def _without_holes(uv, node, faces):
     return np.concatenate([uv, np.repeat(added, 3, axis=0)]), faces
 
 
-def _parts(points, faces):
+def _parts(points: Points, faces: Faces) -> list[Indices]:
     """Divide faces into compact parts of at most PART_FACES: list of ascending indices."""
     centers = points[faces].mean(axis=1)
     pending, parts = [np.arange(len(faces))], []
@@ -224,7 +227,7 @@ def _parts(points, faces):
     return parts
 
 
-def _nearest_texel(texels, size):
+def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
     """(size * size,) int32: for each texel the index of the nearest one that shows something."""
     from scipy.ndimage import distance_transform_edt
 
@@ -236,7 +239,14 @@ def _nearest_texel(texels, size):
 
 
 @njit(cache=True, nogil=True)
-def _draw(uv, faces, reach, best, face, weights):
+def _draw(
+    uv: NDArray[np.float32],
+    faces: Faces,
+    reach: float,
+    best: NDArray[np.float32],
+    face: NDArray[np.int32],
+    weights: NDArray[np.float32],
+) -> None:
     """Find for each texel the face that holds its centre, or the nearest within `reach`, and its weights there."""
     size = best.shape[0]
     for f in range(len(faces)):
@@ -254,9 +264,9 @@ def _draw(uv, faces, reach, best, face, weights):
             y = row + 0.5
             for column in range(left, right + 1):
                 x = column + 0.5
-                second = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
-                third = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-                first = 1.0 - second - third
+                second: float = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                third: float = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                first: float = 1.0 - second - third
                 distance = 0.0
                 if first < 0.0 or second < 0.0 or third < 0.0:
                     distance = np.inf
@@ -286,7 +296,13 @@ def _draw(uv, faces, reach, best, face, weights):
 
 
 @njit(cache=True, nogil=True)
-def _interpolate(values, corners, face, weights, result):
+def _interpolate(
+    values: Floats,
+    corners: NDArray[np.int32],
+    face: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
     for t in range(len(face)):
         a, b, c = corners[face[t], 0], corners[face[t], 1], corners[face[t], 2]
         for k in range(values.shape[1]):

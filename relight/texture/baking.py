@@ -1,13 +1,14 @@
 """Bake the captured colour of the splat and its albedo into every texel of a scene's texture."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Mask, Matrix4, Points
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
@@ -37,8 +38,8 @@ class Baked:
     """
 
     atlas: Atlas
-    captured: np.ndarray
-    albedo: np.ndarray
+    captured: NDArray[np.float32]
+    albedo: NDArray[np.float32]
     unseen: int = 0
 
     @classmethod
@@ -139,7 +140,9 @@ def surface_points(scene: "Scene", atlas: Atlas) -> tuple[NDArray, NDArray]:
     return atlas.interpolate(scene.vertices), normals / np.maximum(lengths, 1e-30)
 
 
-def _captured(scene, matrix, splats, views, atlas, advance):
+def _captured(
+    scene: "Scene", matrix: Matrix4, splats: "Splats", views: "list[View]", atlas: Atlas, advance: Callable[[int], Any]
+) -> tuple[NDArray[np.float32], Mask]:
     """Linear colours of the splats at all texels, (T, 3) float32, and whether any view shows each, (T,) bool."""
     points, normals = surface_points(scene, atlas)
     back = np.linalg.inv(matrix)
@@ -156,7 +159,7 @@ def _captured(scene, matrix, splats, views, atlas, advance):
     return colors, seen
 
 
-def _filled(points, colors, seen):
+def _filled(points: Points, colors: NDArray[np.float32], seen: Mask) -> NDArray[np.float32]:
     """Colours for unseen texels: means of the nearest seen ones, weighted by the inverse squared distance."""
     from scipy.spatial import cKDTree
 
@@ -169,13 +172,13 @@ def _filled(points, colors, seen):
     return np.einsum("nk,nkc->nc", weights, colors[rows[index]]).astype(np.float32)
 
 
-def _edge(scene):
+def _edge(scene: "Scene") -> float:
     """Median length of an edge, scene unit."""
     ends = scene.vertices[scene.faces]
     return float(np.median(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)))
 
 
-def _per_vertex(values, atlas, name):
+def _per_vertex(values: ArrayLike, atlas: Atlas, name: str) -> NDArray[np.float32]:
     """(V, 3) float32, or InputError."""
     values = np.asarray(values, np.float32)
     if values.shape != (atlas.vertices, 3):

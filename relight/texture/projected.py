@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Indices, Points
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.surface.background import far_background, views_from_within
@@ -18,6 +19,7 @@ from splat2mesh.surface.extract import EFFORTS, as_trained, dilated
 from splat2mesh.views.viewpoints import bounds_of, near_plane, virtual_views
 
 if TYPE_CHECKING:
+    from splat2mesh.render.rasterize import Rendering
     from splat2mesh.render.view import View
     from splat2mesh.scene.scene import Scene
     from splat2mesh.splats.splats import Splats
@@ -82,7 +84,9 @@ def seen_colors(
     return total, seen
 
 
-def _shown(view, rendering, caster, points, normals, diagonal):
+def _shown(
+    view: "View", rendering: "Rendering", caster: RayCaster, points: Points, normals: Directions, diagonal: float
+) -> tuple[Indices, Floats, Floats]:
     """Points that a rendering shows: indices (N,), pixels (N, 2) from the centre of the first one, and weights."""
     towards = view.center.astype(np.float32) - points
     distance = np.linalg.norm(towards, axis=1)
@@ -104,7 +108,7 @@ def _shown(view, rendering, caster, points, normals, diagonal):
     return rows, pixels[free], cosine[rows] ** 2
 
 
-def _bilinear(image, places):
+def _bilinear(image: NDArray[np.float32], places: Floats) -> NDArray[np.float32]:
     """Interpolate an image (H, W, C) at places (N, 2), measured from the centre of its first pixel: (N, C) float32."""
     low = np.floor(places).astype(np.intp)
     x, y = (places - low).astype(np.float32).T[..., None]
