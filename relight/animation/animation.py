@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import ColorsSrgb, Faces
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
@@ -36,7 +38,7 @@ class Animation:
         with reading(self._data.path):
             self._read(animation)
 
-    def _read(self, animation):
+    def _read(self, animation: str | int | None) -> None:
         document = self._data.document
         self._order, self._parent, self._shown = self._data.hierarchy()
         self._initial = self._data.initial_transforms()
@@ -79,18 +81,20 @@ class Animation:
         ]
         return Scene(chunks, path=self._data.path)
 
-    def _posed(self, part, matrices, weights):
+    def _posed(
+        self, part: "Part", matrices: NDArray[np.float64], weights: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         vertices = morphed(part.vertices, part.vertex_targets, weights)
         if part.normals is None:
             normals = face_normals(vertices, part.faces)
         else:
             normals = morphed(part.normals, part.normal_targets, weights)
-        if part.skin is None:
+        if part.skin is None or part.joints is None or part.joint_weights is None:
             return moved(vertices, normals, matrices[part.node])
         joints, inverse_bind = self._skins[part.skin]
         return skinned(vertices, normals, part.joints, part.joint_weights, matrices[joints] @ inverse_bind)
 
-    def _can_move(self, part):
+    def _can_move(self, part: "Part") -> bool:
         changed = {node for node, path in self._tracks if path != "weights"}
         if (part.node, "weights") in self._tracks:
             return True
@@ -102,7 +106,7 @@ class Animation:
                 node = self._parent[node]
         return False
 
-    def _read_tracks(self, animation):
+    def _read_tracks(self, animation: Any) -> dict[tuple[int, str], Track]:
         """(node, path) -> Track."""
         tracks = {}
         for channel in animation.channels:
@@ -128,7 +132,7 @@ class Animation:
                 raise InputError(f"{self._data.path}: node {node} is animated and has a matrix, which glTF rules out")
         return tracks
 
-    def _read_skin(self, skin, number):
+    def _read_skin(self, skin: Any, number: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Nodes of the joints (J,) and their inverse bind matrices (J, 4, 4)."""
         joints = np.array(skin.joints, np.int64)
         if joints.ndim != 1 or not len(joints) or joints.min() < 0 or joints.max() >= len(self._initial):
@@ -139,7 +143,7 @@ class Animation:
             inverse = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
         return joints, inverse
 
-    def _read_parts(self):
+    def _read_parts(self) -> "list[Part]":
         document, parts, skipped = self._data.document, [], 0
         for index in self._order:
             node = document.nodes[index]
@@ -157,13 +161,13 @@ class Animation:
             raise InputError(f"{self._data.path}: holds no triangles; expected a triangle mesh")
         return parts
 
-    def _read_part(self, index, node, mesh, primitive, mode):
+    def _read_part(self, index: int, node: Any, mesh: Any, primitive: Any, mode: int) -> "Part":
         data, attributes, what = self._data, primitive.attributes, f"the mesh of node {index}"
         count = len(data.array(attributes.POSITION, what))
         vertices = data.vectors(attributes.POSITION, count, 3, what)
         normals = None if attributes.NORMAL is None else data.vectors(attributes.NORMAL, count, 3, what)
-        faces = np.arange(count) if primitive.indices is None else data.array(primitive.indices, what).astype(np.int64)
-        faces = triangles(faces, mode)
+        row = np.arange(count) if primitive.indices is None else data.array(primitive.indices, what).astype(np.int64)
+        faces = triangles(row, mode)
         if len(faces) == 0 or faces.min() < 0 or faces.max() >= count:
             raise InputError(f"{data.path}: {what} has no faces, or one that names a vertex beyond its {count}")
         targets = primitive.targets or []
@@ -176,7 +180,7 @@ class Animation:
         morphs = vertex_targets, normal_targets, weights
         return Part(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
 
-    def _targets(self, targets, name, count, what):
+    def _targets(self, targets: list[Any], name: str, count: int, what: str) -> NDArray[np.float32]:
         """(M, V, 3) float32 differences of every morph target, 0 where one has none."""
         result = np.zeros((len(targets), count, 3), np.float32)
         for number, target in enumerate(targets):
@@ -185,16 +189,20 @@ class Animation:
                 result[number] = self._data.vectors(accessor, count, 3, what)
         return result
 
-    def _influences(self, attributes, node, count, what):
+    def _influences(
+        self, attributes: Any, node: Any, count: int, what: str
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]] | tuple[None, None]:
         """Joints (V, J) int64 and weights (V, J) float32 that sum to 1; None twice for a mesh that names no joints."""
-        joints, weights, number = [], [], 0
+        named: list[NDArray[Any]] = []
+        shares: list[NDArray[Any]] = []
+        number = 0
         while getattr(attributes, f"JOINTS_{number}", None) is not None:
-            joints.append(self._data.array(getattr(attributes, f"JOINTS_{number}"), what))
-            weights.append(self._data.vectors(getattr(attributes, f"WEIGHTS_{number}"), count, 4, what))
+            named.append(self._data.array(getattr(attributes, f"JOINTS_{number}"), what))
+            shares.append(self._data.vectors(getattr(attributes, f"WEIGHTS_{number}"), count, 4, what))
             number += 1
-        if not joints:
+        if not named:
             return None, None
-        joints, weights = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
+        joints, weights = np.concatenate(named, axis=1).astype(np.int64), np.concatenate(shares, axis=1)
         known = len(entry(self._skins, node.skin)[0])
         used = joints[weights != 0] if joints.shape == weights.shape else np.array([-1])
         if (used >= known).any() or (used < 0).any():
@@ -207,7 +215,7 @@ class Animation:
         joints[weights == 0] = 0
         return joints, np.ascontiguousarray(weights, np.float32)
 
-    def _colors(self, attributes, count, what):
+    def _colors(self, attributes: Any, count: int, what: str) -> ColorsSrgb:
         """(V, 3) uint8 sRGB, white without colours."""
         if getattr(attributes, "COLOR_0", None) is None:
             return np.full((count, 3), 255, np.uint8)
@@ -227,16 +235,16 @@ class Part:
     """
 
     node: int
-    vertices: np.ndarray
-    normals: np.ndarray | None
-    faces: np.ndarray
-    colors_srgb: np.ndarray
-    vertex_targets: np.ndarray
-    normal_targets: np.ndarray
-    weights: np.ndarray
+    vertices: NDArray[np.float32]
+    normals: NDArray[np.float32] | None
+    faces: Faces
+    colors_srgb: ColorsSrgb
+    vertex_targets: NDArray[np.float32]
+    normal_targets: NDArray[np.float32]
+    weights: NDArray[np.float64]
     skin: int | None
-    joints: np.ndarray | None
-    joint_weights: np.ndarray | None
+    joints: NDArray[np.int64] | None
+    joint_weights: NDArray[np.float32] | None
 
 
 def face_normals(
@@ -256,7 +264,7 @@ def face_normals(
     return total[place].astype(np.float32)
 
 
-def _chosen(path, names, animation):
+def _chosen(path: Path, names: list[str], animation: str | int | None) -> int:
     if not names:
         raise InputError(f"{path}: holds no animation; a mesh that does not move can be lit as it is")
     if animation is None:

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Integers
 from splat2mesh.base.errors import InputError
 
 INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
@@ -60,8 +61,8 @@ class Track:
         value = (2 * cube - 3 * square + 1) * values[before] + (cube - 2 * square + share) * leaving
         return self._unit(value + (3 * square - 2 * cube) * values[after] + (cube - square) * arriving)
 
-    def _unit(self, value):
-        return value / max(np.linalg.norm(value), 1e-300) if self.spherical else value
+    def _unit(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        return value / max(float(np.linalg.norm(value)), 1e-300) if self.spherical else value
 
 
 def for_normals(matrices: NDArray) -> NDArray:
@@ -114,9 +115,10 @@ def skinned(
     return place, turn
 
 
-def _slerp(first, second, share):
+def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], share: float) -> NDArray[np.float64]:
     """Interpolate between two quaternions on the shorter way."""
-    first, second = first / max(np.linalg.norm(first), 1e-300), second / max(np.linalg.norm(second), 1e-300)
+    first = first / max(float(np.linalg.norm(first)), 1e-300)
+    second = second / max(float(np.linalg.norm(second)), 1e-300)
     cosine = float(first @ second)
     if cosine < 0.0:
         second, cosine = -second, -cosine
@@ -129,7 +131,15 @@ def _slerp(first, second, share):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _skin(vertices, normals, joints, weights, matrices, place, turn):
+def _skin(
+    vertices: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    joints: Integers,
+    weights: NDArray[np.float32],
+    matrices: NDArray[np.float64],
+    place: NDArray[np.float32],
+    turn: NDArray[np.float32],
+) -> None:
     m = np.zeros((3, 4))
     for v in range(len(vertices)):
         m[:] = 0.0
