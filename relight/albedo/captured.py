@@ -4,18 +4,25 @@ light makes of it.
 
 import math
 import warnings
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Radiance, Transfer
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.color import luminance
 
 from ..light.environment import Environment
+from ..transfer.occluder import Occluder
 from . import contrast, fit, samples, skylight
-from .direct import direct_light
+from .direct import Sunlit, direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
-from .seen import looks_over
+from .seen import Looks, looks_over
+
+if TYPE_CHECKING:
+    from ..transfer.bounces import Interreflection
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
 """Of the transfer and the bounces where none are given; half the rays that relight takes by default."""
@@ -40,6 +47,10 @@ HEIGHT, WIDTH = 128, 256
 """Of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
 
 
+Advance: TypeAlias = Callable[[int], Any]
+"""Called with the number of vertices that are done since the last call."""
+
+
 class Estimate(NamedTuple):
     """Albedo and capture light of a scene of V vertices.
 
@@ -53,16 +64,16 @@ class Estimate(NamedTuple):
     brightness: mean luminance of the light. under_sky: whether a captured sky was used.
     """
 
-    albedo: np.ndarray
-    irradiance: np.ndarray
+    albedo: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
     environment: Environment
     prior: Prior
     evidence: float
     separable: bool
     reason: str
-    direction: np.ndarray
+    direction: NDArray[np.float64]
     concentration: float
-    color: np.ndarray
+    color: NDArray[np.float64]
     brightness: float
     under_sky: bool = False
 
@@ -74,8 +85,17 @@ class CapturedScene:
     """
 
     def __init__(
-        self, occluder, captured, seed, advance, transfer, interreflection, sky=False, looks=None, sunlit=None
-    ):
+        self,
+        occluder: Occluder,
+        captured: ArrayLike,
+        seed: int,
+        advance: Advance,
+        transfer: Transfer | None,
+        interreflection: "Interreflection | None",
+        sky: bool = False,
+        looks: Looks | None = None,
+        sunlit: Sunlit | None = None,
+    ) -> None:
         from ..transfer.bounces import Interreflection, visible_fraction
         from ..transfer.raytraced import raytraced_scene
 
@@ -109,7 +129,7 @@ class CapturedScene:
             wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
         self.places = samples.take(occluder, self.areas, wanted, seed)
 
-    def problem(self):
+    def problem(self) -> str:
         """Why nothing can be told, or an empty text."""
         if not self.captured.any():
             return "it is black"
@@ -117,16 +137,16 @@ class CapturedScene:
             return f"only {len(self.places.vertices)} places are lit, unclipped and open to the sky"
         return ""
 
-    def bounced(self):
+    def bounced(self) -> NDArray[np.float64]:
         return self.bounce[self.places.vertices].astype(np.float64)
 
-    def patches(self, volume):
+    def patches(self, volume: Floats | None) -> contrast.Patches | None:
         """The Patches of what was looked at, or None where they are too few."""
         looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
         content = self.captured, self.usable, self.transfer, self.bounce
         return contrast.patches_of(looks, self.occluder, *content, volume)
 
-    def start(self):
+    def start(self) -> NDArray[np.float64]:
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
         places = self.places
         level = np.array([weighted_median(c, np.ones(len(c))) for c in self.captured[places.vertices].T])
@@ -136,18 +156,20 @@ class CapturedScene:
         bright = max(float(np.median(radiance)), 0.25 * float(luminance(level)) / USUAL_ALBEDO)
         return level / luminance(level) * bright
 
-    def fitted(self, light, start, prior):
+    def fitted(self, light: fit.Light, start: NDArray[np.float64], prior: NDArray[np.float64]) -> fit.Fit:
         places = self.places
         return fit.solve(light, self.log_captured(), places.pairs, places.weights, start, prior)
 
-    def log_captured(self):
+    def log_captured(self) -> NDArray[np.float64]:
         return np.log(self.captured[self.places.vertices].astype(np.float64))
 
-    def direct(self, environment):
+    def direct(self, environment: Environment) -> NDArray[np.float32]:
         """Direct light on the white scene, (V, 3) float32, not negative."""
         return direct_light(self.occluder, self.transfer, environment, self._sunlit)
 
-    def result(self, environment, evidence, direct=None, brighter=True):
+    def result(
+        self, environment: Environment, evidence: float, direct: Radiance | None = None, brighter: bool = True
+    ) -> Estimate:
         direct = self.direct(environment) if direct is None else direct
         shares = np.where(self.usable, self.areas, 0.0)
         gain = np.float32(self.brighter(direct) if brighter else 1.0)
@@ -158,7 +180,7 @@ class CapturedScene:
         albedo = albedo_of(self.captured, irradiance, prior)
         return Estimate(albedo, irradiance, environment, prior, evidence, True, "", *described_light(environment))
 
-    def brighter(self, direct):
+    def brighter(self, direct: Radiance) -> float:
         """How much brighter, at least 1, the light must be for all but a few places to be no lighter than a surface."""
         rows, gain = self.places.vertices, 1.0
         captured, bounce, direct = (a[rows].astype(np.float64) for a in (self.captured, self.bounce, direct))
@@ -169,7 +191,7 @@ class CapturedScene:
             gain *= max(lightest / LIGHTEST, 1.0)
         return gain
 
-    def usual(self, exposure, direct):
+    def usual(self, exposure: np.float32, direct: Floats) -> np.float32:
         """The exposure, float32, nearest to this one whose median albedo a place may have. direct: (N,) luminance of
         the known light at the places. Of a sky clipped all around trees are what binds: they tell too dark a light.
         """
@@ -181,10 +203,10 @@ class CapturedScene:
         ]
         return np.float32(np.clip(exposure, max(bounds[0], 1e-6), max(bounds[1], 1e-6)))
 
-    def as_captured(self, reason, evidence=0.0):
+    def as_captured(self, reason: str, evidence: float = 0.0) -> Estimate:
         """The captured colours as albedo under a uniform light, scaled down where they are brighter than a surface."""
-        level = weighted_quantile(self.captured.max(axis=1).astype(np.float64), np.ones(len(self.captured)), 0.98)
-        level = np.float32(max(level / LIGHTEST, 1.0))
+        quantile = weighted_quantile(self.captured.max(axis=1).astype(np.float64), np.ones(len(self.captured)), 0.98)
+        level = np.float32(max(quantile / LIGHTEST, 1.0))
         irradiance = np.full_like(self.captured, level)
         environment = Environment(np.full((HEIGHT, WIDTH, 3), level, np.float32), "uniform")
         prior = prior_of(self.captured, irradiance)
@@ -192,11 +214,11 @@ class CapturedScene:
         return Estimate(albedo, irradiance, environment, prior, evidence, False, reason, *described_light(environment))
 
 
-def described_light(environment):
+def described_light(environment: Environment) -> tuple[NDArray[np.float64], float, NDArray[np.float64], float]:
     """direction, concentration, color and brightness of an Estimate."""
     coefficients = environment.sh(2)
     mean = coefficients[0] / math.sqrt(4.0 * math.pi)
-    bright = max(float(luminance(mean)), np.finfo(np.float32).tiny)
+    bright = max(float(luminance(mean)), float(np.finfo(np.float32).tiny))
     y, z, x = luminance(coefficients[1:4]) * math.sqrt(4.0 * math.pi / 3.0) / (4.0 * math.pi)
     moment = np.array([x, y, z])  # the mean of direction times luminance
     length = float(np.linalg.norm(moment))

@@ -5,12 +5,20 @@ change is drawn towards none, by region.
 """
 
 import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Integers, Radiance
 from splat2mesh.scene.color import srgb_from_linear
 
+from ..transfer.occluder import Occluder
 from . import samples
+
+if TYPE_CHECKING:
+    from ..transfer.bounces import Interreflection
+    from .captured import Estimate
 
 DOUBT = 0.35
 """Difference of the logarithm of what a region received, as relit and as estimated, at which half of a change is
@@ -28,7 +36,13 @@ _LEAST = 1e-3
 _BEST_DB = 99.0  # of what agrees to the bit
 
 
-def self_relight(occluder, captured, found, interreflection, seen=None):
+def self_relight(
+    occluder: Occluder,
+    captured: NDArray[np.float32],
+    found: "Estimate",
+    interreflection: "Interreflection",
+    seen: Floats | None = None,
+) -> dict[str, NDArray[Any]]:
     """What the capture relit by its own estimated light is off by: a dict of arrays.
 
     found: Estimate. interreflection: that it was made with. seen: (V,) what each vertex counts, its
@@ -58,7 +72,7 @@ def self_relight(occluder, captured, found, interreflection, seen=None):
     }
 
 
-def trust_in(modelled, captured, faces, half=DOUBT):
+def trust_in(modelled: Radiance, captured: Radiance, faces: Integers, half: float = DOUBT) -> NDArray[np.float32]:
     """(V,) float32 in (0, 1]: trust in a model that says (V, 3) was captured where (V, 3) was, by region.
 
     half: as DOUBT.
@@ -67,14 +81,14 @@ def trust_in(modelled, captured, faces, half=DOUBT):
     return (1.0 / (1.0 + (_of_region(faces, doubt) / half) ** 2)).astype(np.float32)
 
 
-def _decibels(shown, captured, weights):
+def _decibels(shown: Radiance, captured: Radiance, weights: Floats) -> float:
     """PSNR of linear colours (V, 3) as sRGB."""
     off = srgb_from_linear(np.clip(shown, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
     error = float((weights * np.square(off).mean(axis=1)).sum()) / max(float(weights.sum()), 1e-30)
     return min(-10.0 * math.log10(max(error, 1e-12)), _BEST_DB)
 
 
-def drawn_to_none(before, after, trust):
+def drawn_to_none(before: Radiance, after: Radiance, trust: Floats) -> NDArray[np.float32]:
     """(V, 3) float32: `after` where trust (V,) is 1, `before`, as bright as `after` is on the whole, where it is 0.
 
     Between them the logarithms are blended.
@@ -85,7 +99,7 @@ def drawn_to_none(before, after, trust):
     return np.where(share < 1.0, after**share * (level * before) ** (1.0 - share), after).astype(np.float32)
 
 
-def _of_region(faces, values):
+def _of_region(faces: Integers, values: Floats) -> Floats:
     """Values (V,) averaged over the faces around each vertex, a few times over."""
     count = np.maximum(3.0 * np.bincount(faces.ravel(), minlength=len(values)), 1.0)
     for _ in range(REGION_RINGS):

@@ -6,19 +6,24 @@ and each counts by how much of the variance of log colour it explains within mat
 a slope that is free, as regression on noisy values asks for.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from splat2mesh.base.arrays import Directions, Floats, Integers, Mask, Transfer, Vector
 from splat2mesh.scene.color import luminance
 
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.bounces import visible_fraction
+from ..transfer.occluder import Occluder
 from .division import weighted_median
+from .seen import Looks
 
 CELL = 0.04
 """Side of a patch over the median distance from which patches are seen."""
@@ -85,13 +90,13 @@ class Patches:
     """N patches of surfaces. log_captured: (N,) of luminance. transfer: (N, K). bounced: (N,) luminance. material:
     (N,) numbers. weight: (N,)."""
 
-    log_captured: np.ndarray
-    transfer: np.ndarray
-    bounced: np.ndarray
-    material: np.ndarray
-    weight: np.ndarray
+    log_captured: NDArray[np.float64]
+    transfer: NDArray[np.float64]
+    bounced: NDArray[np.float64]
+    material: Integers
+    weight: NDArray[np.float64]
 
-    def thinned(self, count):
+    def thinned(self, count: int) -> "Patches":
         """At most so many of them, evenly."""
         if len(self.weight) <= count:
             return self
@@ -101,20 +106,20 @@ class Patches:
         return Patches(*others, material.reshape(-1), self.weight[rows])
 
     @cached_property
-    def within(self):
+    def within(self) -> "_Within":
         """The _Within of them."""
         return _Within(self)
 
 
 def patches_of(
-    looks,  # Looks
-    occluder,  # Occluder
-    captured,  # (V, 3) linear
-    usable,  # (V,) bool, neither black nor clipped
-    transfer,  # (V, K)
-    bounce,  # (V, 3)
-    volume=None,  # (V,) in [0, 1]
-):
+    looks: Looks,
+    occluder: Occluder,
+    captured: NDArray[np.float32],  # (V, 3) linear
+    usable: Mask,  # (V,) bool, neither black nor clipped
+    transfer: Transfer,  # (V, K)
+    bounce: NDArray[np.float32],  # (V, 3)
+    volume: Floats | None = None,  # (V,) in [0, 1]
+) -> Patches | None:
     """The Patches of what is looked at, or None where they are too few."""
     normal = looks.at(occluder.normals)
     good = usable[looks.corners].all(axis=1) & (np.linalg.norm(normal, axis=1) > SMOOTH)
@@ -139,7 +144,7 @@ def patches_of(
     return Patches(
         np.log(np.maximum(luminance(means @ captured), 1e-9)),
         (means @ transfer).astype(np.float64),
-        luminance(means @ bounce),
+        np.asarray(luminance(means @ bounce), np.float64),
         _numbered([hue / MATERIAL, side[:, None]]),
         np.sqrt(count),
     )
@@ -153,9 +158,9 @@ class Brightness(NamedTuple):
     """
 
     excess: float
-    lean: np.ndarray
+    lean: NDArray[np.float64]
     beyond: bool
-    sun: np.ndarray | None
+    sun: NDArray[np.float64] | None
     irradiance: float
 
 
@@ -163,19 +168,19 @@ class _Excess(NamedTuple):
     """An excess as of Brightness. lit: (N,) irradiance with it. odds, evidence: in nats, of the best that was tried."""
 
     excess: float
-    lean: np.ndarray
-    lit: np.ndarray
+    lean: NDArray[np.float64]
+    lit: NDArray[np.float64]
     odds: float
     evidence: float
 
 
 def brightness_of(
-    patches,  # Patches
-    directions,  # (D, 3) that share the sphere evenly
-    bound,  # (D,) luminance that is known, of each direction
-    clipped,  # (D,) part of each direction that was clipped
-    unseen,  # (D,) part of each direction that was not seen, above the horizon
-):
+    patches: Patches,
+    directions: Directions,  # (D, 3) that share the sphere evenly
+    bound: Floats,  # (D,) luminance that is known, of each direction
+    clipped: Floats,  # (D,) part of each direction that was clipped
+    unseen: Floats,  # (D,) part of each direction that was not seen, above the horizon
+) -> Brightness:
     """The Brightness that explains the patches best: leans and strengths weighted by how well they do, then a sun."""
     patches = patches.thinned(MOST_PATCHES)
     bands = int(np.sqrt(patches.transfer.shape[1]))
@@ -189,7 +194,7 @@ def brightness_of(
     suns = clipped + unseen > MOSTLY
     sun, (irradiance, alone), gained = _sun(patches, known, seen.lit, directions, suns, bands)
     if gained - seen.evidence > SURE and gained > wide.odds:
-        if alone:
+        if alone and sun is not None:
             return _beside_sun(patches, known, directions, clipped + unseen, project, sun)
         return Brightness(seen.excess, seen.lean, False, sun, irradiance)
     beyond = bool(wide.odds - seen.odds > BEYOND)
@@ -197,7 +202,9 @@ def brightness_of(
     return Brightness(found.excess, found.lean, beyond, None, 0.0)
 
 
-def _excess(patches, known, directions, region, project):
+def _excess(
+    patches: Patches, known: NDArray[np.float64], directions: Directions, region: Floats, project: Floats
+) -> _Excess | None:
     """The _Excess over a region, (D,) in [0, 1]: the mean of those that were tried; None where none explains more."""
     tried = np.concatenate([np.zeros((1, 3)), *(s * fibonacci_sphere(TRIED) for s in STEEPNESS)])
     shape = np.exp(directions @ tried.T) * region[:, None]
@@ -217,7 +224,14 @@ def _excess(patches, known, directions, region, project):
     return _Excess(excess, lean, lit, float(odds.max()), float(evidence.max()))
 
 
-def _sun(patches, known, lit, directions, open_to_suns, bands):
+def _sun(
+    patches: Patches,
+    known: NDArray[np.float64],
+    lit: NDArray[np.float64],
+    directions: Directions,
+    open_to_suns: Mask,
+    bands: int,
+) -> tuple[NDArray[np.float64] | None, tuple[float, bool], float]:
     """The best sun beside all other light or beside what was seen alone: direction, (irradiance, whether
     alone), and the evidence for it."""
     suns = fibonacci_sphere(SUNS)
@@ -234,14 +248,17 @@ def _sun(patches, known, lit, directions, open_to_suns, bands):
     return best
 
 
-def _beside_sun(patches, known, directions, region, project, sun):
+def _beside_sun(
+    patches: Patches, known: NDArray[np.float64], directions: Directions, region: Floats, project: Floats, sun: Vector
+) -> Brightness:
     """The Brightness of a sun near this one, (3,), and a flat excess over a region, (D,) in [0, 1]."""
     around = fibonacci_sphere(FINE)
     around = np.vstack([sun, around[around @ sun > np.cos(np.radians(AROUND_DEG))]])
     bands = int(np.sqrt(patches.transfer.shape[1]))
     flat = np.maximum(patches.transfer @ (project.T @ region), 0.0)
     bright = np.exp(patches.log_captured)
-    lights, best, found = np.maximum(_sunlit(patches, around, bands).T, 1e-9), -np.inf, None
+    lights, best = np.maximum(_sunlit(patches, around, bands).T, 1e-9), -np.inf
+    found: Brightness | None = None
     for albedo in ALBEDOS:
         lacking = bright / albedo - known
         most = max(weighted_median(lacking / np.maximum(flat, 1e-9), patches.weight), 0.0)
@@ -253,17 +270,20 @@ def _beside_sun(patches, known, directions, region, project, sun):
                     odds = _evidence(patches, received) - 0.5 * (np.log(_slope(patches, received) / SLOPE) / STEEP) ** 2
                     if odds > best:
                         best, found = odds, Brightness(excess, np.zeros(3), True, direction, float(scale))
+    assert found is not None  # the sun itself, without an excess, has a strength above 0
     return found
 
 
-def _sunlit(patches, suns, bands):
+def _sunlit(patches: Patches, suns: Directions, bands: int) -> NDArray[np.float64]:
     """(N, S) irradiance of patches under suns (S, 3) of irradiance 1 at right angles."""
     degree, _ = harmonics.degrees_and_orders(bands)
     lobe = np.exp(-0.5 * degree * (degree + 1) * np.radians(SUN_WIDTH_DEG) ** 2)
     return np.maximum(patches.transfer @ (harmonics.evaluate(suns, bands) * lobe).T, 0.0)
 
 
-def _strengths(patches, base, lights):
+def _strengths(
+    patches: Patches, base: NDArray[np.float64], lights: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """For lights (N, L) beside a base (N,): by how much each is taken for the median albedos tried, (L, A), and the
     evidence then."""
     bright = np.exp(patches.log_captured)
@@ -278,57 +298,57 @@ def _strengths(patches, base, lights):
     return scales, evidence
 
 
-def _evidence(patches, received):
+def _evidence(patches: Patches, received: NDArray[np.float64]) -> float:
     """Of an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
     logs = np.log(np.maximum(received, 1e-9))
     usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(ALBEDO)
     return -0.5 * INDEPENDENT * np.log1p(-_explained(patches, logs)) - 0.5 * (usual / ALBEDO_SPREAD) ** 2
 
 
-def _widths(steep):
+def _widths(steep: NDArray[np.float64]) -> NDArray[np.float64]:
     """How much of the axis of steepness each of the tried stands for."""
     edges = np.concatenate([[0.0], 0.5 * np.add(STEEPNESS[1:], STEEPNESS[:-1]), [STEEPNESS[-1]]])
     return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]
 
 
-def _explained(patches, log_received):
+def _explained(patches: Patches, log_received: NDArray[np.float64]) -> float:
     """Part of the variance of log colour within materials that a log irradiance explains, 0 where they are opposed."""
     across, colors, light = _moments(patches, log_received)
     return float(np.clip(across, 0.0, None) ** 2 / (colors * light)) if colors * light > 0.0 else 0.0
 
 
-def _slope(patches, received):
+def _slope(patches: Patches, received: NDArray[np.float64]) -> float:
     """By how much log colour follows the logarithm of an irradiance (N,) within materials; at least next to nothing."""
     across, _, light = _moments(patches, np.log(np.maximum(received, 1e-9)))
     return max(float(across / light), 1e-3) if light > 0.0 else 1.0
 
 
-def _moments(patches, log_received):
+def _moments(patches: Patches, log_received: NDArray[np.float64]) -> tuple[float, float, float]:
     """Within materials: the weighted sums of log colour times log irradiance, and of the squares of both."""
     within = patches.within
     light = within.off(log_received)
-    return within.weight @ (within.colors * light), within.own, within.weight @ light**2
+    return float(within.weight @ (within.colors * light)), within.own, float(within.weight @ light**2)
 
 
 class _Within:
     """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
     whatever the light. own: their weighted square."""
 
-    def __init__(self, patches):
+    def __init__(self, patches: Patches) -> None:
         self.weight, self._groups = patches.weight, patches.material
         self._total = np.bincount(self._groups, self.weight)
         off = self.off(patches.log_captured)
         self.weight = self.weight / (1.0 + (off / OUTLIER) ** 2)
         self._total = np.bincount(self._groups, self.weight)
         self.colors = self.off(patches.log_captured)
-        self.own = self.weight @ self.colors**2
+        self.own = float(self.weight @ self.colors**2)
 
-    def off(self, values):
+    def off(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Values (N,) less the weighted mean of their group."""
         return values - (np.bincount(self._groups, self.weight * values) / self._total)[self._groups]
 
 
-def _numbered(columns):
+def _numbered(columns: Sequence[Floats]) -> NDArray[np.int64]:
     """Numbers (N,) from 0 for rows that fall into the same cell of side 1: a list of (N, C)."""
     cells = np.floor(np.concatenate(columns, axis=1)).astype(np.int64)
     cells -= cells.min(axis=0)

@@ -1,16 +1,32 @@
 """Direct light on a white scene, as the light of the capture and its check both need it."""
 
 import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Transfer
+
+from ..light.suns import Suns
+from ..transfer.occluder import Occluder
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+
+
+Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32]]
+"""Suns -> their light on the white scene, (V, 3): through leaves as the transfer has it."""
 
 
 def direct_light(
-    occluder,  # Occluder
-    transfer,  # (V, K) of the white scene
-    environment,  # Environment, scene frame
-    sunlit=None,  # Suns -> their light on the white scene, (V, 3) float32, through leaves as the transfer has it
-):
+    occluder: Occluder,
+    transfer: Transfer,  # (V, K) of the white scene
+    environment: "Environment",  # scene frame
+    sunlit: Sunlit
+    | None = None,  # Suns -> their light on the white scene, (V, 3) float32, through leaves as the transfer has it
+) -> NDArray[np.float32]:
     """Direct light on the white scene, (V, 3) float32, not negative: in the unit of the environment."""
     from ..light.sun_split import split
     from ..transfer.sunlight import sunlight

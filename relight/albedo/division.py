@@ -3,7 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import InputError
 
 DARKEST, LIGHTEST = 0.02, 0.95
@@ -19,15 +21,15 @@ class Prior(NamedTuple):
     albedo: what a surface has that received nothing. irradiance: where both weigh the same.
     """
 
-    albedo: np.ndarray
-    irradiance: np.ndarray
+    albedo: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
 
 
 def albedo_of(
-    captured,  # (N, 3) linear exit radiance
-    irradiance,  # (N, 3) what white would send out, same unit, not negative
-    prior=None,  # Prior of the scene, such as that of an Estimate; by default that of these very arrays
-):
+    captured: ArrayLike,  # (N, 3) linear exit radiance
+    irradiance: ArrayLike,  # (N, 3) what white would send out, same unit, not negative
+    prior: Prior | None = None,  # Prior of the scene, such as that of an Estimate; by default that of these very arrays
+) -> NDArray[np.float32]:
     """Albedo (N, 3) float32 in [0.02, 0.95]: (C S + e^2 A0) / (S^2 + e^2), clipped.
 
     That is the least square of C - a S + noise with a Gaussian prior of mean A0: C / S where S is well above e, A0
@@ -52,7 +54,7 @@ def albedo_of(
     return np.clip(np.nan_to_num(albedo, nan=0.0), np.float32(DARKEST), np.float32(LIGHTEST), dtype=np.float32)
 
 
-def prior_of(captured, irradiance, shares=None):
+def prior_of(captured: ArrayLike, irradiance: ArrayLike, shares: ArrayLike | None = None) -> Prior:
     """The Prior of a scene: the median of C / S where S is not small, and SOFTNESS times the median of S.
 
     shares: (N,) weights of the rows, such as areas; equal by default. Black where there is nothing to go by.
@@ -66,26 +68,26 @@ def prior_of(captured, irradiance, shares=None):
         if not lit.any():
             continue
         middle = weighted_median(received[lit], shares[lit])
-        soft[color] = max(SOFTNESS * middle, np.finfo(np.float32).tiny)
+        soft[color] = max(SOFTNESS * middle, float(np.finfo(np.float32).tiny))
         clear = lit & (received >= soft[color])
         ratio = weighted_median(sent[clear] / received[clear], shares[clear])
         usual[color] = np.clip(ratio, DARKEST, LIGHTEST)
     return Prior(usual, soft)
 
 
-def weighted_median(values, weights):
+def weighted_median(values: Floats, weights: Floats) -> float:
     """The value at half of the weight, of (N,) values with N > 0; the same in any order but for equal values."""
     return weighted_quantile(values, weights, 0.5)
 
 
-def weighted_quantile(values, weights, part):
+def weighted_quantile(values: Floats, weights: Floats, part: float) -> float:
     """The value at this part of the weight, of (N,) values with N > 0."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weights[order])
     return float(values[order][min(np.searchsorted(reached, part * reached[-1]), len(values) - 1)])
 
 
-def checked(colors, name):
+def checked(colors: ArrayLike, name: str) -> NDArray[np.float32]:
     """(N, 3) float32, finite and not negative: what is not finite, or below 0, is 0. Raises InputError for a shape."""
     colors = np.asarray(colors)
     if colors.ndim != 2 or colors.shape[1] != 3:

@@ -5,18 +5,28 @@ light from outside is unknown. Unit: that of C; the albedo's absolute scale is a
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Transfer
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
+from ..transfer.occluder import Occluder
 from . import fit, skylight, sun
-from .captured import HEIGHT, WIDTH, CapturedScene
-from .division import albedo_of
+from .captured import HEIGHT, WIDTH, Advance, CapturedScene, Estimate
+from .direct import Sunlit
+from .division import Prior, albedo_of
+from .seen import Looks
 from .under_sky import beside_alone, light_under_sky
+
+if TYPE_CHECKING:
+    from ..transfer.bounces import Interreflection
 
 LIGHT_BANDS = 5
 """Of the logarithm of the light. Albedo error by bands 3 to 7: on a trained object .18 .15 .14 .14 .14, on
@@ -34,18 +44,18 @@ for _color in range(3):
 
 
 def estimate(
-    occluder,  # Occluder
-    captured,  # (V, 3) linear exit radiance as captured, any unit
-    seed=0,
-    advance=lambda count: None,  # called with the number of vertices done, twice for each
-    transfer=None,  # (V, K) of the white scene, where there is one already
-    interreflection=None,  # Interreflection, likewise
-    sky=None,  # CapturedSky, where the capture saw its light
-    hopeless="",  # why the light cannot be told, where that is known
-    looks=None,  # Looks from where the capture stood: then it is what they show that counts, not area
-    volume=None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
-    sunlit=None,  # Suns -> their light on the white scene, as `direct_light` takes it
-):
+    occluder: Occluder,
+    captured: ArrayLike,  # (V, 3) linear exit radiance as captured, any unit
+    seed: int = 0,
+    advance: Advance = lambda count: None,  # called with the number of vertices done, twice for each
+    transfer: Transfer | None = None,  # (V, K) of the white scene, where there is one already
+    interreflection: "Interreflection | None" = None,  # likewise
+    sky: CapturedSky | None = None,  # where the capture saw its light
+    hopeless: str = "",  # why the light cannot be told, where that is known
+    looks: Looks | None = None,  # Looks from where the capture stood: then it is what they show that counts, not area
+    volume: Floats | None = None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
+    sunlit: Sunlit | None = None,  # Suns -> their light on the white scene, as `direct_light` takes it
+) -> Estimate:
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
     Of a captured sky, what was not clipped is taken as it is, and what was is at least 1; where it was looked at from
@@ -58,15 +68,15 @@ def estimate(
     problem = hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
-    if scene.under_sky:
-        told, light = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
-        if light is None or not light.sure:
+    if sky is not None and scene.under_sky:
+        told, lit = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
+        if lit is None or not lit.sure:
             computed = scene.transfer, scene.interreflection
             alone = estimate(occluder, captured, seed, advance, *computed, sunlit=sunlit)
-            if light is None or not alone.separable:
+            if lit is None or not alone.separable:
                 return alone
-            light = beside_alone(scene, light, alone.environment)
-        return scene.result(light.environment, told, brighter=False)._replace(under_sky=True)
+            lit = beside_alone(scene, lit, alone.environment)
+        return scene.result(lit.environment, told, brighter=False)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -81,17 +91,17 @@ def estimate(
 
 
 def with_known_light(
-    occluder,
-    captured,
-    environment,
-    seed=0,
-    advance=lambda count: None,
-    transfer=None,
-    interreflection=None,
-    sky=None,
-    looks=None,
-    sunlit=None,
-):
+    occluder: Occluder,
+    captured: ArrayLike,
+    environment: Environment,
+    seed: int = 0,
+    advance: Advance = lambda count: None,
+    transfer: Transfer | None = None,
+    interreflection: "Interreflection | None" = None,
+    sky: CapturedSky | None = None,
+    looks: Looks | None = None,
+    sunlit: Sunlit | None = None,
+) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
     Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
@@ -104,11 +114,12 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
-    measured = skylight.exposure_of(sky, environment) if scene.under_sky else None
-    if measured is not None:
+    known = sky if scene.under_sky else None
+    measured = None if known is None else skylight.exposure_of(known, environment)
+    if known is not None and measured is not None:
         measured = scene.usual(measured, luminance(received))
         shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
-        result = scene.result(shown, skylight.told_by_sky(sky), direct * measured, brighter=False)
+        result = scene.result(shown, skylight.told_by_sky(known), direct * measured, brighter=False)
         return result._replace(under_sky=True)
     light = fit.KnownLight(received, scene.bounced(), fit.UNIT)
     start = np.log(scene.start() / np.median(received, axis=0))[None] / fit.UNIT
@@ -120,7 +131,16 @@ def with_known_light(
     return scene.result(scaled, evidence, direct * gain.astype(np.float32))
 
 
-def under_light(occluder, captured, environment, prior, seed=0, transfer=None, interreflection=None, sunlit=None):
+def under_light(
+    occluder: Occluder,
+    captured: ArrayLike,
+    environment: Environment,
+    prior: Prior | None,
+    seed: int = 0,
+    transfer: Transfer | None = None,
+    interreflection: "Interreflection | None" = None,
+    sunlit: Sunlit | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
 
     environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
@@ -130,7 +150,7 @@ def under_light(occluder, captured, environment, prior, seed=0, transfer=None, i
     return albedo_of(scene.captured, irradiance, prior), irradiance
 
 
-def _image(theta, lamp=None):
+def _image(theta: NDArray[np.float64], lamp: sun.Sun | None = None) -> NDArray[np.float32]:
     """(H, W, 3) float32 radiance of the logarithm's coefficients (K, 3), and of a Sun beside it."""
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
     exponent = harmonics.evaluate(directions, math.isqrt(len(theta))) @ theta

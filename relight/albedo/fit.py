@@ -6,10 +6,14 @@ is far apart as an edge of the albedo, whatever its height.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
+
+from splat2mesh.base.arrays import Floats, Radiance
 
 from ..sh import harmonics
 
@@ -36,22 +40,26 @@ _SMALL_STEP = 1e-4  # of log radiance: no colour changes visibly
 _DAMPING = (1e-6, 1e3)  # of Levenberg and Marquardt, least and most, as parts of the diagonal
 
 
+Light: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""theta (M, 3) -> irradiance (N, 3) of places, and the derivative (N, 3, M) of its logarithm."""
+
+
 class Fit(NamedTuple):
     """theta: (M, 3). cost: float, at the finest scale. hessian: (3 M, 3 M) of the data alone, colours outermost."""
 
-    theta: np.ndarray
+    theta: NDArray[np.float64]
     cost: float
-    hessian: np.ndarray
+    hessian: NDArray[np.float64]
 
 
 class SmoothLight:
     """S = sum over k of sky_vk exp(Y_k theta) + bounce: radiance as the exponential of spherical harmonics."""
 
-    def __init__(self, sky, basis, bounce):
+    def __init__(self, sky: Floats, basis: Floats, bounce: Floats) -> None:
         """sky: (N, K). basis: (K, M). bounce: (N, 3)."""
         self._sky, self._basis, self._bounce = sky, basis.astype(np.float32), bounce
 
-    def __call__(self, theta):
+    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Irradiance (N, 3) and the derivative (N, 3, M) of its logarithm."""
         received = np.zeros(self._bounce.shape)
         slope = np.zeros((*self._bounce.shape, len(theta)))
@@ -66,12 +74,12 @@ class SmoothLight:
 class KnownLight:
     """S = exp(unit theta_0) D + bounce: a light known but for its exposure, in each colour."""
 
-    def __init__(self, direct, bounce, unit):
+    def __init__(self, direct: Radiance, bounce: Radiance, unit: float) -> None:
         """direct, bounce: (N, 3). unit: log radiance per unit of theta."""
         self._unit = unit
         self._direct, self._bounce = direct.astype(np.float64), bounce.astype(np.float64)
 
-    def __call__(self, theta):
+    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Irradiance (N, 3) and the derivative (N, 3, 1) of its logarithm."""
         direct = np.exp(np.clip(self._unit * theta[0], -30.0, 30.0)) * self._direct
         received = np.maximum(direct + self._bounce, 1e-12)
@@ -79,23 +87,24 @@ class KnownLight:
 
 
 def solve(
-    light,  # theta (M, 3) -> irradiance (N, 3), derivative of its logarithm (N, 3, M)
-    log_captured,  # (N, 3)
-    pairs,  # (P, 2) of places
-    weights,  # (P,)
-    start,  # theta (M, 3) that the prior pulls towards
-    prior,  # (3 M, 3 M) of (theta - start)^T prior (theta - start), colours outermost
-    begin=None,  # theta (M, 3) to begin with, at the finer scales alone; by default at the start, at all
-):
+    light: Light,  # theta (M, 3) -> irradiance (N, 3), derivative of its logarithm (N, 3, M)
+    log_captured: NDArray[np.float64],  # (N, 3)
+    pairs: NDArray[np.int64],  # (P, 2) of places
+    weights: NDArray[np.float64],  # (P,)
+    start: NDArray[np.float64],  # theta (M, 3) that the prior pulls towards
+    prior: NDArray[np.float64],  # (3 M, 3 M) of (theta - start)^T prior (theta - start), colours outermost
+    begin: NDArray[np.float64]
+    | None = None,  # theta (M, 3) to begin with, at the finer scales alone; by default at the start, at all
+) -> Fit:
     """The Fit that minimises sum w rho(|difference of log albedo| / scale) + STRENGTH * prior."""
     theta = (start if begin is None else begin).copy()
     pull = STRENGTH * prior
 
-    def log_albedo_of(theta):
+    def log_albedo_of(theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         received, slope = light(theta)
         return log_captured - np.log(received), slope
 
-    def cost_of(log_albedo, theta, scale):
+    def cost_of(log_albedo: NDArray[np.float64], theta: NDArray[np.float64], scale: float) -> float:
         difference = log_albedo[pairs[:, 0]] - log_albedo[pairs[:, 1]]
         square = (difference * difference).sum(axis=1) / scale**2
         off = (theta - start).T.ravel()
@@ -125,7 +134,7 @@ def solve(
     return Fit(theta, cost, hessian)
 
 
-def prior_of(bands):
+def prior_of(bands: int) -> NDArray[np.float64]:
     """(3 K, 3 K) of the quadratic prior on logarithmic coefficients, colours outermost.
 
     Brightness and colour of the mean are bounded; a coefficient of degree l is pulled to 0 with weight l.
@@ -142,10 +151,10 @@ def prior_of(bands):
 
 
 def evidence(
-    found,  # Fit
-    prior,  # (3 M, 3 M) as in `solve`
-    directions,  # (3 M, D) orthonormal columns: what is asked about
-):
+    found: Fit,
+    prior: NDArray[np.float64],  # (3 M, 3 M) as in `solve`
+    directions: NDArray[np.float64],  # (3 M, D) orthonormal columns: what is asked about
+) -> float:
     """How much the data say, in [0, 1]: 1 less what they leave of the prior's variance along the least known of
     these directions. 0: all is prior. Other parameters are free, and uncertain with them."""
     spread = np.linalg.inv(found.hessian + STRENGTH * prior)
@@ -155,14 +164,16 @@ def evidence(
     return float(np.clip(1.0 - left, 0.0, 1.0))
 
 
-def differences(log_albedo, pairs, weights, scale):
+def differences(
+    log_albedo: NDArray[np.float64], pairs: NDArray[np.int64], weights: NDArray[np.float64], scale: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Differences (P, 3) of the pairs and their weights (P,) under the robust function, over the squared scale."""
     difference = log_albedo[pairs[:, 0]] - log_albedo[pairs[:, 1]]
     square = (difference * difference).sum(axis=1) / scale**2
     return difference, weights / (1.0 + square) ** 2 / scale**2
 
 
-def laplacian(robust, pairs, count, values):
+def laplacian(robust: NDArray[np.float64], pairs: NDArray[np.int64], count: int, values: Floats) -> Floats:
     """(N, D): the weighted graph's Laplacian times values (N, D). It stands for the pairs, of which there are more."""
     across = coo_array((robust, pairs.T), (count, count)).tocsr()
     across = (across + across.T).astype(values.dtype)
@@ -170,13 +181,18 @@ def laplacian(robust, pairs, count, values):
     return own[:, None] * values - across @ values
 
 
-def pulled(difference, robust, pairs, count):
+def pulled(
+    difference: NDArray[np.float64], robust: NDArray[np.float64], pairs: NDArray[np.int64], count: int
+) -> NDArray[np.float64]:
     """(N,): how the robust sum changes with the logarithm of each place's irradiance, in one colour."""
     force = robust * difference
-    return np.bincount(pairs[:, 1], force, count) - np.bincount(pairs[:, 0], force, count)
+    gained, lost = (np.asarray(np.bincount(pairs[:, end], force, count), np.float64) for end in (1, 0))
+    return gained - lost
 
 
-def _normal(difference, robust, slope, pairs):
+def _normal(
+    difference: NDArray[np.float64], robust: NDArray[np.float64], slope: NDArray[np.float64], pairs: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gauss-Newton's matrix and gradient of the robust sum, colours outermost.
 
     einsum, since the threads of BLAS gain nothing here, and on a busy machine wait for each other a hundred times

@@ -8,7 +8,9 @@ environment light anything: the places are left as captured.
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Points
 from splat2mesh.scene.scene import Scene
 
 from ..sh.sphere import fibonacci_sphere
@@ -23,7 +25,7 @@ trained parlour with two windows has .055, scans of an office .001 and of an exh
 The mean over the whole mesh does not tell: the parlour's, with what its windows show outside, is .64."""
 
 
-def within(scene: Scene) -> np.ndarray:
+def within(scene: Scene) -> NDArray[np.float64]:
     """(E, 3) float64, scene frame: where the capture stood within; none unless it was inside a place closed in."""
     eyes = scene.capture.get("eyes", ()) if scene.capture.get("from") == "inside" else ()
     return np.asarray(eyes, np.float64).reshape(-1, 3)
@@ -32,7 +34,7 @@ def within(scene: Scene) -> np.ndarray:
 def closed_part(
     scene: Scene,
     occluder: Occluder,
-    visible: np.ndarray,  # (V,) visible fraction of the vertices' cosine lobes
+    visible: Floats,  # (V,) visible fraction of the vertices' cosine lobes
 ) -> float | None:
     """Mean part of the sky that reaches what was seen from within, in [0, 1]; None unless a closed room was captured.
 
@@ -45,7 +47,7 @@ def closed_part(
     return part if part <= MOST_CLOSED else None
 
 
-def sky_seen(scene: Scene, occluder: Occluder, visible: np.ndarray, eyes: np.ndarray) -> float:
+def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:
     """Mean visible fraction (V,) over what is seen from the eyes (E, 3), scene frame; 1 where there is nothing to see.
 
     Backs of faces, which nobody was meant to see, do not count.

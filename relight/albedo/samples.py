@@ -3,10 +3,14 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from splat2mesh.base.arrays import Directions, Floats, Indices, Mask
 
 from ..sh.sphere import fibonacci_sphere
 from ..transfer.neighbors import ranked_nodes
+from ..transfer.occluder import Occluder
 
 SAMPLES = 2500
 """Places. Other numbers were not tried; the time of the fit is proportional to it."""
@@ -40,14 +44,14 @@ class Samples(NamedTuple):
     """N places. vertices: (N,) indices. sky: (N, K) float32, cosine-weighted visibility of K directions, which sums
     to the visible fraction. directions: (K, 3) float64, unit. pairs: (P, 2) int64 of places. weights: (P,), sum 1."""
 
-    vertices: np.ndarray
-    sky: np.ndarray
-    directions: np.ndarray
-    pairs: np.ndarray
-    weights: np.ndarray
+    vertices: NDArray[np.int64]
+    sky: NDArray[np.float32]
+    directions: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    weights: NDArray[np.float64]
 
 
-def vertex_areas(occluder):
+def vertex_areas(occluder: Occluder) -> NDArray[np.float64]:
     """Area of the surface around every vertex, (V,) float64, as a part of the squared diagonal.
 
     Sums of whole numbers: they depend on no order of vertices or faces.
@@ -61,7 +65,7 @@ def vertex_areas(occluder):
     return areas / _AREA_GRID
 
 
-def roughness(occluder):
+def roughness(occluder: Occluder) -> NDArray[np.float64]:
     """(V,) float64: how much the normals around a vertex disagree, 1 less the length of their mean over two rings."""
     mean = occluder.normals.astype(np.float64)
     for _ in range(2):
@@ -75,7 +79,7 @@ def roughness(occluder):
     return 1.0 - np.linalg.norm(mean, axis=1)
 
 
-def places(occluder, areas, usable, count, seed):
+def places(occluder: Occluder, areas: Floats, usable: Mask, count: int, seed: int) -> NDArray[np.int64]:
     """Vertices (N,) spread evenly over the area of those `usable`, (V,) bool, in order along a curve through space.
 
     The same places in any order of vertices and any division into chunks.
@@ -95,7 +99,9 @@ def places(occluder, areas, usable, count, seed):
     return order[first[chosen]]
 
 
-def sky_of(occluder, vertices, directions):
+def sky_of(
+    occluder: Occluder, vertices: Indices, directions: Directions
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """(N, K) float32: (4 / K) max(0, n d) where the direction is free, and the share (N,) of hits met from behind."""
     sky = np.zeros((len(vertices), len(directions)), np.float32)
     behind = np.zeros(len(vertices))
@@ -119,7 +125,7 @@ def sky_of(occluder, vertices, directions):
     return sky, behind
 
 
-def neighbor_pairs(positions):
+def neighbor_pairs(positions: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Pairs (P, 2) of places and their weights (P,), which sum to 1: each spacing has the same total."""
     found, weights = [], []
     for spacing in SPACINGS:
@@ -138,7 +144,7 @@ def neighbor_pairs(positions):
     return np.concatenate(found), np.concatenate(weights) / len(found)
 
 
-def take(occluder, areas, usable, seed):
+def take(occluder: Occluder, areas: Floats, usable: Mask, seed: int) -> Samples:
     """The Samples of a scene among its usable vertices, (V,) bool; there may be few, or none."""
     count, directions = SAMPLES, fibonacci_sphere(DIRECTIONS)
     tried = places(occluder, areas, usable, round(SPARE * count), seed)

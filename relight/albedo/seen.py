@@ -7,7 +7,9 @@ and their area is half of the whole, so that neither an estimate of light nor it
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Integers, Mask
 from splat2mesh.scene.scene import Scene
 
 from ..sh.sphere import fibonacci_sphere
@@ -24,24 +26,24 @@ class Looks(NamedTuple):
     """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
     each corner has of the point, which sum to 1. distance: (L,) float32, in the occluder's unit frame."""
 
-    corners: np.ndarray
-    shares: np.ndarray
-    distance: np.ndarray
+    corners: NDArray[np.int64]
+    shares: NDArray[np.float32]
+    distance: NDArray[np.float32]
 
-    def of(self, rows: np.ndarray) -> "Looks":
+    def of(self, rows: Mask | Integers) -> "Looks":
         """Some of the looks."""
-        return Looks(*(each[rows] for each in self))
+        return Looks(self.corners[rows], self.shares[rows], self.distance[rows])
 
-    def at(self, values: np.ndarray) -> np.ndarray:
+    def at(self, values: Floats) -> Floats:
         """Values (V, C) of vertices as values (L, C) of what is seen."""
         return np.einsum("lk,lkc->lc", self.shares, values[self.corners])
 
-    def sizes(self, count: int) -> np.ndarray:
+    def sizes(self, count: int) -> NDArray[np.float64]:
         """(V,) float64: how many looks each of `count` vertices was met by, in parts."""
-        return np.bincount(self.corners.ravel(), self.shares.ravel(), count)
+        return np.asarray(np.bincount(self.corners.ravel(), self.shares.ravel(), count), np.float64)
 
 
-def looks_over(occluder: Occluder, areas: np.ndarray, seed: int) -> Looks:
+def looks_over(occluder: Occluder, areas: Floats, seed: int) -> Looks:
     """What is seen of a scene whose cameras are not known: vertices spread evenly over the area of its surface, as from
     half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
     from .samples import places
@@ -52,7 +54,7 @@ def looks_over(occluder: Occluder, areas: np.ndarray, seed: int) -> Looks:
     return Looks(np.repeat(rows[:, None], 3, axis=1), shares, np.full(len(rows), 0.5, np.float32))
 
 
-def standing(scene: Scene) -> np.ndarray:
+def standing(scene: Scene) -> NDArray[np.float64]:
     """(E, 3) float64, scene frame: where the capture of a place stood; none of an object."""
     eyes = scene.capture.get("eyes", ()) if scene.is_place else ()
     return np.asarray(eyes, np.float64).reshape(-1, 3)

@@ -5,15 +5,20 @@ clipped and the unseen are the exponentials of spherical harmonics of their own:
 what lies beside it, and no few harmonics would hold the step.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
+from splat2mesh.scene.measured import CapturedSky
 
+from ..light.environment import Environment
 from ..sh import harmonics
 from . import fit
 from .division import weighted_median
@@ -79,12 +84,12 @@ class SkyParts(NamedTuple):
     """A sky's parts at directions (K, 3). known: (K, 3) radiance that binds, with 1 for what was clipped. unseen,
     clipped: (K, 3) shares of the direction; below the horizon the unseen counts as GROUND."""
 
-    known: np.ndarray
-    unseen: np.ndarray
-    clipped: np.ndarray
+    known: NDArray[np.float64]
+    unseen: NDArray[np.float64]
+    clipped: NDArray[np.float64]
 
     @classmethod
-    def at(cls, sky, directions):
+    def at(cls, sky: CapturedSky, directions: Directions) -> "SkyParts":
         """The parts of a CapturedSky around directions (K, 3) that share the sphere evenly, means over each's cell."""
         height, width = sky.bound.shape[:2]
         texels = texel_directions(height, width).reshape(-1, 3)
@@ -92,7 +97,7 @@ class SkyParts(NamedTuple):
         owner = cKDTree(directions).query(texels)[1]
         total = np.bincount(owner, areas, len(directions))
 
-        def mean(values):
+        def mean(values: Floats) -> NDArray[np.float64]:
             columns = values.reshape(-1, 3).astype(np.float64).T
             sums = np.stack([np.bincount(owner, areas * column, len(directions)) for column in columns], axis=1)
             return sums / np.maximum(total, 1e-12)[:, None]
@@ -102,7 +107,7 @@ class SkyParts(NamedTuple):
         return cls(known, _unseen(bound, clipped, directions), clipped)
 
     @classmethod
-    def looked_up(cls, sky, directions):
+    def looked_up(cls, sky: CapturedSky, directions: Directions) -> "SkyParts":
         """The parts at any directions (D, 3): those of the texel that each falls into."""
         height, width = sky.bound.shape[:2]
         x, y, z = np.asarray(directions, np.float64).T
@@ -113,7 +118,7 @@ class SkyParts(NamedTuple):
         return cls(bound * sky.radiance[at] + clipped, _unseen(bound, clipped, directions), clipped)
 
 
-def unmixed(sky):
+def unmixed(sky: CapturedSky) -> CapturedSky:
     """A CapturedSky whose texels beside clipped ones are mixtures, as splats blur them: part BEFORE_SKY, part clipped.
 
     Sky between branches was clipped in the pictures, but blurred with them it is not, and would bind as a dark sky.
@@ -135,13 +140,15 @@ class SkyLight:
     theta: (M, 3), the UNSEEN_BANDS^2 coefficients of theta_u above the EXCESS_BANDS^2 of theta_c.
     """
 
-    def __init__(self, sky, parts, directions, bounce):
+    def __init__(
+        self, sky: NDArray[np.float32], parts: SkyParts, directions: Directions, bounce: NDArray[np.float64]
+    ) -> None:
         """sky: (N, K) of Samples. parts: SkyParts at the directions (K, 3). bounce: (N, 3)."""
         self._sky, self._bounce = sky, bounce + sky @ parts.known
         self._shares = parts.unseen.astype(np.float32), parts.clipped.astype(np.float32)
         self._bases = [harmonics.evaluate(directions, bands).astype(np.float32) for bands in BANDS]
 
-    def __call__(self, theta):
+    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Irradiance (N, 3) and the derivative (N, 3, M) of its logarithm."""
         received, slope = np.zeros(self._bounce.shape), np.zeros((*self._bounce.shape, len(theta)))
         for color in range(3):
@@ -158,12 +165,12 @@ class SkyLight:
 
 
 def start_of(
-    light,  # SkyLight
-    parts,  # SkyParts, that it is of
-    directions,  # (K, 3)
-    captured,  # (N, 3) colours of its places
-    usual,  # (3,) radiance of a uniform light, where nothing was seen
-):
+    light: SkyLight,
+    parts: SkyParts,  # that it is of
+    directions: Directions,  # (K, 3)
+    captured: NDArray[np.float64],  # (N, 3) colours of its places
+    usual: Floats,  # (3,) radiance of a uniform light, where nothing was seen
+) -> NDArray[np.float64]:
     """theta (M, 3) to begin with: the upper half of what was not seen is as bright as what was, before it was clipped,
     and of what was clipped as much exceeds 1, in all colours alike, as makes the median albedo USUAL_ALBEDO."""
     unit = 1.0 / np.sqrt(4.0 * np.pi)
@@ -181,7 +188,9 @@ def start_of(
     return theta
 
 
-def radiance(parts, theta, directions):
+def radiance(
+    parts: SkyParts, theta: NDArray[np.float64], directions: Directions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(known, free): radiance (D, 3) that binds and that the two exponentials give, at directions with these parts."""
     free, start = np.zeros_like(parts.known), 0
     for bands, shares in zip(BANDS, (parts.unseen, parts.clipped), strict=True):
@@ -190,13 +199,13 @@ def radiance(parts, theta, directions):
     return parts.known, free
 
 
-def without_excess(parts, theta, directions):
+def without_excess(parts: SkyParts, theta: NDArray[np.float64], directions: Directions) -> NDArray[np.float64]:
     """(D, 3) radiance at directions with these parts, as `radiance` gives it, but that what was clipped is 1."""
     unseen = _exponential(harmonics.evaluate(directions, UNSEEN_BANDS), theta[: UNSEEN_BANDS**2])
     return parts.known + parts.unseen * unseen
 
 
-def prior_of(of_bands):
+def prior_of(of_bands: Callable[[int], NDArray[np.float64]]) -> NDArray[np.float64]:
     """(3 M, 3 M), colours outermost, of the prior `of_bands` gives an exponential by its bands, in units of fit's."""
     unseen, excess = UNSEEN_BANDS**2, EXCESS_BANDS**2
     prior = np.zeros((3, unseen + excess, 3, unseen + excess))
@@ -206,14 +215,14 @@ def prior_of(of_bands):
     return prior.reshape(3 * (unseen + excess), -1) * (STRENGTH / fit.STRENGTH)
 
 
-def told_by_sky(sky):
+def told_by_sky(sky: CapturedSky) -> float:
     """Part of the upper hemisphere, weighted as level ground is lit, that was seen: in [0, 1]."""
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
     return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())
 
 
-def exposure_of(sky, environment):
+def exposure_of(sky: CapturedSky, environment: Environment) -> np.float32 | None:
     """Captured colour per radiance of a known Environment: the median over what of a CapturedSky binds, weighted by the
     square of its height, since trees stand low; None where there is too little to tell."""
     height, width = sky.bound.shape[:2]
@@ -228,11 +237,11 @@ def exposure_of(sky, environment):
     return np.float32(weighted_median(ratio, areas[binds][lit] * directions[binds][lit, 1] ** 2))
 
 
-def _unseen(bound, clipped, directions):
+def _unseen(bound: Floats, clipped: Floats, directions: Directions) -> NDArray[np.float64]:
     """Shares (D, 3) of directions that were not seen, less the light that the ground around does not send back."""
     below = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
     return below * np.clip(1.0 - bound - clipped, 0.0, 1.0)
 
 
-def _exponential(basis, theta):
+def _exponential(basis: Floats, theta: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.exp(np.clip(basis @ theta, -30.0, 30.0))

@@ -5,16 +5,21 @@ tried by what a Gauss-Newton step that adds light from there would gain, all els
 fitted together with the rest.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Indices
 from splat2mesh.scene.color import luminance
 
 from ..light import projections
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
+from ..transfer.occluder import Occluder
 from . import fit
+from .samples import Samples
 
 CAP_DEG = 25.0
 """Around the brightest direction of the smooth light: of suns at noon and sunset that was 1 to 7 degrees off."""
@@ -42,20 +47,20 @@ class Sun(NamedTuple):
     """direction: (3,) unit, scene frame. width_deg: spread of its lobe. received: (N,) irradiance over pi of places
     by a sun of irradiance 1. irradiance: (3,) at right angles, or None before it is fitted."""
 
-    direction: np.ndarray
+    direction: NDArray[np.float64]
     width_deg: float
-    received: np.ndarray
-    irradiance: np.ndarray | None = None
+    received: Floats
+    irradiance: Floats | None = None
 
 
 class SunnyLight:
     """A light and a sun: the parameters of the light, and below them the logarithm of the sun's irradiance."""
 
-    def __init__(self, light, received):
+    def __init__(self, light: fit.Light, received: Floats) -> None:
         """light: of theta (M, 3), as `fit.solve` takes it. received: (N,) of a Sun."""
         self._light, self._received = light, received[:, None].astype(np.float64)
 
-    def __call__(self, theta):
+    def __call__(self, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Irradiance (N, 3) and the derivative (N, 3, M + 1) of its logarithm."""
         received, slope = self._light(theta[:-1])
         sun = np.exp(np.clip(theta[-1], -30.0, 30.0)) * self._received
@@ -64,16 +69,17 @@ class SunnyLight:
 
 
 def with_sun(
-    occluder,
-    places,  # Samples
-    light,  # of theta (M, 3), as `fit.solve` takes it
-    log_captured,  # (N, 3) of the places
-    found,  # Fit of the light alone, to SH coefficients of its logarithm
-    start,  # (M, 3)
-    prior,  # (3 M, 3 M), colours outermost
-    least_gain=None,  # relative fall of the cost for which it is believed, MIN_GAIN by default
-    brightness=None,  # directions (D, 3) -> (D,) luminance of the smooth light where a sun may stand, 0 elsewhere
-):
+    occluder: Occluder,
+    places: Samples,
+    light: fit.Light,  # of theta (M, 3), as `fit.solve` takes it
+    log_captured: NDArray[np.float64],  # (N, 3) of the places
+    found: fit.Fit,  # Fit of the light alone, to SH coefficients of its logarithm
+    start: NDArray[np.float64],  # (M, 3)
+    prior: NDArray[np.float64],  # (3 M, 3 M), colours outermost
+    least_gain: float | None = None,  # relative fall of the cost for which it is believed, MIN_GAIN by default
+    brightness: Callable[[Directions], Floats]
+    | None = None,  # directions (D, 3) -> (D,) luminance of the smooth light where a sun may stand, 0 elsewhere
+) -> tuple[NDArray[np.float64], Sun | None]:
     """(theta (M, 3), Sun): the light beside the best sun, and that; or the light alone and None."""
     width, least_gain = len(start), MIN_GAIN if least_gain is None else least_gain
     sphere = fibonacci_sphere(CANDIDATES)
@@ -101,13 +107,22 @@ def with_sun(
     return again.theta[:-1], sun._replace(irradiance=np.exp(np.clip(again.theta[-1], -30.0, 30.0)))
 
 
-def _harmonic(directions, theta):
+def _harmonic(directions: Directions, theta: NDArray[np.float64]) -> NDArray[np.float64]:
     """Radiance (D, 3) whose logarithm has SH coefficients theta (M, 3)."""
     basis = harmonics.evaluate(directions, int(np.sqrt(len(theta))))
     return np.exp(np.clip(basis @ theta, -30.0, 30.0))
 
 
-def _candidate(occluder, places, light, log_captured, found, prior, sphere, bright):
+def _candidate(
+    occluder: Occluder,
+    places: Samples,
+    light: fit.Light,
+    log_captured: NDArray[np.float64],
+    found: fit.Fit,
+    prior: NDArray[np.float64],
+    sphere: Directions,
+    bright: Floats,
+) -> Sun | None:
     """The Sun, not fitted, whose addition would gain most; None where no place sees any."""
     near = sphere[(sphere @ sphere[np.argmax(bright)] > np.cos(np.radians(CAP_DEG))) & (bright > 0.0)]
     if len(near) == 0:
@@ -128,7 +143,7 @@ def _candidate(occluder, places, light, log_captured, found, prior, sphere, brig
     return best
 
 
-def _lit(occluder, vertices, directions):
+def _lit(occluder: Occluder, vertices: Indices, directions: Directions) -> NDArray[np.float32]:
     """(N, S) float32: what white vertices send out under suns of irradiance 1, in the shadow of everything."""
     lit = np.maximum(occluder.normals[vertices] @ directions.T.astype(np.float32), np.float32(0.0))
     for start in range(0, len(vertices), 1024):
@@ -140,17 +155,27 @@ def _lit(occluder, vertices, directions):
     return lit / np.float32(np.pi)
 
 
-def _gains(shading, received, slope, difference, robust, pairs, free):
+def _gains(
+    shading: NDArray[np.float32],
+    received: NDArray[np.float64],
+    slope: NDArray[np.float64],
+    difference: NDArray[np.float64],
+    robust: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+    free: Floats,
+) -> NDArray[np.float64]:
     """(S,) what the cost would fall by, to second order, with the best irradiance of each sun, not negative.
 
     shading: (N, S). received, slope: of the light alone. free: (3 M, 3 M), inverse of its Gauss-Newton matrix: the
     light makes room for the sun (Schur complement).
     """
     count, width = slope.shape[0], slope.shape[2]
-    gradient, own, across = [], [], []
+    pulls: list[NDArray[np.float64]] = []
+    own: list[NDArray[np.float64]] = []
+    across: list[NDArray[np.float64]] = []
     for color in range(3):
-        change = shading / received[:, color, None].astype(np.float32)
-        gradient.append(fit.pulled(difference[:, color], robust, pairs, count) @ change)
+        change = np.divide(shading, received[:, color, None].astype(np.float32))
+        pulls.append(fit.pulled(difference[:, color], robust, pairs, count) @ change)
         spread = fit.laplacian(robust, pairs, count, change)
         own.append(np.einsum("ns,ns->s", change, spread))
         across.append(np.ascontiguousarray(slope[:, color]).T @ spread)
@@ -160,12 +185,12 @@ def _gains(shading, received, slope, difference, robust, pairs, free):
         matrix[:, i, i] = own[i] + _LEAST_CURVATURE
         for j in range(3):
             matrix[:, i, j] -= (across[i] * (blocks[i, :, j] @ across[j])).sum(axis=0)
-    gradient = np.stack(gradient, axis=1)
+    gradient = np.stack(pulls, axis=1)
     step = np.maximum(np.linalg.solve(matrix, -gradient[:, :, None])[:, :, 0], 0.0)
     return -(gradient * step).sum(axis=1) - 0.5 * np.einsum("si,sij,sj->s", step, matrix, step)
 
 
-def image_of(lamp, height, width):
+def image_of(lamp: Sun, height: int, width: int) -> NDArray[np.float64]:
     """(height, width, 3) float64 radiance of a Sun, equirectangular."""
     cosine = projections.texel_directions(height, width) @ lamp.direction
     lobe = np.exp(-0.5 * (np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))) / lamp.width_deg) ** 2)

@@ -3,13 +3,17 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
 from . import contrast, fit, skylight, sun
-from .captured import HEIGHT, WIDTH
+from .captured import HEIGHT, WIDTH, CapturedScene
+from .samples import Samples
 
 
 class SkyLit(NamedTuple):
@@ -19,7 +23,7 @@ class SkyLit(NamedTuple):
     sure: bool
 
 
-def light_under_sky(scene, sky, volume=None):
+def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | None = None) -> SkyLit | None:
     """The SkyLit of a CapturedScene under a CapturedSky; None where that shows little and colours tell no more.
 
     volume: as in `estimate`. Not sure where the sky shows little, nobody stood within, and no sun is told.
@@ -37,7 +41,7 @@ def light_under_sky(scene, sky, volume=None):
     return None if little else SkyLit(_by_pairs(scene, sky, light, start), True)
 
 
-def beside_alone(scene, light, alone):
+def beside_alone(scene: CapturedScene, light: SkyLit, alone: Environment) -> SkyLit:
     """The SkyLit half of one that is not sure, half of the Environment that colours tell with no sky at all.
 
     The latter as bright as the former, in the median of what places receive: pairs of places tell no brightness.
@@ -48,12 +52,14 @@ def beside_alone(scene, light, alone):
     return SkyLit(Environment(radiance.astype(np.float32), "estimated"), False)
 
 
-def _by_pairs(scene, sky, light, start):
+def _by_pairs(
+    scene: CapturedScene, sky: CapturedSky, light: skylight.SkyLight, start: NDArray[np.float64]
+) -> Environment:
     """The Environment of what a CapturedSky binds, and of the rest as pairs of places tell it."""
     places, prior = scene.places, skylight.prior_of(fit.prior_of)
     found = scene.fitted(light, start, prior)
 
-    def radiance(directions, theta):
+    def radiance(directions: Directions, theta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return skylight.radiance(skylight.SkyParts.looked_up(sky, directions), theta, directions)
 
     theta, lamp = sun.with_sun(
@@ -68,7 +74,9 @@ def _by_pairs(scene, sky, light, start):
     return Environment(image.astype(np.float32), "estimated")
 
 
-def _by_contrast(patches, sky, parts, start, places):
+def _by_contrast(
+    patches: contrast.Patches, sky: CapturedSky, parts: skylight.SkyParts, start: NDArray[np.float64], places: Samples
+) -> tuple[Environment, bool]:
     """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells; and whether
     that is a sun."""
     directions = places.directions
@@ -83,6 +91,6 @@ def _by_contrast(patches, sky, parts, start, places):
     image += region * found.excess * np.exp(texels @ found.lean)[:, None]
     image = image.reshape(HEIGHT, WIDTH, 3)
     if found.sun is not None:
-        lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, None, np.full(3, found.irradiance))
+        lamp = sun.Sun(found.sun, contrast.SUN_WIDTH_DEG, np.zeros(0), np.full(3, found.irradiance))
         image += sun.image_of(lamp, HEIGHT, WIDTH)
     return Environment(image.astype(np.float32), "estimated"), found.sun is not None

@@ -274,16 +274,16 @@ def _sent(
     return bounce
 
 
-def _prior(places: RoomIrradiance, stiff: float = STIFF) -> Floats:
+def _prior(places: RoomIrradiance, stiff: float = STIFF) -> NDArray[np.float64]:
     """(3 E, 3 E), colours outermost, in units of `fit.STRENGTH`."""
     count, lamps = len(places.emitters), places.lamps
     apart = np.degrees(np.arccos(np.clip(places.patches @ places.patches.T, -1.0, 1.0)))
     alike = np.exp(-0.5 * (apart / PATCH_REACH_DEG) ** 2)
 
-    def precision(whole: float, part: float) -> Floats:
+    def precision(whole: float, part: float) -> NDArray[np.float64]:
         spread = whole**2 * np.eye(count)
         spread[lamps:, lamps:] = whole**2 + part**2 * (alike + 0.01 * np.eye(count - lamps))
-        return np.linalg.inv(spread)
+        return np.asarray(np.linalg.inv(spread), np.float64)
 
     common = _common(places)
     gray = np.full((3, 3), 1.0 / 3.0)

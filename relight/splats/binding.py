@@ -44,7 +44,7 @@ class Binding:
 
     def __init__(
         self,
-        splats: Splats,  # Splats, as read, in their own frame
+        splats: Splats,  # as read, in their own frame
         scene: Scene,  # Scene made of them; its vertex colours are the captured ones
         views: Sequence[View]
         | None = None,  # list of View in the frame of the splats, for the fit; chosen by default, () for no fit

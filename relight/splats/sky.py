@@ -140,9 +140,9 @@ def _surface(height: Floats, color: Floats, level: float) -> Mask:
 
 
 def under_sky(
-    splats: Splats,  # Splats, relit, every row of the source
+    splats: Splats,  # relit, every row of the source
     rows: Indices,  # (M,) which of them are far background
-    environment: "Environment",  # Environment, turned as the scene is lit
+    environment: "Environment",  # turned as the scene is lit
     scene_from_splat: ArrayLike,  # (4, 4)
     exposure: float,  # shown = radiance * exposure
     choice: str = "new",  # of SKIES; "keep" is for the caller not to ask

@@ -15,7 +15,7 @@ from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_
 from splat2mesh.splats.splats import clean
 from splat2mesh.surface.extract import dilated, training_pixel
 
-from ..albedo import albedo_of
+from ..albedo import Prior, albedo_of
 from .atlas import Atlas, check_size, size_for, unwrap
 from .projected import seen_colors, views_of
 
@@ -75,7 +75,7 @@ def bake(
     scene: "Scene",
     splats: "Splats | None" = None,  # as `source_splats` reads them; None: colours of the vertices alone
     irradiance: NDArray | None = None,  # (V, 3) on the capture day, unit of the captured colours; None: they are albedo
-    prior: NDArray | None = None,  # of `albedo_of`
+    prior: Prior | None = None,  # of `albedo_of`
     size: int | None = None,  # of the texture in texels; by default as fine as the splat
     albedo: NDArray | None = None,  # (V, 3) where it is known; then no splat is asked for it
     views: "list[View] | None" = None,  # in the frame of the splats; chosen by default
