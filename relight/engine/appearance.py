@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import load_array
+from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
@@ -142,7 +143,7 @@ def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str,
     return kept
 
 
-def _key(captured, capture_env, relighter):
+def _key(captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter") -> tuple[str, int]:
     """Under what an estimate is kept."""
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
@@ -159,7 +160,7 @@ def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> ND
     return None if kept is None else kept["albedo"]
 
 
-def _sky_of(scene):
+def _sky_of(scene: Scene) -> CapturedSky | None:
     """The CapturedSky of a Scene where it tells enough of the light, or None."""
     sky = None if scene.measured is None else scene.measured.sky
     return None if sky is None or told_by_sky(sky) < LEAST_TOLD else sky
@@ -217,8 +218,8 @@ def _estimated(
                 if room is not None:
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)
-            told_by = {"sky": sky, "looks": looks, "volume": volume, "hopeless": hopeless}
-            found = estimate(relighter.occluder, captured, relighter.seed, **known, **told_by)
+            asked = relighter.occluder, captured, relighter.seed
+            found = estimate(*asked, **known, sky=sky, hopeless=hopeless, looks=looks, volume=volume)
         else:
             found = with_known_light(
                 relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks

@@ -1,17 +1,21 @@
 """The baseline of the Neural-GASh paper: Blinn-Phong shading under an ambient light and a few lamps, no shadows."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Points, Vector
 from splat2mesh.base.errors import InputError
 
+from ..light.environment import Environment
 from ..light.sun_split import split
+from ..light.suns import Suns
 from ..sh.normals import unit_normals
 
 LAMPS = 16
 """Most lamps taken from an environment: a shader's loop of that time."""
 
 
-def lamps(environment, limit=LAMPS):
+def lamps(environment: Environment, limit: int = LAMPS) -> tuple[NDArray[np.float64], Suns]:
     """(ambient (3,) radiance, Suns): an environment as a shader knows it, at most `limit` lamps in constant light.
 
     All its energy: where the light has one band, what the suns leave is constant.
@@ -21,13 +25,13 @@ def lamps(environment, limit=LAMPS):
 
 
 def blinn_phong(
-    normals,  # (V, 3), scene frame, any length
-    light,  # Environment, or (ambient (3,), Suns) of `lamps`
-    vertices=None,  # (V, 3) scene frame; needed with an eye
-    eye=None,  # (3,) scene frame; without one no specular part
-    specular=0.0,  # share of light that is reflected as gloss, 0 to 1
-    shininess=32.0,
-):
+    normals: Directions,  # (V, 3), scene frame, any length
+    light: Environment | tuple[Vector, Suns],  # Environment, or (ambient (3,), Suns) of `lamps`
+    vertices: Points | None = None,  # (V, 3) scene frame; needed with an eye
+    eye: Vector | None = None,  # (3,) scene frame; without one no specular part
+    specular: float = 0.0,  # share of light that is reflected as gloss, 0 to 1
+    shininess: float = 32.0,
+) -> NDArray[np.float32]:
     """Radiance of white vertices, (V, 3) float32, without shadows: with specular = 0 what leaves in all directions.
 
     diffuse = ambient + sum of weight / pi max(0, n d); gloss = ambient + sum of weight (s + 8) / (8 pi)
@@ -42,19 +46,28 @@ def blinn_phong(
         raise InputError(
             f"expected a specular share from 0 to 1 and a shininess from 0 up, found {specular} and {shininess}"
         )
-    if specular > 0.0 and (eye is None or np.shape(vertices) != np.shape(normals)):
-        raise InputError(f"gloss needs an eye and one vertex per normal, found eye {eye} and {np.shape(vertices)}")
-    normals = unit_normals(normals).astype(np.float64)
-    cosine = np.maximum(normals @ suns.directions.T, 0.0)
-    radiance = np.asarray(ambient, np.float64) + cosine @ (suns.weights / np.pi)
+    found = () if vertices is None else np.shape(vertices)
+    if specular > 0.0 and (eye is None or vertices is None or found != np.shape(normals)):
+        raise InputError(f"gloss needs an eye and one vertex per normal, found eye {eye} and {found}")
+    unit = unit_normals(normals).astype(np.float64)
+    cosine = np.maximum(unit @ suns.directions.T, 0.0)
+    radiance = np.add(np.asarray(ambient, np.float64), cosine @ (suns.weights / np.pi))
     if specular > 0.0:
         radiance = (1.0 - specular) * radiance + specular * _gloss(
-            normals, cosine, ambient, suns, vertices, eye, shininess
+            unit, cosine, ambient, suns, vertices, eye, shininess
         )
     return radiance.astype(np.float32)
 
 
-def _gloss(normals, cosine, ambient, suns, vertices, eye, shininess):
+def _gloss(
+    normals: NDArray[np.float64],
+    cosine: NDArray[np.float64],
+    ambient: Vector,
+    suns: Suns,
+    vertices: Points | None,
+    eye: Vector | None,
+    shininess: float,
+) -> NDArray[np.float64]:
     toward_eye = np.asarray(eye, np.float64) - np.asarray(vertices, np.float64)
     toward_eye /= np.maximum(np.linalg.norm(toward_eye, axis=1, keepdims=True), 1e-30)
     gloss = np.broadcast_to(np.asarray(ambient, np.float64), normals.shape).copy()

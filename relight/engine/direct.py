@@ -1,33 +1,57 @@
 """Direct light: what harmonics carry of a light, by one product with the transfer, and single suns beside it."""
 
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices, Transfer
+from splat2mesh.base.progress import Stages
+
 from ..transfer.apply import BlockTransfer
 from ..transfer.split_light import split_light
+
+if TYPE_CHECKING:
+    from ..light.environment import Environment
+    from ..light.suns import Suns
+    from ..transfer.settings import Settings
+    from ..transfer.store import Cache
+
+
+class Geometry(Protocol):
+    """A geometry at rest or in motion, as `DirectLight` asks it."""
+
+    def transfer(self, settings: "Settings") -> tuple[Transfer, "Settings"]:
+        """(V, K) float32 of at least as many bands as the Settings ask for, and the Settings as done."""
+
+    def sunlight(self, suns: "Suns", settings: "Settings") -> NDArray[np.float32] | None:
+        """Exit radiance of white vertices under the suns, (V, 3) float32; None without suns."""
 
 
 class DirectLight:
     """The direct light on a white scene, light after light, whether it moves or not.
 
-    geometry: a StaticGeometry or a DynamicGeometry. Both tell, for Settings, `transfer(settings)`, which is (V, K) of
-    at least as many bands and the Settings as done, and `sunlight(suns, settings)`, (V, 3) or None without suns.
+    geometry: a StaticGeometry or a DynamicGeometry.
     """
 
-    def __init__(self, geometry, cache, stages):
+    def __init__(self, geometry: Geometry, cache: "Cache", stages: Stages) -> None:
         self._geometry, self._cache, self._stages = geometry, cache, stages
-        self._blocks, self._of = None, None
+        self._blocks: tuple[BlockTransfer, Transfer, int] | None = None  # of a transfer, in so many bands
 
-    def shade(self, environment, settings):
+    def shade(self, environment: "Environment", settings: "Settings") -> tuple[NDArray[np.float32], int, "Settings"]:
         """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
         transfer, done = self._geometry.transfer(settings)
         with self._stages.stage("light"):
             light, suns = split_light(environment, settings, self._cache)
         sunlight = self._geometry.sunlight(suns, settings)
         with self._stages.stage("shade"):
-            if self._of is None or self._of[0] is not transfer or self._of[1] != settings.bands:
-                self._blocks, self._of = BlockTransfer(transfer[:, : settings.bands**2]), (transfer, settings.bands)
-            return self._blocks.apply(light, other=sunlight), len(suns), done
+            known, bands = self._blocks, settings.bands
+            if known is None or known[1] is not transfer or known[2] != bands:
+                known = self._blocks = BlockTransfer(transfer[:, : bands**2]), transfer, bands
+            return known[0].apply(light, other=sunlight), len(suns), done
 
-    def renew(self, rows):
+    def renew(self, rows: Indices) -> None:
         """Take over rows, (M,), of a transfer that has changed in place."""
-        if self._of is not None:
-            transfer, bands = self._of
-            self._blocks.write(rows, transfer[rows, : bands**2])
+        if self._blocks is not None:
+            blocks, transfer, bands = self._blocks
+            blocks.write(rows, transfer[rows, : bands**2])

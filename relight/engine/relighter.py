@@ -15,14 +15,17 @@ from ..options import LightingOptions
 from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
-from .direct import DirectLight
+from .direct import DirectLight, Geometry
 from .static import StaticGeometry
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..planning.plan import Plan
+    from ..planning.planner import Planner
     from ..transfer.bounces import Interreflection
+    from ..transfer.occluder import Occluder
     from ..transfer.store import Cache
+    from .dynamic import DynamicGeometry
 
 PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
@@ -96,16 +99,16 @@ class Relighter:
         self._everything = self.options.unplanned
         if self.precomputed.foliage is None:
             self._everything = self._everything._replace(volume=0)
-        self._planner: Any = None
+        self._planner: Planner | None = None
         self._latest: Settings | None = None
-        self._dynamic: Any = None
-        self._albedo: Any = None
-        self._posed: Any = None
+        self._dynamic: DynamicGeometry | None = None
+        self._albedo: tuple[NDArray[np.floating], NDArray[np.float32] | None] | None = None
+        self._posed: Precomputed | None = None
         self._max_speed = max_speed
         if self.options.is_planned:
-            from ..planning.planner import Planner
+            from ..planning import planner
 
-            self._planner = Planner(self.precomputed, self.options, self.stages)
+            self._planner = planner.Planner(self.precomputed, self.options, self.stages)
 
     @property
     def effects(self) -> frozenset[str]:
@@ -118,7 +121,7 @@ class Relighter:
         return self._settings_now().method
 
     @property
-    def occluder(self):
+    def occluder(self) -> "Occluder":
         """The Occluder of the whole scene."""
         return self.precomputed.occluder
 
@@ -137,7 +140,7 @@ class Relighter:
 
     def interreflection(self, rays: int = BOUNCE_RAYS) -> "Interreflection":
         """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
-        if self._posed is not None:
+        if self._posed is not None and self._dynamic is not None:
             return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
 
@@ -203,8 +206,8 @@ class Relighter:
         if self._dynamic is not None:
             settings = self._dynamic.settings  # a new light is not planned while things move
         elif settings is None:
-            planned = self._planner is not None and self.options.method in PLANNED
-            settings = self._planner.settled(environment, tint) if planned else self._everything
+            planner = self._planner if self.options.method in PLANNED else None
+            settings = self._everything if planner is None else planner.settled(environment, tint)
         self._latest = settings
         direct, suns, done = self._direct(environment, settings)
         if not settings.bounce_rays or (self.options.fixed_effects is None and tint is None):
@@ -267,7 +270,7 @@ class Relighter:
         """Whether `catch_up` has something to do for direct light."""
         return self._dynamic is not None and self._dynamic.stale
 
-    def _tint(self, albedo_linear):
+    def _tint(self, albedo_linear: NDArray[np.floating] | None) -> NDArray[np.float32] | None:
         """The albedo as (V, 3) float32, None where it is white; looked through once, however many lights follow.
 
         Raises InputError for one that does not fit.
@@ -279,7 +282,7 @@ class Relighter:
             self._albedo = albedo_linear, None if (albedo == 1.0).all() else albedo
         return self._albedo[1]
 
-    def _direct(self, environment, settings):
+    def _direct(self, environment: "Environment", settings: Settings) -> tuple[NDArray[np.float32], int, Settings]:
         """Direct light on the white scene, (V, 3) float32 and never negative; how many suns; the Settings as done."""
         if settings.method != "blinn-phong":
             return self._direct_light.shade(environment, settings)
@@ -288,12 +291,12 @@ class Relighter:
         with self.stages.stage("shade"):
             return blinn_phong(self.scene.normals, environment), 0, settings
 
-    def _lit(self, geometry):
+    def _lit(self, geometry: Geometry) -> DirectLight:
         return DirectLight(geometry, self.cache, self.stages)
 
-    def _renewed(self, transfer_rows, light_rows):
+    def _renewed(self, transfer_rows: NDArray[np.int64], light_rows: NDArray[np.int64]) -> NDArray[np.int64]:
         self._direct_light.renew(transfer_rows)
         return light_rows
 
-    def _settings_now(self):
+    def _settings_now(self) -> Settings:
         return self._latest or self._everything

@@ -6,6 +6,7 @@ the model gets wrong in one light it mostly gets wrong in the other.
 
 import warnings
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
 from .appearance import CAPTURE_OF_PLACE, Appearance
 from .relighter import Relighter, Shading
+
+if TYPE_CHECKING:
+    from ..rooms.evenness import Evenness
 
 SOFTNESS = 0.05
 """Of the median light of the model: where less was modelled, the mean change weighs more than the place's own."""
@@ -150,7 +154,9 @@ class RelitRoom:
         assert self._look.room is not None
         return self._look.room
 
-    def _compared(self, after, settings):
+    def _compared(
+        self, after: NDArray[np.float32], settings: Settings
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         """(after, usual, below): the change is (after + usual) / below. after: as even as what it is compared with, and
         as far as the model is trusted; the rest takes the mean change."""
         before = self._model(settings)
@@ -158,7 +164,7 @@ class RelitRoom:
             after = self._even_light(after)
         soft = np.float32(SOFTNESS) * np.median(before, axis=0) + np.float32(1e-6)
         mean = after.sum(axis=0, dtype=np.float64) / np.maximum(before.sum(axis=0, dtype=np.float64), 1e-12)
-        usual, below, trust = mean.astype(np.float32), before + soft, self._look.room.trust[:, None]
+        usual, below, trust = mean.astype(np.float32), before + soft, self._known.trust[:, None]
         return trust * after, usual * (trust * soft + (1.0 - trust) * below), below
 
     def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
@@ -183,20 +189,20 @@ class RelitRoom:
         found[glowing] = shining
         return (found / self._level).astype(np.float32)
 
-    def _even_light(self, radiance):
+    def _even_light(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Radiance (V, 3) of which the light, not the albedo, is averaged along the surface."""
-        albedo = np.maximum(self._look.room.albedo, np.float32(DARKEST))
+        albedo = np.maximum(self._known.albedo, np.float32(DARKEST))
         return albedo * self._evenness.average(radiance / albedo, ROUNDS)
 
     @cached_property
-    def _evenness(self):
+    def _evenness(self) -> "Evenness":
         from ..rooms.evenness import Evenness
 
         return Evenness(self._relighter.occluder)
 
-    def _model(self, settings):
+    def _model(self, settings: Settings) -> NDArray[np.float32]:
         """(V, 3) what the model says that was captured, by these settings, as even as what is compared with it."""
-        room = self._look.room
+        room = self._known
         if self._before is None or self._before[0] != settings:
             before = room.by_lamps
             if not self._shut:

@@ -1,8 +1,19 @@
 """A geometry at rest: its transfer, of any settings and kept between runs, and the shadows of suns on it."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Transfer
+from splat2mesh.base.progress import Stages
 
 from ..transfer.sunlight import sunlight, sunlight_at
+
+if TYPE_CHECKING:
+    from ..light.suns import Suns
+    from ..transfer.precomputed import Precomputed
+    from ..transfer.settings import Settings
 
 
 class StaticGeometry:
@@ -11,14 +22,14 @@ class StaticGeometry:
     To the bit a DynamicGeometry of one body, but its visibility is kept for more bands, more rays and the next run.
     """
 
-    def __init__(self, precomputed, stages):
+    def __init__(self, precomputed: "Precomputed", stages: Stages) -> None:
         self._precomputed, self._stages = precomputed, stages
 
-    def transfer(self, settings):
+    def transfer(self, settings: "Settings") -> tuple[Transfer, "Settings"]:
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings with the rays it really has)."""
         return self._precomputed.transfer(settings)
 
-    def sunlight(self, suns, settings):
+    def sunlight(self, suns: "Suns", settings: "Settings") -> NDArray[np.float32] | None:
         """(V, 3) float32 of the suns. Where no shadows are wanted they are harmonics: a cosine needs no more."""
         if not len(suns):
             return None
@@ -28,7 +39,7 @@ class StaticGeometry:
                 light = self._precomputed.foliage.with_suns(light, suns)
         return light
 
-    def _on_surfaces(self, suns, settings):
+    def _on_surfaces(self, suns: "Suns", settings: "Settings") -> NDArray[np.float32]:
         occluder, count = self._precomputed.occluder, int(self._precomputed.sizes.sum())
         receivers = self._precomputed.receivers
         if settings.shadowed is None:
