@@ -4,14 +4,14 @@ light makes of it.
 
 import math
 import warnings
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance, Transfer
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance
 
 from ..light.environment import Environment
@@ -45,10 +45,6 @@ DARK = 0.002
 
 HEIGHT, WIDTH = 128, 256
 """Of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
-
-
-Advance: TypeAlias = Callable[[int], Any]
-"""Called with the number of vertices that are done since the last call."""
 
 
 class Estimate(NamedTuple):

@@ -24,8 +24,7 @@ def direct_light(
     occluder: Occluder,
     transfer: Transfer,  # (V, K) of the white scene
     environment: "Environment",  # scene frame
-    sunlit: Sunlit
-    | None = None,  # Suns -> their light on the white scene, (V, 3) float32, through leaves as the transfer has it
+    sunlit: Sunlit | None = None,  # what suns add; by default `sunlight` of the occluder
 ) -> NDArray[np.float32]:
     """Direct light on the white scene, (V, 3) float32, not negative: in the unit of the environment."""
     from ..light.sun_split import split

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Transfer
+from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.measured import CapturedSky
 
@@ -19,7 +20,7 @@ from ..light.environment import Environment
 from ..sh import harmonics
 from ..transfer.occluder import Occluder
 from . import fit, skylight, sun
-from .captured import HEIGHT, WIDTH, Advance, CapturedScene, Estimate
+from .captured import HEIGHT, WIDTH, CapturedScene, Estimate
 from .direct import Sunlit
 from .division import Prior, albedo_of
 from .seen import Looks

@@ -93,8 +93,7 @@ def solve(
     weights: NDArray[np.float64],  # (P,)
     start: NDArray[np.float64],  # theta (M, 3) that the prior pulls towards
     prior: NDArray[np.float64],  # (3 M, 3 M) of (theta - start)^T prior (theta - start), colours outermost
-    begin: NDArray[np.float64]
-    | None = None,  # theta (M, 3) to begin with, at the finer scales alone; by default at the start, at all
+    begin: NDArray[np.float64] | None = None,  # (M, 3) to begin with at the finer scales; without, the start, at all
 ) -> Fit:
     """The Fit that minimises sum w rho(|difference of log albedo| / scale) + STRENGTH * prior."""
     theta = (start if begin is None else begin).copy()

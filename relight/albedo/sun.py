@@ -77,8 +77,7 @@ def with_sun(
     start: NDArray[np.float64],  # (M, 3)
     prior: NDArray[np.float64],  # (3 M, 3 M), colours outermost
     least_gain: float | None = None,  # relative fall of the cost for which it is believed, MIN_GAIN by default
-    brightness: Callable[[Directions], Floats]
-    | None = None,  # directions (D, 3) -> (D,) luminance of the smooth light where a sun may stand, 0 elsewhere
+    brightness: Callable[[Directions], Floats] | None = None,  # (D, 3) -> (D,) luminance where a sun may stand, else 0
 ) -> tuple[NDArray[np.float64], Sun | None]:
     """(theta (M, 3), Sun): the light beside the best sun, and that; or the light alone and None."""
     width, least_gain = len(start), MIN_GAIN if least_gain is None else least_gain
@@ -152,7 +151,7 @@ def _lit(occluder: Occluder, vertices: Indices, directions: Directions) -> NDArr
         some = vertices[start : start + 1024]
         rays = np.hstack([occluder.origins[some][place], directions[sun].astype(np.float32)])
         block[place, sun] *= ~occluder.occluded(rays)
-    return lit / np.float32(np.pi)
+    return np.asarray(lit / np.float32(np.pi), np.float32)
 
 
 def _gains(

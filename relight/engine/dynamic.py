@@ -38,10 +38,10 @@ class DynamicGeometry:
     ) -> None:
         """before: that of the same scene with fewer moving chunks, whose pose and rays are taken over."""
         self.settings, self.moving = settings, frozenset(moving)
-        kept = {} if before is None else {"frame": before._traced.frame, "ranks": before._traced.ranks}
+        frame, ranks = (None, None) if before is None else (before._traced.frame, before._traced.ranks)
         pose = scene if before is None else before.scene(scene)
         parts = sorted(self.moving)
-        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, max_speed, **kept)
+        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, max_speed, frame, ranks)
         self._suns: Suns | None = None
         self._sunlight: DynamicSunlight | None = None
 

@@ -3,7 +3,7 @@
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.errors import DataWarning
 
@@ -11,7 +11,7 @@ DEGENERATE_LENGTH = 1e-6
 """A normal shorter than this (files store them with length 1) carries no direction."""
 
 
-def unit_normals(normals: NDArray) -> NDArray:
+def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
     """(V, 3) float32 unit normals; a degenerate one (too short, not finite) becomes +y, as in Neural-GASh.
 
     One DataWarning tells how many were.

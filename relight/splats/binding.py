@@ -46,8 +46,7 @@ class Binding:
         self,
         splats: Splats,  # as read, in their own frame
         scene: Scene,  # Scene made of them; its vertex colours are the captured ones
-        views: Sequence[View]
-        | None = None,  # list of View in the frame of the splats, for the fit; chosen by default, () for no fit
+        views: Sequence[View] | None = None,  # for the fit, frame of the splats; chosen by default, () for none
         seed: int = 0,  # of the choice
         advance: Callable[[int], None] = lambda count: None,  # called with the number of views looked at
         cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given

@@ -1,15 +1,16 @@
 """Transfer without visibility: the closed form from the normal alone."""
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..sh import harmonics
 from ..sh.normals import unit_normals
 
 
 def analytic(
-    normals,  # (V, 3), scene frame, any length
-    bands,
-):
+    normals: ArrayLike,  # (V, 3), scene frame, any length
+    bands: int,
+) -> NDArray[np.float32]:
     """Transfer of unoccluded white vertices: (V, K) float32, A_l / pi Y(n).
 
     Normals are used as `unit_normals` returns them. Raises InputError for bands outside 1..10.

@@ -11,7 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Transfer
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import cores, over
 
@@ -32,8 +34,8 @@ class BlockTransfer:
 
     def __init__(
         self,
-        transfer,  # (V, K) float
-    ):
+        transfer: ArrayLike,  # (V, K) float
+    ) -> None:
         """Raises InputError unless the transfer is (V, K) with K from 1 up."""
         transfer = np.asarray(transfer, np.float32)
         if transfer.ndim != 2 or transfer.shape[1] == 0:
@@ -48,16 +50,16 @@ class BlockTransfer:
             self._blocks[full, :, : self.count - full * BLOCK] = transfer[full * BLOCK :].T
 
     @property
-    def nbytes(self):
+    def nbytes(self) -> int:
         return self._blocks.nbytes
 
     @property
-    def transfer(self):
+    def transfer(self) -> Transfer:
         """The transfer as rows again: (V, K) float32, a copy."""
         rows = self._blocks.transpose(0, 2, 1).reshape(-1, self.coefficients)
         return np.ascontiguousarray(rows[: self.count], np.float32)
 
-    def write(self, rows, transfer):
+    def write(self, rows: ArrayLike, transfer: ArrayLike) -> None:
         """Replace rows, (N,) integers, by a transfer (N, K). Raises InputError for rows that are not there."""
         rows, transfer = np.asarray(rows), np.asarray(transfer, np.float32)
         check_shape("the new rows", transfer, (len(rows), self.coefficients))
@@ -67,14 +69,14 @@ class BlockTransfer:
 
     def apply(
         self,
-        light,  # (K, 3) float
-        out=None,  # (N, 3) float32, contiguous, written; made without
-        albedo=None,  # (N, 3), of the same vertices as `out`
-        other=None,  # (N, 3), light added before what is negative becomes 0, such as suns
-        begin=0,
-        end=None,  # vertices begin..end; all of them without
-        threads=None,  # at most; as many as there are cores without
-    ):
+        light: Floats,  # (K, 3) float
+        out: NDArray[np.float32] | None = None,  # (N, 3) float32, contiguous, written; made without
+        albedo: Floats | None = None,  # (N, 3), of the same vertices as `out`
+        other: Floats | None = None,  # (N, 3), light added before what is negative becomes 0, such as suns
+        begin: int = 0,
+        end: int | None = None,  # vertices begin..end; all of them without
+        threads: int | None = None,  # at most; as many as there are cores without
+    ) -> NDArray[np.float32]:
         """max(transfer . light + other, 0) x albedo of the vertices begin..end: (N, 3) float32, which is `out`.
 
         Raises InputError for arrays that do not fit.
@@ -97,7 +99,7 @@ class BlockTransfer:
         return out
 
 
-def _flat(name, array, shape):
+def _flat(name: str, array: Floats | None, shape: tuple[int, int]) -> NDArray[np.float32]:
     """An (N, 3) array as flat float32; an empty one for None."""
     if array is None:
         return np.zeros(0, np.float32)
@@ -106,7 +108,16 @@ def _flat(name, array, shape):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _multiply(begin, end, first, blocks, light, other, albedo, out):
+def _multiply(
+    begin: int,
+    end: int,
+    first: int,
+    blocks: NDArray[np.float32],
+    light: NDArray[np.float32],
+    other: NDArray[np.float32],
+    albedo: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
     """Vertices begin..end into the flat `out`; its first vertex is `first`, as are those of other and albedo."""
     sums, zero = np.zeros((3, BLOCK), np.float32), np.float32(0)
     floor = zero if len(other) == 0 else np.float32(-np.inf)

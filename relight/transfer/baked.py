@@ -6,13 +6,18 @@ close where that is needed: an interval is halved until the pose in its middle i
 """
 
 import bisect
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Coefficients, Floats, Radiance, Transfer
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Advance
 
 from .apply import BlockTransfer
+from .dynamic import Changes, DynamicTransfer
 
 POSE_TOLERANCE = 0.02
 
@@ -28,21 +33,24 @@ class BakedMotion:
 
     def __init__(
         self,
-        transfer,  # DynamicTransfer, moved about
-        changes_at,  # time in s -> chunk -> (vertices, normals), as `DynamicTransfer.update_all` takes them
-        duration_s,
-        tolerance=POSE_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
-        shortest_s=1 / 60,  # intervals are not halved below this
-        first_s=0.5,  # longest interval: a motion that comes back within one would not be seen
-        advance=lambda count: None,  # called with 1 for every pose computed
-    ):
+        transfer: DynamicTransfer,  # moved about
+        changes_at: Callable[
+            [float], Changes
+        ],  # time in s -> chunk -> (vertices, normals), as `DynamicTransfer.update_all` takes them
+        duration_s: float,
+        tolerance: float = POSE_TOLERANCE,  # relative L2 error of the transfer of what moves, and of what does not
+        shortest_s: float = 1 / 60,  # intervals are not halved below this
+        first_s: float = 0.5,  # longest interval: a motion that comes back within one would not be seen
+        advance: Advance = lambda count: None,  # called with 1 for every pose computed
+    ) -> None:
         """Raises InputError for a duration or steps that are not above 0, and for more than MAX_POSES poses."""
         if not (np.isfinite(duration_s) and duration_s > 0.0 and shortest_s > 0.0 and first_s > 0.0):
             raise InputError(f"a motion and its steps must last longer than 0 s, found {duration_s} s")
         self._traced, self._changes_at, self._advance = transfer, changes_at, advance
         self._tolerance, self._shortest = tolerance, shortest_s
         parts = [body.rows for body in transfer.bodies if len(body.rows)]
-        self._parts, self._poses, self.times, self.errors = parts, [], [], []
+        self._parts, self._poses = parts, list[BlockTransfer]()
+        self.times, self.errors = list[float](), list[float]()
         count = int(np.ceil(duration_s / first_s - 1e-9)) + 1
         self._keep(0.0, before := self._computed(0.0))
         for start, end in pairwise(np.linspace(0.0, duration_s, count).tolist()):
@@ -51,10 +59,12 @@ class BakedMotion:
             before = after
 
     @property
-    def nbytes(self):
+    def nbytes(self) -> int:
         return sum(pose.nbytes for pose in self._poses)
 
-    def radiance(self, time_s, light, out=None, albedo=None):
+    def radiance(
+        self, time_s: float, light: Coefficients, out: NDArray[np.float32] | None = None, albedo: Radiance | None = None
+    ) -> NDArray[np.float32]:
         """max(transfer . light, 0) x albedo at a time, (V, 3) float32; see `BlockTransfer.apply`.
 
         Before the first pose it is that of the first, after the last that of the last.
@@ -69,7 +79,7 @@ class BakedMotion:
             out += self._poses[after].apply(share * np.asarray(light), albedo=albedo)
         return out
 
-    def _fill(self, start, before, end, after):
+    def _fill(self, start: float, before: Transfer, end: float, after: Transfer) -> None:
         """Keep the poses after `start` up to `end`, whose transfers are given."""
         if end - start <= self._shortest:
             self._keep(end, after)
@@ -86,18 +96,18 @@ class BakedMotion:
         self._fill(start, before, middle, there)
         self._fill(middle, there, end, after)
 
-    def _computed(self, time_s):
+    def _computed(self, time_s: float) -> Transfer:
         self._traced.update_all(self._changes_at(time_s))
         self._advance(1)
         return self._traced.transfer.copy()
 
-    def _keep(self, time_s, transfer):
+    def _keep(self, time_s: float, transfer: Transfer) -> None:
         if len(self.times) == MAX_POSES:
             raise InputError(f"the motion needs more than {MAX_POSES} poses by {time_s:g} s: raise the tolerance")
         self.times.append(time_s)
         self._poses.append(BlockTransfer(transfer))
 
 
-def _ratio(off, whole):
+def _ratio(off: Floats, whole: Floats) -> float:
     norm = float(np.linalg.norm(whole))
     return float(np.linalg.norm(off)) / norm if norm else 0.0

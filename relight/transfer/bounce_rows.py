@@ -2,11 +2,15 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Integers
 from splat2mesh.base.threads import in_slices
 
 
-def packed(columns, weights, used):
+def packed(
+    columns: NDArray[np.int32], weights: NDArray[np.float32], used: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
     """The used beginnings of the rows as row starts (N + 1,), columns and weights, end to end."""
     starts = np.append(0, np.cumsum(used, dtype=np.int64))
     parts = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
@@ -15,7 +19,22 @@ def packed(columns, weights, used):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def merge(begin, end, rays, faces, uv, normals, corners, vertex_normals, grid, columns, weights, used, hits, behind):
+def merge(
+    begin: int,
+    end: int,
+    rays: NDArray[np.float32],
+    faces: Integers,
+    uv: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    corners: Integers,
+    vertex_normals: NDArray[np.float32],
+    grid: np.float32,
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    used: NDArray[np.int32],
+    hits: NDArray[np.int32],
+    behind: NDArray[np.int32],
+) -> None:
     """Rows of the matrix, unscaled: the weight of every vertex over all hits of a ray set, by first occurrence.
 
     The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit.
@@ -57,7 +76,15 @@ def merge(begin, end, rays, faces, uv, normals, corners, vertex_normals, grid, c
 
 
 @njit(cache=True, nogil=True)
-def join(begin, end, used, node, copies, columns, weights):
+def join(
+    begin: int,
+    end: int,
+    used: NDArray[np.int32],
+    node: NDArray[np.int32],
+    copies: NDArray[np.int32],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+) -> None:
     """Bring vertices of one node side by side in every row; all but the last of them are marked by ~vertex.
 
     A product of such a weight with a float32 is exact in float64, and so is the sum over a node whose vertices
@@ -78,7 +105,15 @@ def join(begin, end, used, node, copies, columns, weights):
 
 
 @njit(cache=True, nogil=True)
-def _pack(begin, end, columns, weights, starts, packed_columns, packed_weights):
+def _pack(
+    begin: int,
+    end: int,
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    packed_columns: NDArray[np.int32],
+    packed_weights: NDArray[np.float32],
+) -> None:
     for v in range(begin, end):
         for i in range(starts[v + 1] - starts[v]):
             packed_columns[starts[v] + i] = columns[v, i]
@@ -86,7 +121,15 @@ def _pack(begin, end, columns, weights, starts, packed_columns, packed_weights):
 
 
 @njit(cache=True, nogil=True)
-def gather_rgb(rows, starts, columns, weights, scale, radiance, result):
+def gather_rgb(
+    rows: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    scale: NDArray[np.float32],
+    radiance: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
     """Products of the rows with radiance (V, 3) into the result (V, 3), times the scale of each, (V,)."""
     for v in range(len(rows)):
         red, green, blue = 0.0, 0.0, 0.0
@@ -104,7 +147,15 @@ def gather_rgb(rows, starts, columns, weights, scale, radiance, result):
 
 
 @njit(cache=True, nogil=True)
-def gather(rows, starts, columns, weights, scale, radiance, result):
+def gather(
+    rows: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    scale: NDArray[np.float32],
+    radiance: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
     """The same of radiance (V, C)."""
     width = radiance.shape[1]
     total, node = np.zeros(width), np.zeros(width)

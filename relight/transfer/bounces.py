@@ -13,18 +13,28 @@ surface no vertex knows. Which side is the front, the vertex normals say, not th
 """
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Floats, Mask, Transfer
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
 from . import check_rays, sampling
 from .bounce_rows import gather, gather_rgb, join, merge, packed
 from .checks import check_shape, checked_albedo
 from .neighbors import ranked_nodes
+from .occluder import Occluder
+from .receivers import Receivers
 from .settings import BOUNCE_TOLERANCE
+
+Block: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]
+"""Sparse rows: where each begins (N + 1,), then columns and weights end to end."""
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):
@@ -44,7 +54,7 @@ BLOCK_COEFFICIENTS = 8
 A third of the time of one by one; 16 gain nothing more."""
 
 
-def _check_kept(arrays, count, traced):
+def _check_kept(arrays: Mapping[str, NDArray[Any]], count: int, traced: Mask) -> None:
     """Raise InputError unless the arrays are of a matrix of the rows `traced`, whose `count` columns are all there."""
     used, rows, columns = arrays["used"], arrays["block_rows"], arrays["columns"]
     whole = all(arrays[name].dtype.kind == "i" for name in ("rows", "hits", "copies", "used", "block_rows", "columns"))
@@ -83,13 +93,13 @@ class Interreflection:
 
     def __init__(
         self,
-        occluder,  # Occluder
-        rays=DEFAULT_BOUNCE_RAYS,  # per vertex
-        seed=0,
-        visible=None,  # (V,) visible fraction of the cosine lobe, as `visible_fraction` reads it from a transfer
-        advance=lambda count: None,  # called with the number of vertices done
-        receivers=None,  # Receivers: the rows that are traced, from which the others take over; all without
-    ):
+        occluder: Occluder,
+        rays: int = DEFAULT_BOUNCE_RAYS,  # per vertex
+        seed: int = 0,
+        visible: Floats | None = None,  # (V,) visible fraction of the cosine lobe; see `visible_fraction`
+        advance: Advance = lambda count: None,  # called with the number of vertices done
+        receivers: Receivers | None = None,  # the rows that are traced, from which others take over; all without
+    ) -> None:
         """Trace the rays. A row depends on its vertex, the seed and the scene, not on vertex order or threads.
 
         `visible` makes rows complement the direct light they are used with: row sums are scaled to 1 - visible,
@@ -101,7 +111,8 @@ class Interreflection:
         azimuths = sampling.fibonacci_azimuths(self.rays)
         count = len(occluder.origins)
         batch = max(1, BATCH_RAYS // self.rays)
-        self._blocks, self.hits = [], np.zeros(count, np.int32)
+        self._blocks: list[Block] = []
+        self.hits = np.zeros(count, np.int32)
         buffer = np.zeros((min(batch, count), self.rays, 6), np.float32)
         columns = np.zeros((len(buffer), 3 * self.rays), np.int32)
         weights = np.zeros(columns.shape, np.float32)
@@ -130,7 +141,13 @@ class Interreflection:
         self.scale_to(visible)
 
     @classmethod
-    def restored(cls, rays, arrays, visible=None, receivers=None):
+    def restored(
+        cls,
+        rays: int,
+        arrays: Mapping[str, NDArray[Any]],
+        visible: Floats | None = None,
+        receivers: Receivers | None = None,
+    ) -> "Interreflection":
         """One of `arrays` that were kept, rows scaled anew. Raises InputError for what does not fit: loops trust it."""
         self = cls.__new__(cls)
         count = len(arrays["hits"]) if visible is None else len(visible)
@@ -140,7 +157,8 @@ class Interreflection:
         self.rays, self.hits, self.back_hits = rays, arrays["hits"], float(arrays["back_hits"])
         copies, sizes = arrays["copies"], arrays["block_rows"]
         self.shares = 1.0 / copies
-        self._blocks, row, entry = [], 0, 0
+        self._blocks = []
+        row, entry = 0, 0
         for size in sizes:
             starts = np.append(0, np.cumsum(arrays["used"][row : row + size], dtype=np.int64))
             part = slice(entry, entry + starts[-1])
@@ -149,7 +167,7 @@ class Interreflection:
         self.scale_to(visible)
         return self
 
-    def arrays(self):
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes: all but the scaling of the rows."""
         starts, columns, weights = zip(*self._blocks, strict=True)
         return {
@@ -164,19 +182,19 @@ class Interreflection:
         }
 
     @property
-    def entries(self):
+    def entries(self) -> int:
         """Number of non-zeros."""
         return sum(len(columns) for _, columns, _ in self._blocks)
 
     @property
-    def nbytes(self):
+    def nbytes(self) -> int:
         """Memory of the matrix."""
         return sum(array.nbytes for block in self._blocks for array in block)
 
     def bounce(
         self,
-        radiance,  # (V, C) or (V,) exit radiance
-    ):
+        radiance: ArrayLike,  # (V, C) or (V,) exit radiance
+    ) -> NDArray[np.float32]:
         """B X: what a white vertex sends on of the light that reaches it from other surfaces; as X, float32.
 
         Raises InputError unless `radiance` has a row per vertex.
@@ -191,7 +209,7 @@ class Interreflection:
         cuts = np.cumsum([0] + [len(starts) - 1 for starts, _, _ in self._blocks])
         parts = [slice(*span) for span in pairwise(cuts)]
 
-        def work(part, block):
+        def work(part: slice, block: Block) -> None:
             kernel(self._rows[part], *block, self._scale, columns, result)
 
         list(in_order(work, parts, self._blocks))
@@ -199,11 +217,11 @@ class Interreflection:
             self.receivers.filled(result)
         return result.reshape(radiance.shape)
 
-    def scale_to(self, visible):
+    def scale_to(self, visible: Floats | None) -> None:
         """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
         self._scale = self._scales(visible)
 
-    def _scales(self, visible):
+    def _scales(self, visible: Floats | None) -> NDArray[np.float32]:
         """(V,) float32: what turns the plain sums over hits into rows."""
         if visible is None:
             return np.full(len(self.hits), 1.0 / self.rays, np.float32)
@@ -215,8 +233,8 @@ class Interreflection:
 
 
 def visible_fraction(
-    transfer,  # (V, K) of a white scene
-):
+    transfer: ArrayLike,  # (V, K) of a white scene
+) -> Floats:
     """Visible fraction of every vertex's cosine lobe, (V,): the answer to a constant sky, as exact as the transfer.
 
     In [0, 1]: a transfer of two or three rays, averaged, lies up to 0.16 outside, which is noise.
@@ -225,12 +243,12 @@ def visible_fraction(
 
 
 def with_bounces(
-    direct,  # (V, 3) exit radiance of the white scene in direct light, of any kind
-    albedo,  # (V, 3) linear, in [0, 1]
-    interreflection,  # Interreflection
-    tolerance=BOUNCE_TOLERANCE,
-    max_bounces=DEFAULT_MAX_BOUNCES,
-):
+    direct: NDArray[np.float32],  # (V, 3) exit radiance of the white scene in direct light, of any kind
+    albedo: ArrayLike,  # (V, 3) linear, in [0, 1]
+    interreflection: Interreflection,
+    tolerance: float = BOUNCE_TOLERANCE,
+    max_bounces: int = DEFAULT_MAX_BOUNCES,
+) -> tuple[NDArray[np.float32], list[float]]:
     """Exit radiance with interreflection, (V, 3) float32, and what each bounce gave: a list of floats.
 
     Contributions are relative L2 norms over vertices and colours: of a bounce's light, over all light so far. Copies
@@ -240,7 +258,8 @@ def with_bounces(
     """
     albedo = _checked(albedo, direct, interreflection)
     increment = albedo * np.asarray(direct, np.float32)
-    radiance, contributions = increment.copy(), []
+    radiance = increment.copy()
+    contributions: list[float] = []
     while len(contributions) < max_bounces and not _converged(contributions, tolerance):
         increment = albedo * interreflection.bounce(increment)
         radiance += increment
@@ -250,12 +269,12 @@ def with_bounces(
 
 
 def transfer_with_bounces(
-    transfer,  # (V, K) of the white scene
-    albedo,  # (V, 3) linear, in [0, 1]
-    interreflection,  # Interreflection
-    tolerance=BOUNCE_TOLERANCE,
-    max_bounces=DEFAULT_MAX_BOUNCES,
-):
+    transfer: Transfer,  # (V, K) of the white scene
+    albedo: ArrayLike,  # (V, 3) linear, in [0, 1]
+    interreflection: Interreflection,
+    tolerance: float = BOUNCE_TOLERANCE,
+    max_bounces: int = DEFAULT_MAX_BOUNCES,
+) -> tuple[NDArray[np.float32], list[float]]:
     """Transfer with interreflection, (V, K, 3) float32, and contributions as of `with_bounces`.
 
     It holds the albedo, which bounces tie to the geometry: exit radiance c = sum over k of T_kc L_kc, nothing more.
@@ -281,13 +300,13 @@ def transfer_with_bounces(
     return result, contributions
 
 
-def _checked(albedo, direct, interreflection):
+def _checked(albedo: ArrayLike, direct: Floats, interreflection: Interreflection) -> NDArray[np.float32]:
     """The albedo as float32; raises InputError unless it and the direct light fit the scene."""
     check_shape("the direct light", direct, (len(interreflection.hits), 3))
     return checked_albedo(albedo, len(interreflection.hits))
 
 
-def _converged(contributions, tolerance):
+def _converged(contributions: list[float], tolerance: float) -> bool:
     """Whether the bounces to come would add less than the tolerance, were each as much weaker as the last one."""
     if not contributions:
         return False
@@ -295,10 +314,10 @@ def _converged(contributions, tolerance):
     return last == 0.0 or (last < before and last * last / (before - last) < tolerance)
 
 
-def _norm(values, shares):
+def _norm(values: Floats, shares: Floats) -> float:
     """L2 norm, each row counted by its share (V,); in float64 by one thread: the same bits everywhere."""
     return math.sqrt(np.einsum("v,vc,vc->", shares, values, values, dtype=np.float64))
 
 
-def _described(array):
+def _described(array: Floats) -> str:
     return f"shape {array.shape}, values {array.min(initial=np.inf):g} to {array.max(initial=-np.inf):g}"

@@ -8,11 +8,16 @@ depend on the rank of their vertex, which stays, and not on history.
 """
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Faces, Indices, Integers, Mask, Points, Transfer
 from splat2mesh.base.distinct import distinct
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.scene import Scene
 
 from ..sh import harmonics, rotors
 from ..sh.normals import unit_normals
@@ -24,6 +29,12 @@ from .filtering import steps_for
 from .neighbors import ranked_nodes
 from .occluder import INPUT_ROUNDINGS, Frame
 from .visibility import BATCH_RAYS, completed
+
+Moving: TypeAlias = Sequence[int | Sequence[int]]
+"""Numbers of chunks, or of those that move as one."""
+
+Changes: TypeAlias = Mapping[int, tuple[Points, Directions]]
+"""Chunk -> (vertices, normals), (V, 3) each, scene frame."""
 
 
 class DynamicTransfer:
@@ -37,15 +48,15 @@ class DynamicTransfer:
 
     def __init__(
         self,
-        scene,
-        moving,  # chunks that may move: numbers, or lists of numbers of those that move as one
-        bands=DEFAULT_BANDS,
-        rays=DEFAULT_RAYS,
-        seed=0,
-        max_speed=math.inf,  # of any vertex, in diagonals of the scene per second, at which transfer is still computed
-        frame=None,  # Frame; that of the scene without
-        ranks=None,  # (V,) integers below V, by which vertices get their rays; along a curve in space without
-    ):
+        scene: Scene,
+        moving: Moving,
+        bands: int = DEFAULT_BANDS,
+        rays: int = DEFAULT_RAYS,
+        seed: int = 0,
+        max_speed: float = math.inf,  # of a vertex, diagonals of the scene per second; what is faster is carried along
+        frame: Frame | None = None,  # that of the scene without
+        ranks: Integers | None = None,  # (V,) below V, by which vertices get their rays; without, along a curve
+    ) -> None:
         """Raises InputError for chunks not there or named twice, bands outside 1..10, rays outside 1..65536."""
         self.bands, self.ray_count, self.max_speed = harmonics.check_bands(bands), check_rays(rays), float(max_speed)
         counts = [len(chunk.vertices) for chunk in scene.chunks]
@@ -59,44 +70,46 @@ class DynamicTransfer:
         self._azimuths = sampling.fibonacci_azimuths(self.ray_count)
         self._offsets = sampling.ranked_offsets(0, len(self._vertices), seed)
         self.transfer = np.zeros((len(self._vertices), self.bands**2), np.float32)
-        self.bodies, self.stale = self._split(np.repeat(self._body_of, counts), faces), set()
-        self._kept = {}  # pose and transfer of what is about to move or was too fast: number -> three arrays
-        self.ranks = None if ranks is None else np.asarray(ranks)
-        if ranks is not None and self.ranks.shape != self.transfer.shape[:1]:
-            raise InputError(f"expected a rank for each of {len(self.transfer)} vertices, found {self.ranks.shape}")
+        self.bodies = self._split(np.repeat(self._body_of, counts), faces)
+        self.stale: set[int] = set()
+        # Pose and transfer of what is about to move or was too fast, by the number of the body.
+        self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], Transfer]] = {}
+        known = None if ranks is None else np.asarray(ranks)
+        if known is not None and known.shape != self.transfer.shape[:1]:
+            raise InputError(f"expected a rank for each of {len(self.transfer)} vertices, found {known.shape}")
         for body in self.lit:
-            body.ranks = None if ranks is None else self.ranks[body.rows]
+            body.ranks = None if known is None else known[body.rows]
             self._place(body)
-        if ranks is None:
-            self.ranks = self._first_ranks()
+        self.ranks: Integers = self._first_ranks() if known is None else known
+        if known is None:
             for body in self.lit:
                 body.ranks = self.ranks[body.rows]
         self._refresh(self.lit)
 
     @property
-    def lit(self):
+    def lit(self) -> list[Body]:
         """The bodies that have vertices."""
         return [body for body in self.bodies if len(body.rows)]
 
     @property
-    def vertices(self):
+    def vertices(self) -> NDArray[np.float32]:
         """(V, 3) float32, scene frame: the pose that was given last."""
         return self._vertices
 
     @property
-    def normals(self):
+    def normals(self) -> NDArray[np.float32]:
         """(V, 3) float32, unit: of the pose that was given last."""
         return self._normals
 
-    def update(self, chunk, vertices, normals, seconds=None):
+    def update(self, chunk: int, vertices: Points, normals: Directions, seconds: float | None = None) -> Indices:
         """Move one chunk; see `update_all`."""
         return self.update_all({chunk: (vertices, normals)}, seconds)
 
     def update_all(
         self,
-        changes,  # chunk -> (vertices, normals), (V, 3) each, scene frame: as many as it had
-        seconds=None,  # since these chunks were given before; without, no speed is known and none is too high
-    ):
+        changes: Changes,  # chunk -> (vertices, normals), (V, 3) each, scene frame: as many as it had
+        seconds: float | None = None,  # since these chunks were given before; without, none is taken to be fast
+    ) -> Indices:
         """Bring the transfer up to date: the sorted rows of it that may be new, (M,).
 
         A body with a vertex faster than `max_speed` is only carried along: its transfer turns with it, what else there
@@ -104,7 +117,7 @@ class DynamicTransfer:
         Raises InputError for chunks that never move, and arrays that do not fit. Then nothing has changed.
         """
         checked = {chunk: self._checked(chunk, *arrays) for chunk, arrays in changes.items()}
-        moved = {}
+        moved: dict[int, float] = {}
         for chunk, (vertices, normals) in checked.items():
             rows = slice(self._starts[chunk], self._starts[chunk + 1])
             number = int(self._body_of[chunk])
@@ -119,20 +132,22 @@ class DynamicTransfer:
         carried = [self._carry(self.bodies[number]) for number in sorted(fast)]
         self.stale |= fast
         slow = [self.bodies[number] for number in sorted(set(moved) - fast)]
-        return distinct(np.concatenate([*carried, self._move(slow)]))
+        return np.asarray(distinct(np.concatenate([*carried, self._move(slow)])), np.int64)
 
-    def catch_up(self):
+    def catch_up(self) -> Indices:
         """Compute what was left out, because bodies were too fast: the sorted rows of the transfer that may be new."""
         return self._move([self.bodies[number] for number in sorted(self.stale)])
 
-    def _move(self, bodies):
+    def _move(self, bodies: Sequence[Body]) -> Indices:
         for body in bodies:
             self._place(body)
             self.stale.discard(body.number)
             self._kept.pop(body.number, None)
         return self._refresh(bodies)
 
-    def _checked(self, chunk, vertices, normals):
+    def _checked(
+        self, chunk: int, vertices: Points, normals: Directions
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         if not (0 <= chunk < len(self._body_of)) or self._body_of[chunk] == STATIC:
             movable = ", ".join(map(str, np.flatnonzero(self._body_of)))
             raise InputError(f"chunk {chunk} was not named among those that move; these are {movable}")
@@ -143,7 +158,7 @@ class DynamicTransfer:
         placed(self.frame, vertices)
         return vertices, unit_normals(normals)
 
-    def _split(self, owner, faces):
+    def _split(self, owner: Integers, faces: Faces) -> list[Body]:
         """The bodies, given that of every vertex, (V,)."""
         local = np.zeros(len(owner), np.int64)
         bodies = []
@@ -153,13 +168,13 @@ class DynamicTransfer:
             bodies.append(Body(number, rows, local[faces[owner[faces[:, 0]] == number]], self.bands))
         return bodies
 
-    def _place(self, body):
+    def _place(self, body: Body) -> None:
         vertices = self._vertices[body.rows]
         own = float(np.spacing(np.float32(np.abs(vertices).max(initial=0.0)))) / self.frame.diagonal
         rounding = INPUT_ROUNDINGS * max(own, self.frame.rounding)
         body.place(placed(self.frame, vertices), self._normals[body.rows], rounding)
 
-    def _first_ranks(self):
+    def _first_ranks(self) -> NDArray[np.int64]:
         """Rank of every vertex along a curve through the whole scene, (V,) int64, equal for equal vertices."""
         origins = np.zeros((len(self.transfer), 3), np.float32)
         for body in self.lit:
@@ -169,7 +184,7 @@ class DynamicTransfer:
         ranks[order] = np.cumsum(new_node) - 1
         return ranks
 
-    def _refresh(self, moved):
+    def _refresh(self, moved: Sequence[Body]) -> Indices:
         """Trace, sum and average what bodies at a new place can have changed: the sorted rows of the transfer."""
         rows = [np.zeros(0, np.int64)]
         for body in self.lit:
@@ -184,7 +199,7 @@ class DynamicTransfer:
                 rows.append(self._average(body, changed))
         return np.sort(np.concatenate(rows))
 
-    def _average(self, body, changed):
+    def _average(self, body: Body, changed: Mask) -> Indices:
         """Write the transfer around changed nodes: its rows."""
         steps = steps_for(self.ray_count, self.bands)
         nodes, model, rest = body.rings.averaged(
@@ -200,7 +215,7 @@ class DynamicTransfer:
             self.transfer[body.rows[part]] = completed(body.normals[part], model[at], rest[at])
         return body.rows[own]
 
-    def _carry(self, body):
+    def _carry(self, body: Body) -> Indices:
         """Guess the transfer of a body from that of the pose it was last computed in: its rows.
 
         What shadows took away turns with the body, what an open surface receives follows the normals. Against what is
@@ -214,18 +229,18 @@ class DynamicTransfer:
         return body.rows
 
 
-def _rotation(before, after):
+def _rotation(before: Points, after: Points) -> NDArray[np.float64]:
     """The rotation (3, 3) that comes closest to taking points (P, 3) to others, about their means (Kabsch, 1976)."""
     before, after = before - before.mean(axis=0, dtype=np.float64), after - after.mean(axis=0, dtype=np.float64)
     left, _, right = np.linalg.svd(after.T @ before)
     return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
 
 
-def _bodies(moving, chunks):
+def _bodies(moving: Moving, chunks: int) -> NDArray[np.int64]:
     """Number of the body of every chunk, (chunks,) int64: STATIC, or from 1 on."""
     body_of = np.full(chunks, STATIC, np.int64)
     for number, group in enumerate(moving, 1):
-        members = np.atleast_1d(group)
+        members: NDArray[np.int64] = np.atleast_1d(np.asarray(group))
         if members.dtype.kind != "i" or not len(members) or members.min() < 0 or members.max() >= chunks:
             raise InputError(f"chunks that move must be numbers from 0 to {chunks - 1}, found {group}")
         if (body_of[members] != STATIC).any() or len(set(members.tolist())) < len(members):

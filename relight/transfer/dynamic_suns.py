@@ -2,10 +2,14 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices
 from splat2mesh.base.threads import in_slices
 
+from ..light.suns import Suns
 from .bodies import Sight
+from .dynamic import DynamicTransfer
 from .reach import Beams
 from .sunlight import shining
 
@@ -18,16 +22,17 @@ class DynamicSunlight:
 
     def __init__(
         self,
-        transfer,  # DynamicTransfer
-        suns,  # Suns
-    ):
+        transfer: DynamicTransfer,
+        suns: Suns,
+    ) -> None:
         """Trace all of them. Raises InputError for directions that are not unit vectors."""
         self._directions, self._weights = shining(suns)
         self._traced, self.radiance = transfer, np.zeros((len(transfer.transfer), 3), np.float32)
-        self._sights, self._poses = {}, {}
+        self._sights: dict[int, Sight] = {}
+        self._poses: dict[int, int] = {}
         self.update()
 
-    def update(self):
+    def update(self) -> Indices:
         """Follow the DynamicTransfer after its own update: the sorted rows of the radiance that may be new, (M,)."""
         bodies = self._traced.lit
         moved = [body for body in bodies if self._poses.get(body.number) != body.poses]
@@ -56,7 +61,16 @@ class DynamicSunlight:
 
 
 @njit(cache=True, nogil=True)
-def _sum(begin, end, nodes, normals, directions, weights, hidden, radiance):
+def _sum(
+    begin: int,
+    end: int,
+    nodes: NDArray[np.int64],
+    normals: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    weights: NDArray[np.float64],
+    hidden: NDArray[np.uint8],
+    radiance: NDArray[np.float32],
+) -> None:
     """Sums as in `sunlight._sum`, over the suns as they stand."""
     for row in range(begin, end):
         nx, ny, nz = normals[nodes[row]]

@@ -10,11 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Mask
 from splat2mesh.base.threads import in_slices, read_only
 
 from ..sh import harmonics
 from . import filtering
+from .neighbors import Neighbors
 from .sampling import legendre_factors, squared_lobe
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
@@ -42,38 +45,40 @@ class Estimates:
     noise: (N,) float32, variance to be expected of a coefficient of the own rays. vertex: (N, VERTEX_FEATURES).
     """
 
-    shadows: np.ndarray
-    model: np.ndarray
-    rest: np.ndarray
-    noise: np.ndarray
-    vertex: np.ndarray
+    shadows: NDArray[np.float32]
+    model: NDArray[np.float32]
+    rest: NDArray[np.float32]
+    noise: NDArray[np.float32]
+    vertex: NDArray[np.float32]
 
 
 def estimate(
-    neighbors,  # Neighbors, N nodes
-    normals,  # (N, 3) float32, unit
-    model,  # (N, 4) float32 of `sampling.gather`
-    rest,  # (N, K) float32 of the same, at least `filtering.GUIDE_BANDS` bands
-    rays,  # per node
-):
+    neighbors: Neighbors,  # N nodes
+    normals: NDArray[np.float32],  # (N, 3) float32, unit
+    model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`
+    rest: NDArray[np.float32],  # (N, K) float32 of the same, at least `filtering.GUIDE_BANDS` bands
+    rays: int,  # per node
+) -> Estimates:
     """Average in all ways: Estimates. Where all nodes within four rings see everything, or nothing, all are equal."""
     count, bands = len(model), math.isqrt(rest.shape[1])
     shadows = np.zeros((len(ESTIMATES), *rest.shape), np.float32)
     rows, nodes = (neighbors.starts, neighbors.columns), np.arange(count)
 
-    def tables(bands):
+    def tables(bands: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
         return (
             legendre_factors(bands),
             (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32),
             squared_lobe(bands),
         )
 
-    def keep(name, model, rest):
+    def keep(name: str, model: NDArray[np.float32], rest: NDArray[np.float32]) -> NDArray[np.float32]:
         shadow = shadows[ESTIMATES.index(name)]
         in_slices(filtering._guides, count, normals, model, rest, nodes, *tables(bands), shadow)
         return shadow
 
-    def step(model, rest, weights, own):
+    def step(
+        model: NDArray[np.float32], rest: NDArray[np.float32], weights: NDArray[np.float32], own: NDArray[np.float32]
+    ) -> None:
         for first in range(0, 4 + rest.shape[1], filtering._COLUMNS):
             in_slices(filtering._take, count, model, rest, nodes, first, old)
             in_slices(filtering._blend, count, *rows, weights, own, old, model, rest, nodes, first)
@@ -109,12 +114,12 @@ def estimate(
 
 
 def describe(
-    estimates,  # Estimates
-    begin,
-    end,
-    basis,  # (end - begin, K) float32, Y(n)
-    chosen,  # (M,) int64, which of the nodes from `begin` on, counted from there
-):
+    estimates: Estimates,
+    begin: int,
+    end: int,
+    basis: NDArray[np.float32],  # (end - begin, K) float32, Y(n)
+    chosen: NDArray[np.int64],  # (M,) int64, which of the nodes from `begin` on, counted from there
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Invariants of M nodes: (M, VERTEX_FEATURES) and (M, B, BAND_FEATURES) float32, as the network takes them."""
     bands = math.isqrt(estimates.shadows.shape[2])
     vertex = estimates.vertex[begin + chosen]
@@ -123,7 +128,7 @@ def describe(
     return vertex, band
 
 
-def differing(estimates, begin, end):
+def differing(estimates: Estimates, begin: int, end: int) -> NDArray[np.int64]:
     """Which of the nodes begin..end have estimates that differ, counted from there: (M,) int64."""
     differ = np.zeros(end - begin, bool)
     _differing(estimates.shadows, begin, differ)
@@ -131,18 +136,25 @@ def differing(estimates, begin, end):
 
 
 def mix(
-    estimates,  # Estimates
-    begin,
-    chosen,  # (M,) int64 of `differing`
-    weights,  # (M, B, S - 1) float32
-    transfer,  # (end - begin, K) float32, changed: the center's on entry
-):
+    estimates: Estimates,
+    begin: int,
+    chosen: NDArray[np.int64],  # (M,) int64 of `differing`
+    weights: NDArray[np.float32],  # (M, B, S - 1) float32
+    transfer: NDArray[np.float32],  # (end - begin, K) float32, changed: the center's on entry
+) -> None:
     """Add weight times difference to the center, degree by degree, for the chosen nodes."""
     _mix_in(estimates.shadows, begin, chosen, read_only(weights), transfer)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _level(begin, end, starts, columns, base, own):
+def _level(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    base: NDArray[np.float32],
+    own: NDArray[np.float32],
+) -> None:
     for i in range(begin, end):
         total = np.float32(1)
         for at in range(starts[i], starts[i + 1]):
@@ -151,7 +163,7 @@ def _level(begin, end, starts, columns, base, own):
 
 
 @njit(cache=True, nogil=True)
-def _differing(shadows, begin, differ):
+def _differing(shadows: NDArray[np.float32], begin: int, differ: Mask) -> None:
     for i in range(len(differ)):
         for s in range(1, shadows.shape[0]):
             for k in range(shadows.shape[2]):
@@ -163,7 +175,15 @@ def _differing(shadows, begin, differ):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _describe(shadows, begin, basis, noise, chosen, vertex, band):
+def _describe(
+    shadows: NDArray[np.float32],
+    begin: int,
+    basis: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    chosen: NDArray[np.int64],
+    vertex: NDArray[np.float32],
+    band: NDArray[np.float32],
+) -> None:
     count, bands = shadows.shape[0], band.shape[1]
     product, along = np.zeros((count, count), np.float32), np.zeros(count, np.float32)
     low = np.zeros(count, np.float32)
@@ -191,7 +211,14 @@ def _describe(shadows, begin, basis, noise, chosen, vertex, band):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _products(x, basis, first, last, product, along):
+def _products(
+    x: NDArray[np.float32],
+    basis: NDArray[np.float32],
+    first: int,
+    last: int,
+    product: NDArray[np.float32],
+    along: NDArray[np.float32],
+) -> None:
     """Of the center and the differences to it, with each other (lower half) and with the basis, over some orders.
 
     Written out for five estimates: sums in registers are six times faster than in an array.
@@ -214,7 +241,13 @@ def _products(x, basis, first, last, product, along):
 
 
 @njit(cache=True, nogil=True)
-def _mix_in(shadows, begin, chosen, weights, transfer):
+def _mix_in(
+    shadows: NDArray[np.float32],
+    begin: int,
+    chosen: NDArray[np.int64],
+    weights: NDArray[np.float32],
+    transfer: NDArray[np.float32],
+) -> None:
     for row in range(len(chosen)):
         i = chosen[row]
         node = begin + i

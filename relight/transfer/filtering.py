@@ -7,9 +7,11 @@ number of rays and the visible fraction lead one to expect. Every step is of one
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from splat2mesh.base.threads import in_slices
 
@@ -39,7 +41,27 @@ MAX_RAYS = 512
 _COLUMNS = 16  # averaged at a time: a cache line of each neighbour, and a small copy of all
 
 
-def steps_for(rays, bands):
+class Rows(Protocol):
+    """Nodes and their neighbours as sparse rows: what `average` needs of Neighbors."""
+
+    @property
+    def vertices(self) -> NDArray[np.int64]:
+        """(N,), the vertex that stands for each node."""
+
+    @property
+    def starts(self) -> NDArray[np.int64]:
+        """(N + 1,), where each row begins."""
+
+    @property
+    def columns(self) -> NDArray[np.int32]:
+        """(E,), nodes beside each."""
+
+    @property
+    def weights(self) -> NDArray[np.float32]:
+        """(E,), of these, in [0, 1]."""
+
+
+def steps_for(rays: int, bands: int) -> int:
     """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
         return 0
@@ -47,13 +69,15 @@ def steps_for(rays, bands):
 
 
 def average(
-    neighbors,  # Neighbors, N nodes of V vertices
-    normals,  # (N, 3) float32, unit
-    model,  # (N, 4) float32 of `sampling.gather`, changed
-    rest,  # (V, K) float32 of the same, changed; only the rows of the vertices that stand for nodes count
-    rays,  # per node, of which they were made
-    steps,
-):
+    neighbors: Rows,  # N nodes of V vertices
+    normals: NDArray[np.float32],  # (N, 3) float32, unit
+    model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`, changed
+    rest: NDArray[
+        np.float32
+    ],  # (V, K) float32 of the same, changed; only the rows of the vertices that stand for nodes count
+    rays: int,  # per node, of which they were made
+    steps: int,
+) -> None:
     """Average the model and the rest of every node over its ring, `steps` times, in place.
 
     Where all nodes of a ring see everything, or nothing, not a bit changes. Sums run over sorted rows: the result
@@ -81,7 +105,18 @@ def average(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _guides(begin, end, normals, model, rest, vertices, norms, lobe, squared, guide):
+def _guides(
+    begin: int,
+    end: int,
+    normals: NDArray[np.float32],
+    model: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    vertices: NDArray[np.int64],
+    norms: NDArray[np.float32],
+    lobe: NDArray[np.float32],
+    squared: NDArray[np.float32],
+    guide: NDArray[np.float32],
+) -> None:
     """What shadows take from the transfer, T - A, in the lowest degrees."""
     for i in range(begin, end):
         for k in range(guide.shape[1]):
@@ -90,7 +125,15 @@ def _guides(begin, end, normals, model, rest, vertices, norms, lobe, squared, gu
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _partial_shadow(begin, end, starts, columns, base, guide, spread):
+def _partial_shadow(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    base: NDArray[np.float32],
+    guide: NDArray[np.float32],
+    spread: NDArray[np.float32],
+) -> None:
     """f (1 - f) of the visible fraction f, averaged over the ring since f of a few rays says little; see FLOOR."""
     scale = np.float32(math.sqrt(4.0 * math.pi))
     for i in range(begin, end):
@@ -103,7 +146,19 @@ def _partial_shadow(begin, end, starts, columns, base, guide, spread):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _weigh(begin, end, starts, columns, base, guide, spread, accepted, weights, own, new_spread):
+def _weigh(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    base: NDArray[np.float32],
+    guide: NDArray[np.float32],
+    spread: NDArray[np.float32],
+    accepted: np.float32,
+    weights: NDArray[np.float32],
+    own: NDArray[np.float32],
+    new_spread: NDArray[np.float32],
+) -> None:
     """Weights of the neighbours and of the node itself, which sum to 1, and the variance of what they make."""
     for i in range(begin, end):
         total = np.float32(1)
@@ -123,7 +178,15 @@ def _weigh(begin, end, starts, columns, base, guide, spread, accepted, weights, 
 
 
 @njit(cache=True, nogil=True)
-def _take(begin, end, model, rest, vertices, first, old):
+def _take(
+    begin: int,
+    end: int,
+    model: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    vertices: NDArray[np.int64],
+    first: int,
+    old: NDArray[np.float32],
+) -> None:
     """Copy _COLUMNS columns of the model and the rest side by side, from column `first` on; zeros beyond the end."""
     width = rest.shape[1] + 4
     for i in range(begin, end):
@@ -136,7 +199,19 @@ def _take(begin, end, model, rest, vertices, first, old):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _blend(begin, end, starts, columns, weights, own, old, model, rest, vertices, first):
+def _blend(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    own: NDArray[np.float32],
+    old: NDArray[np.float32],
+    model: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    vertices: NDArray[np.int64],
+    first: int,
+) -> None:
     """Add the weighted differences to the neighbours: where they agree, not a bit changes."""
     width = rest.shape[1] + 4
     change = np.zeros(_COLUMNS, np.float32)

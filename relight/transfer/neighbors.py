@@ -7,7 +7,9 @@ along a curve through space by their own bits, so that nothing here depends on t
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Integers, Mask, Points
 from splat2mesh.base.threads import in_slices
 
 SHARPNESS = np.float32(8.0)
@@ -31,10 +33,10 @@ class Neighbors:
 
     def __init__(
         self,
-        origins,  # (V, 3) float32, unit frame of the occluder
-        normals,  # (V, 3) float32, unit
-        faces,  # (F, 3) integers; faces of no area and faces given twice do no harm
-    ):
+        origins: NDArray[np.float32],  # (V, 3) float32, unit frame of the occluder
+        normals: NDArray[np.float32],  # (V, 3) float32, unit
+        faces: Integers,  # (F, 3) integers; faces of no area and faces given twice do no harm
+    ) -> None:
         order, new_node, new_place = ranked_nodes(origins, normals)
         node_ranked = np.cumsum(new_node) - 1
         self.vertices = order[new_node]
@@ -48,7 +50,15 @@ class Neighbors:
         in_slices(_sort_rows, len(counts), starts, columns, counts)
         self._expand(np.ascontiguousarray(normals[self.vertices]), place, first, starts, columns, counts)
 
-    def _expand(self, normals, place, first, starts, columns, counts):
+    def _expand(
+        self,
+        normals: NDArray[np.float32],
+        place: NDArray[np.int32],
+        first: NDArray[np.int64],
+        starts: NDArray[np.int64],
+        columns: NDArray[np.int32],
+        counts: NDArray[np.int64],
+    ) -> None:
         """From places beside places to nodes beside nodes."""
         args = normals, place, first, starts, columns, counts
         used, nothing = np.zeros(len(normals) + 1, np.int64), np.zeros(0, np.int32)
@@ -59,7 +69,7 @@ class Neighbors:
         in_slices(_node_rows, len(normals), *args, self.starts[:-1], self.columns, self.weights)
 
 
-def ranked_nodes(origins, normals):
+def ranked_nodes(origins: Floats, normals: Floats) -> tuple[NDArray[np.int64], Mask, Mask]:
     """Vertices by their place on the Z-order curve, then by their bits: order (V,) and, in that order, where the
     content and where the position differs from the one before, (V,) bool each."""
     keys = _keys(origins)
@@ -78,20 +88,20 @@ def ranked_nodes(origins, normals):
     return order, new_node, new_place
 
 
-def along_curve(origins):
+def along_curve(origins: Points) -> NDArray[np.int64]:
     """Order (V,) of positions (V, 3) along the curve: rays in it meet what those before them left in the caches, and
     take up to 40% less time than in the order of a mesh. Where places are the same it is any."""
     return np.argsort(_keys(origins))
 
 
-def _keys(origins):
+def _keys(origins: Points) -> NDArray[np.uint64]:
     keys = np.zeros(len(origins), np.uint64)
     in_slices(_curve_keys, len(keys), np.ascontiguousarray(origins), keys)
     return keys
 
 
 @njit(cache=True, nogil=True)
-def _curve_keys(begin, end, origins, keys):
+def _curve_keys(begin: int, end: int, origins: Floats, keys: NDArray[np.uint64]) -> None:
     for v in range(begin, end):
         key = np.uint64(0)
         for axis in range(3):
@@ -107,7 +117,7 @@ def _curve_keys(begin, end, origins, keys):
 
 
 @njit(cache=True, nogil=True)
-def _rings(count, corners):
+def _rings(count: int, corners: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The other two corners of every face at every place: sparse rows, unsorted, with repetitions."""
     starts = np.zeros(count + 2, np.int64)
     for f in range(len(corners)):
@@ -125,7 +135,9 @@ def _rings(count, corners):
 
 
 @njit(cache=True, nogil=True)
-def _sort_rows(begin, end, starts, columns, counts):
+def _sort_rows(
+    begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], counts: NDArray[np.int64]
+) -> None:
     """Sort each row in place and drop repetitions and the place itself; what remains is counted."""
     for p in range(begin, end):
         row = columns[starts[p] : starts[p + 1]]
@@ -149,7 +161,19 @@ def _sort_rows(begin, end, starts, columns, counts):
 
 
 @njit(cache=True, nogil=True)
-def _node_rows(begin, end, normals, place, first, starts, columns, counts, ends, out_columns, out_weights):
+def _node_rows(
+    begin: int,
+    end: int,
+    normals: NDArray[np.float32],
+    place: NDArray[np.int32],
+    first: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    counts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    out_columns: NDArray[np.int32],
+    out_weights: NDArray[np.float32],
+) -> None:
     """Count the neighbours of every node into `ends` or, given arrays to fill, write them from `ends` on."""
     fill = len(out_columns) > 0
     for i in range(begin, end):

@@ -6,17 +6,25 @@ Where nothing is hidden all averages agree, and the result is that of `raytraced
 """
 
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Transfer
+from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order
 
 from ..sh import harmonics
 from .analytic import analytic
-from .features import describe, differing, estimate, mix
+from .features import Estimates, describe, differing, estimate, mix
 from .filtering import GUIDE_BANDS
+from .occluder import Occluder
 from .sessions import open_session, workers_of
 from .visibility import Visibility, completed
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 MODEL = "neural"
 
@@ -25,12 +33,12 @@ BLOCK = 8192
 
 
 def neural(
-    occluder,  # Occluder
-    bands,
-    rays,  # per vertex
-    seed=0,
-    advance=lambda count: None,  # called with the number of vertices done
-):
+    occluder: Occluder,
+    bands: int,
+    rays: int,  # per vertex
+    seed: int = 0,
+    advance: Advance = lambda count: None,  # called with the number of vertices done
+) -> Transfer:
     """Transfer of all white vertices in the shadow of everything: (V, K) float32, as `raytraced_scene`.
 
     Vertices of equal position and normal get equal rows; no order of vertices or faces and no division into chunks
@@ -40,7 +48,9 @@ def neural(
     return neural_with_confidence(occluder, bands, rays, seed, advance)[0]
 
 
-def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: None):
+def neural_with_confidence(
+    occluder: Occluder, bands: int, rays: int, seed: int = 0, advance: Advance = lambda count: None
+) -> tuple[Transfer, NDArray[np.float32]]:
     """The transfer of `neural`, and the error that it expects of every vertex: (V,) float32, relative.
 
     That is the root of the expected squared error over a vertex's coefficients, over the norm of the transfer that
@@ -51,7 +61,7 @@ def neural_with_confidence(occluder, bands, rays, seed=0, advance=lambda count: 
     return from_visibility(Visibility(occluder, rays, seed, advance=advance), bands)
 
 
-def from_visibility(visibility, bands):
+def from_visibility(visibility: Visibility, bands: int) -> tuple[Transfer, NDArray[np.float32]]:
     """Transfer (V, K) and expected error (V,) of rays that were traced before: see `neural_with_confidence`."""
     session, inner, node = _session(), max(bands, GUIDE_BANDS), visibility.neighbors.node
     model, rest = visibility.gathered(inner)
@@ -61,16 +71,16 @@ def from_visibility(visibility, bands):
 
 
 def mixed(
-    session,  # onnxruntime session of the network
-    estimates,  # Estimates of N nodes
-    normals,  # (N, 3) float32, unit
-    bands,  # at most those of the estimates
-):
+    session: "InferenceSession",  # onnxruntime session of the network
+    estimates: Estimates,  # Estimates of N nodes
+    normals: NDArray[np.float32],  # (N, 3) float32, unit
+    bands: int,  # at most those of the estimates
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Transfer (N, K) and expected relative error (N,), both float32, of the estimates as the network mixes them."""
     transfer, error = np.zeros((len(normals), bands**2), np.float32), np.zeros(len(normals), np.float32)
-    open_norm = np.linalg.norm(analytic(np.float32([[0.0, 1.0, 0.0]]), bands))
+    open_norm = np.linalg.norm(analytic(np.array([[0.0, 1.0, 0.0]], np.float32), bands))
 
-    def work(begin):
+    def work(begin: int) -> None:
         end = min(begin + BLOCK, len(normals))
         part = slice(begin, end)
         complete = completed(normals[part], estimates.model[part], estimates.rest[part])
@@ -88,10 +98,10 @@ def mixed(
 
 
 @lru_cache(1)
-def _session():
+def _session() -> "InferenceSession":
     """Opened once: that takes as long as some thousand vertices. One thread; the blocks share it, each from its own."""
     return open_session(MODEL, 1)
 
 
-def _bands(estimates):
+def _bands(estimates: Estimates) -> int:
     return int(np.sqrt(estimates.shadows.shape[2]))

@@ -7,7 +7,9 @@ Source: Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order
 
 from ..sh import cga
@@ -31,10 +33,10 @@ is a hidden direction wherever Y has the other sign. Rounded away from 0."""
 
 
 def neural_gash(
-    vertices,  # (V, 3), scene frame; all of the scene, which sets the unit frame
-    normals,  # (V, 3), scene frame, any length
-    advance=lambda count: None,  # called with the number of vertices done
-):
+    vertices: ArrayLike,  # (V, 3), scene frame; all of the scene, which sets the unit frame
+    normals: ArrayLike,  # (V, 3), scene frame, any length
+    advance: Advance = lambda count: None,  # called with the number of vertices done
+) -> NDArray[np.float32]:
     """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
     The network gives three colours, equal but for its own rounding as its labels were; this is their mean, cut to what
@@ -49,7 +51,7 @@ def neural_gash(
     session = open_session(MODEL, 1)
     transfer = np.zeros((len(points), BANDS**2), np.float32)
 
-    def predict(start):
+    def predict(start: int) -> int:
         part = slice(start, start + BATCH)
         motors = cga.vertex_motors(points[part], normals[part])
         (rows,) = session.run(None, {"motor": motors})
@@ -62,7 +64,7 @@ def neural_gash(
     return transfer
 
 
-def unit_points(vertices):
+def unit_points(vertices: ArrayLike) -> NDArray[np.float64]:
     """Points (V, 3) float64 in the network's frame: the middle of their bounding box at 0, half its diagonal 1.
 
     So size and place of a scene change nothing. Where all points are one, they are 0.

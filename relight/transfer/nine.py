@@ -6,7 +6,7 @@ What a shader of any engine holds in three vec4. Exit radiance c = albedo_c * ti
 import numpy as np
 from numpy.typing import NDArray
 
-from .bounces import transfer_with_bounces
+from .bounces import Interreflection, transfer_with_bounces
 
 COUNT = 9
 """Coefficients of three bands: an unshadowed diffuse surface gets 1% of its brightness from higher ones (Ramamoorthi,
@@ -18,7 +18,7 @@ _DARK = 1e-6  # of a transfer that light never reaches
 def with_received(
     transfer: NDArray[np.float32],  # (V, K) of the white scene, K >= 9
     albedo: NDArray[np.float32] | None,  # (V, 3) linear; white without
-    interreflection=None,  # Interreflection, for bounces
+    interreflection: Interreflection | None = None,  # Interreflection, for bounces
 ) -> NDArray[np.float32]:
     """What every vertex receives by each of nine coefficients, bounces included, (V, 9, 3) float32.
 

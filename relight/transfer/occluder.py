@@ -4,10 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Integers, Mask, Points, Rays
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import read_only
-from splat2mesh.render.raycaster import RayCaster
+from splat2mesh.render.raycaster import Hits, RayCaster
 
 from ..sh.normals import unit_normals
 from .checks import check_faces, check_mesh
@@ -37,12 +39,12 @@ class Frame(NamedTuple):
     center: (3,) float64. diagonal: float. rounding: of the coordinates as they came, in this frame.
     """
 
-    center: np.ndarray
+    center: NDArray[np.float64]
     diagonal: float
     rounding: float
 
     @classmethod
-    def around(cls, vertices, faces):
+    def around(cls, vertices: Points, faces: Integers) -> "Frame":
         """That of a mesh; a lost point far off must cost no digits. Raises InputError for one without extent."""
         used = np.zeros(len(vertices), bool)
         used[faces] = True
@@ -53,7 +55,7 @@ class Frame(NamedTuple):
             raise InputError(f"the scene spans {diagonal} units; expected vertices that differ and fit in float32")
         return cls((low + high) / 2.0, diagonal, float(np.spacing(np.float32(np.abs([low, high]).max()))) / diagonal)
 
-    def unit(self, vertices):
+    def unit(self, vertices: Points) -> NDArray[np.float32]:
         """Scene frame to unit frame, (V, 3) float32."""
         return ((vertices - self.center) / self.diagonal).astype(np.float32)
 
@@ -68,10 +70,10 @@ class Occluder:
 
     def __init__(
         self,
-        vertices,  # (V, 3) scene frame
-        normals,  # (V, 3) scene frame
-        faces,  # (F, 3) integers, opaque from both sides
-    ):
+        vertices: ArrayLike,  # (V, 3) scene frame
+        normals: ArrayLike,  # (V, 3) scene frame
+        faces: ArrayLike,  # (F, 3) integers, opaque from both sides
+    ) -> None:
         """Build the Embree scene. Raises InputError for arrays that do not make a mesh with an extent."""
         vertices, faces = np.asarray(vertices), np.asarray(faces)
         check_mesh(vertices, normals)
@@ -83,17 +85,19 @@ class Occluder:
         self.faces = np.ascontiguousarray(faces, np.uint32)
         self._caster = RayCaster(centered, self.faces)
 
-    def occluded(self, rays, far=np.inf):
+    def occluded(self, rays: Rays, far: float = np.inf) -> Mask:
         """Whether anything hides the rays up to `far` lengths of their directions: (..., 6) float32 origin, direction,
         unit frame -> (...) bool."""
         return self._caster.occluded(rays, far)
 
-    def first_hits(self, rays):
+    def first_hits(self, rays: Rays) -> Hits:
         """What the rays (..., 6) float32 meet first, unit frame: Hits."""
         return self._caster.first_hits(rays)
 
 
-def _origins(vertices, normals, faces, rounding):
+def _origins(
+    vertices: NDArray[np.float32], normals: NDArray[np.float32], faces: Integers, rounding: float
+) -> NDArray[np.float32]:
     """Ray origins a little off the surface, (V, 3) float32, unit frame.
 
     Where faces meet at a hard edge, each with vertices of its own, a step along one face's normal can stay
@@ -116,7 +120,9 @@ def _origins(vertices, normals, faces, rounding):
 
 
 @njit(cache=True, nogil=True)
-def _shorten(vertices, faces, group, shortest):
+def _shorten(
+    vertices: NDArray[np.float32], faces: Integers, group: NDArray[np.int64], shortest: NDArray[np.float32]
+) -> None:
     """The length of the shortest edge at every place, edges of no length left out."""
     for f in range(len(faces)):
         for corner in range(3):

@@ -1,19 +1,26 @@
 """Transfer with shadows: the visibility of the whole scene, ray traced."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices, Transfer
+from splat2mesh.base.progress import Advance
 
 from ..sh import harmonics
 from . import check_rays, sampling
+from .occluder import Occluder
 from .visibility import BATCH_RAYS, Visibility, completed
 
 
 def raytraced_scene(
-    occluder,  # Occluder
-    bands,
-    rays,  # per vertex
-    seed=0,
-    advance=lambda count: None,  # called with the number of vertices done
-):
+    occluder: Occluder,
+    bands: int,
+    rays: int,  # per vertex
+    seed: int = 0,
+    advance: Advance = lambda count: None,  # called with the number of vertices done
+) -> Transfer:
     """Transfer of all white vertices in the shadow of everything: (V, K) float32.
 
     As `raytraced`, with the noise of the rays averaged over neighbouring vertices whose shadows agree
@@ -28,13 +35,13 @@ def raytraced_scene(
 
 
 def raytraced(
-    occluder,  # Occluder
-    vertices,  # slice or (V,) indices into the occluder's vertices
-    bands,
-    rays,  # per vertex
-    seed=0,
-    advance=lambda count: None,  # called with the number of vertices done
-):
+    occluder: Occluder,
+    vertices: slice | Indices,  # slice or (V,) indices into the occluder's vertices
+    bands: int,
+    rays: int,  # per vertex
+    seed: int = 0,
+    advance: Advance = lambda count: None,  # called with the number of vertices done
+) -> Transfer:
     """Transfer of some white vertices in the shadow of everything: (V, K) float32, unfiltered.
 
     Cosine-distributed rays about the vertex normal, with a linear model of the visibility as control variate
@@ -48,7 +55,7 @@ def raytraced(
     origins, normals = occluder.origins[vertices], occluder.normals[vertices]
     transfer = np.zeros((len(origins), bands**2), np.float32)
 
-    def offsets(part):
+    def offsets(part: slice) -> NDArray[np.float32]:
         return sampling.hashed_offsets(origins[part], normals[part], seed)
 
     for part, (model, rest) in trace(occluder, origins, normals, bands, rays, offsets):
@@ -57,12 +64,19 @@ def raytraced(
     return transfer
 
 
-def offsets_by_rank(part, seed):
+def offsets_by_rank(part: slice, seed: int) -> NDArray[np.float32]:
     """Ray offsets of a slice of nodes, by their ranks along the curve."""
     return sampling.ranked_offsets(part.start, part.stop, seed)
 
 
-def trace(occluder, origins, normals, bands, rays, offsets):
+def trace(
+    occluder: Occluder,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    bands: int,
+    rays: int,
+    offsets: Callable[[slice], NDArray[np.float32]],
+) -> Iterator[tuple[slice, tuple[NDArray[np.float32], NDArray[np.float32]]]]:
     """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` tells them apart."""
     azimuths = sampling.fibonacci_azimuths(rays)
     batch = max(1, BATCH_RAYS // rays)

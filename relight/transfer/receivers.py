@@ -5,13 +5,19 @@ shown, light is found at the vertices that they use, and at some of the others, 
 takes the mean of the neighbours whose normals agree.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_slices
 
 from .neighbors import Neighbors
+from .occluder import Occluder
 from .store import array_key
 
 SPARSE = 6
@@ -21,28 +27,32 @@ RINGS = 4
 """Steps from a vertex that is traced within which others take over its light; what lies further is traced itself."""
 
 
+Ring: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]
+"""Sparse rows of vertices that take over: nodes, starts, columns, weights."""
+
+
 class Receivers:
     """The vertices of a scene that light is traced for.
 
     traced: (V,) bool. rows: (S,) int64, their indices. key: short text that tells them from others, "every" for all.
     """
 
-    def __init__(self, traced, rings=()):
-        """rings: [(nodes, starts, columns, weights)], sparse rows of vertices that take over, ring after ring."""
+    def __init__(self, traced: Mask, rings: Iterable[Ring] = ()) -> None:
+        """rings: of the vertices that take over, ring after ring."""
         self.traced, self.rows, self._rings = traced, np.flatnonzero(traced), list(rings)
         self.key = "every" if traced.all() else array_key(traced)
 
     @classmethod
-    def every(cls, count):
+    def every(cls, count: int) -> "Receivers":
         """All of so many vertices."""
         return cls(np.ones(count, bool))
 
     @classmethod
     def of_shown(
         cls,
-        shown,  # (V,) bool: whose light is shown
-        occluder,  # Occluder
-    ):
+        shown: Mask,  # (V,) bool: whose light is shown
+        occluder: Occluder,
+    ) -> "Receivers":
         """The vertices that are shown, and a few of the others; those that agree in place and normal together."""
         neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
         node, count = neighbors.node, len(neighbors.vertices)
@@ -77,7 +87,7 @@ class Receivers:
         return cls(traced[node], rings)
 
     @classmethod
-    def restored(cls, arrays, shown):
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], shown: Mask) -> "Receivers":
         """Those that were kept of vertices `shown`, (V,). Raises InputError or KeyError for what does not fit."""
         traced, count = arrays["traced"], len(shown)
         if traced.shape != (count,) or traced.dtype != bool or (shown & ~traced).any():
@@ -100,19 +110,20 @@ class Receivers:
             rings.append((nodes, starts, columns, weights))
         return cls(traced, rings)
 
-    def arrays(self):
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes."""
-        kept = {"traced": self.traced}
+        kept: dict[str, NDArray[Any]] = {"traced": self.traced}
         for number, ring in enumerate(self._rings):
-            kept |= {f"{name}{number}": part for name, part in zip(_PARTS, ring, strict=True)}
+            parts: Sequence[NDArray[Any]] = ring
+            kept |= {f"{name}{number}": part for name, part in zip(_PARTS, parts, strict=True)}
         return kept
 
     @property
-    def all(self):
+    def all(self) -> bool:
         """Whether light is traced for every vertex."""
         return self.key == "every"
 
-    def filled(self, values):
+    def filled(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of which the traced rows are given, with all others filled in place."""
         for nodes, starts, columns, weights in self._rings:
             in_slices(_fill, len(nodes), nodes, starts, columns, weights, values)
@@ -123,7 +134,9 @@ _PARTS = "nodes", "starts", "columns", "weights"
 
 
 @njit(cache=True, nogil=True)
-def _count(begin, end, starts, columns, reached, taken):
+def _count(
+    begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], reached: Mask, taken: NDArray[np.int64]
+) -> None:
     """How many neighbours each node that was not reached may take over from."""
     for i in range(begin, end):
         if not reached[i]:
@@ -132,7 +145,18 @@ def _count(begin, end, starts, columns, reached, taken):
 
 
 @njit(cache=True, nogil=True)
-def _take(begin, end, nodes, starts, columns, weights, reached, out_starts, out_columns, out_weights):
+def _take(
+    begin: int,
+    end: int,
+    nodes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    reached: Mask,
+    out_starts: NDArray[np.int64],
+    out_columns: NDArray[np.int32],
+    out_weights: NDArray[np.float32],
+) -> None:
     for n in range(begin, end):
         at, total = out_starts[n], np.float32(0)
         for i in range(starts[nodes[n]], starts[nodes[n] + 1]):
@@ -145,7 +169,15 @@ def _take(begin, end, nodes, starts, columns, weights, reached, out_starts, out_
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _fill(begin, end, nodes, starts, columns, weights, values):
+def _fill(
+    begin: int,
+    end: int,
+    nodes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    values: NDArray[np.float32],
+) -> None:
     for n in range(begin, end):
         row = values[nodes[n]]
         row[:] = np.float32(0)

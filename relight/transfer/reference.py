@@ -3,16 +3,21 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from splat2mesh.base.arrays import Indices, Radiance
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import luminance
 
 from ..light import projections
+from ..light.environment import Environment
 from ..light.projections import texel_parts
 from ..light.suns import Suns
 from ..sh.sphere import fibonacci_sphere
+from .occluder import Occluder
 from .sunlight import sunlight
+from .volume import Foliage
 
 DEFAULT_DIRECTIONS = 8192
 MAX_DIRECTIONS = 2**17
@@ -23,12 +28,12 @@ _BLOCK_TEXELS = 2**20  # parts of texels in memory at once
 
 
 def reference(
-    occluder,  # Occluder
-    rows,  # slice or (R,) indices into the occluder's vertices
-    environment,  # Environment
-    directions=DEFAULT_DIRECTIONS,
-    foliage=None,  # Foliage of the scene; without, leaves and grass are surfaces
-):
+    occluder: Occluder,
+    rows: slice | Indices,  # slice or (R,) indices into the occluder's vertices
+    environment: Environment,
+    directions: int = DEFAULT_DIRECTIONS,
+    foliage: Foliage | None = None,  # Foliage of the scene; without, leaves and grass are surfaces
+) -> NDArray[np.float32]:
     """Exit radiance of white vertices under all the light of an environment: (R, 3) float32.
 
     One ray for each vertex and each of the `light_directions` before it. On two meshes under three measured lights
@@ -44,7 +49,7 @@ def reference(
     return light + share[:, None] * (own - light)
 
 
-def light_directions(environment, count):
+def light_directions(environment: Environment, count: int) -> Suns:
     """All the light of an environment as Suns, at most 3 `count` of them: S directions, radiance x solid angle.
 
     Texels are patches of constant radiance. Each is divided until a part holds no more than 1 / count of the
@@ -85,7 +90,7 @@ def light_directions(environment, count):
     return Suns(every[:, :3], every[:, 3:]).rotated(environment.rotation_deg)
 
 
-def _energy(image, start=0, height=None):
+def _energy(image: Radiance, start: int = 0, height: int | None = None) -> NDArray[np.float64]:
     """Luminance times solid angle of every texel, (H, W), of an image or of its rows from `start` on."""
     rows, width = image.shape[:2]
     areas = projections.row_solid_angles(height or rows, width)

@@ -9,7 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices, Integers, Mask
 from splat2mesh.base.threads import in_slices
 
 from .filtering import average
@@ -24,14 +26,16 @@ _FAR = np.int8(127)
 class Rings(Neighbors):
     """Neighbors whose rows hold every pair, and whose weights follow the normals (`bend`)."""
 
-    def __init__(self, origins, normals, faces, ranks=None):
+    def __init__(
+        self, origins: NDArray[np.float32], normals: NDArray[np.float32], faces: Integers, ranks: Integers | None = None
+    ) -> None:
         """As Neighbors; the nodes in the order of their ranks, (V,) integers, or along a curve through the pose."""
         super().__init__(origins, normals, faces)
         if ranks is not None:
             self._sort(np.argsort(ranks[self.vertices], kind="stable"))
         self.bend(np.ascontiguousarray(normals[self.vertices]))
 
-    def _sort(self, order):
+    def _sort(self, order: Indices) -> None:
         place, lengths = np.argsort(order), np.diff(self.starts)
         self.vertices, self.node = self.vertices[order], place[self.node]
         starts = np.append(0, np.cumsum(lengths[order]))
@@ -39,22 +43,31 @@ class Rings(Neighbors):
         self.starts, self.columns = starts, place[self.columns[columns]].astype(np.int32)
         in_slices(_sort_rows, len(order), self.starts, self.columns, np.zeros(len(order), np.int64))
 
-    def _expand(self, normals, *places):
-        super()._expand(np.tile(np.float32([0.0, 1.0, 0.0]), (len(normals), 1)), *places)
+    def _expand(
+        self,
+        normals: NDArray[np.float32],
+        place: NDArray[np.int32],
+        first: NDArray[np.int64],
+        starts: NDArray[np.int64],
+        columns: NDArray[np.int32],
+        counts: NDArray[np.int64],
+    ) -> None:
+        places = place, first, starts, columns, counts
+        super()._expand(np.tile(np.array([0.0, 1.0, 0.0], np.float32), (len(normals), 1)), *places)
 
-    def bend(self, normals):
+    def bend(self, normals: NDArray[np.float32]) -> None:
         """Set the weights for new unit normals of the nodes, (N, 3) float32."""
         in_slices(_weights, len(normals), self.starts, self.columns, normals, self.weights)
 
     def averaged(
         self,
-        normals,  # (N, 3) float32, unit
-        model,  # (N, 4) float32 of `sampling.gather`
-        rest,  # (N, K) float32 of the same
-        rays,
-        steps,
-        changed,  # (N,) bool, nodes whose model, rest or normal is new
-    ):
+        normals: NDArray[np.float32],  # (N, 3) float32, unit
+        model: NDArray[np.float32],  # (N, 4) float32 of `sampling.gather`
+        rest: NDArray[np.float32],  # (N, K) float32 of the same
+        rays: int,
+        steps: int,
+        changed: Mask,  # (N,) bool, nodes whose model, rest or normal is new
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
         """Nodes whose average is new, sorted (M,), and their model (M, 4) and rest (M, K): see `filtering.average`."""
         if steps == 0 or not changed.any():
             nodes = np.flatnonzero(changed)
@@ -74,12 +87,12 @@ class Rings(Neighbors):
         own = np.searchsorted(needed, nodes)
         return nodes, part_model[own], part_rest[own]
 
-    def _grown(self, level, ring):
+    def _grown(self, level: NDArray[np.int8], ring: int) -> NDArray[np.int8]:
         grown = level.copy()
         in_slices(_grow, len(level), self.starts, self.columns, level, np.int8(ring), grown)
         return grown
 
-    def _cut(self, nodes):
+    def _cut(self, nodes: Indices) -> "_Part":
         """The rows of some nodes, sorted, without what is not among them."""
         if len(nodes) == len(self.vertices):
             return _Part(np.arange(len(nodes)), self.starts, self.columns, self.weights)
@@ -98,14 +111,21 @@ class Rings(Neighbors):
 class _Part(NamedTuple):
     """What `filtering.average` needs of Neighbors."""
 
-    vertices: np.ndarray
-    starts: np.ndarray
-    columns: np.ndarray
-    weights: np.ndarray
+    vertices: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    columns: NDArray[np.int32]
+    weights: NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _weights(begin, end, starts, columns, normals, weights):
+def _weights(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    normals: NDArray[np.float32],
+    weights: NDArray[np.float32],
+) -> None:
     """As `neighbors._node_rows` weighs them."""
     for i in range(begin, end):
         for at in range(starts[i], starts[i + 1]):
@@ -117,7 +137,15 @@ def _weights(begin, end, starts, columns, normals, weights):
 
 
 @njit(cache=True, nogil=True)
-def _grow(begin, end, starts, columns, level, ring, grown):
+def _grow(
+    begin: int,
+    end: int,
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    level: NDArray[np.int8],
+    ring: np.int8,
+    grown: NDArray[np.int8],
+) -> None:
     """Nodes beside one of level `ring` get the next, unless they have a lower one."""
     for i in range(begin, end):
         if level[i] > ring + 1:
@@ -128,7 +156,18 @@ def _grow(begin, end, starts, columns, level, ring, grown):
 
 
 @njit(cache=True, nogil=True)
-def _copy_rows(begin, end, nodes, new, starts, columns, weights, ends, out_columns, out_weights):
+def _copy_rows(
+    begin: int,
+    end: int,
+    nodes: NDArray[np.int64],
+    new: NDArray[np.int32],
+    starts: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    ends: NDArray[np.int64],
+    out_columns: NDArray[np.int32],
+    out_weights: NDArray[np.float32],
+) -> None:
     """Count what stays of every row into `ends` or, given arrays to fill, write it from `ends` on."""
     fill = len(out_columns) > 0
     for i in range(begin, end):

@@ -1,10 +1,14 @@
 """The networks that come with the package, as onnxruntime sessions."""
 
 from importlib import resources
+from typing import TYPE_CHECKING
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.extras import needed
 from splat2mesh.base.threads import cores
+
+if TYPE_CHECKING:
+    from onnxruntime import InferenceSession
 
 PROVIDERS: tuple[tuple[str, dict[str, str]], ...] = (
     # TF32 keeps 10 bits of each factor: errors of 1e-3, where every other provider has 1e-6.
@@ -20,9 +24,9 @@ FATAL = 4
 
 
 def open_session(
-    model_name,  # such as "neural-gash"
-    threads,  # that it may use
-):
+    model_name: str,  # such as "neural-gash"
+    threads: int,  # that it may use
+) -> "InferenceSession":
     """An onnxruntime InferenceSession of a model of this package.
 
     Its threads wait asleep: by default they spin, and take the cores from whatever else computes.
@@ -49,6 +53,6 @@ def open_session(
         raise InputError(f"{model.name} cannot be used: {reason}; reinstall the package") from error
 
 
-def workers_of(session):
+def workers_of(session: "InferenceSession") -> int:
     """How many threads may run a session at once: as many as there are cores, but an accelerator serves one."""
     return cores() if session.get_providers()[0] == "CPUExecutionProvider" else 1

@@ -1,19 +1,24 @@
 """A light as it is applied: coefficients for the transfer and suns beside them, found once for an image."""
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
 
-from ..light.environment import turned_about_y
+import numpy as np
+from numpy.typing import NDArray
+
+from ..light.environment import Environment, turned_about_y
 from ..light.sun_split import split
 from ..light.suns import Suns
-from .store import array_key
+from .settings import Settings
+from .store import Cache, array_key
 
 
-def image_key(environment):
+def image_key(environment: Environment) -> str:
     """Short text that differs for any two images; the same for all rotations of one."""
     return environment.derived("key", lambda: array_key(environment.radiance))
 
 
-def _checked(kept, bands):
+def _checked(kept: Mapping[str, NDArray[Any]], bands: int) -> Mapping[str, NDArray[Any]]:
     """What was kept of a light. Raises ValueError where its arrays do not fit each other or are not finite."""
     directions, weights = kept["directions"], kept["weights"]
     fits = kept["coefficients"].shape == (bands**2, 3) and directions.shape == weights.shape == (len(directions), 3)
@@ -22,14 +27,14 @@ def _checked(kept, bands):
     return kept
 
 
-def split_light(environment, settings, cache):
+def split_light(environment: Environment, settings: Settings, cache: Cache) -> tuple[NDArray[np.float32], Suns]:
     """(coefficients, suns) of an environment as turned: (K, 3) float32 for a transfer of `settings.bands`, and Suns.
 
     Suns take a tenth of a second to find; so they are kept with the environment, and in the Cache for the next run.
     """
     bands, tolerance = settings.bands, settings.sun_tolerance
 
-    def found():
+    def found() -> tuple[NDArray[np.float64], Suns]:
         name = image_key(environment), bands, f"{tolerance:g}"
         kept = cache.restored(lambda arrays: _checked(arrays, bands), "light", *name)
         if kept is None:

@@ -2,22 +2,28 @@
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
+from ..light.suns import Suns
 from .neighbors import along_curve
+from .occluder import Occluder
+from .receivers import Receivers
 
 BATCH_RAYS = 2**20
 """Rays in memory at once, at most: 24 MiB."""
 
 
 def sunlight(
-    occluder,  # Occluder
-    rows,  # slice or (V,) indices into the occluder's vertices
-    suns,  # Suns
-    advance=lambda count: None,  # called with the number of vertices done
-):
+    occluder: Occluder,
+    rows: slice | Indices,  # slice or (V,) indices into the occluder's vertices
+    suns: Suns,
+    advance: Advance = lambda count: None,  # called with the number of vertices done
+) -> NDArray[np.float32]:
     """Exit radiance of white vertices under suns alone: (V, 3) float32, sum of weight / pi max(0, n d) visible.
 
     Exact but for float32: a ray is shot wherever n d > 0, and what faces away takes none. Rays begin at the
@@ -50,7 +56,9 @@ def sunlight(
     return radiance
 
 
-def sunlight_at(occluder, receivers, suns, advance=lambda count: None):
+def sunlight_at(
+    occluder: Occluder, receivers: Receivers | None, suns: Suns, advance: Advance = lambda count: None
+) -> NDArray[np.float32]:
     """The same of all vertices, (V, 3) float32: traced at those of the Receivers, taken over by the others."""
     if receivers is None or receivers.all:
         return sunlight(occluder, slice(None), suns, advance)
@@ -59,7 +67,7 @@ def sunlight_at(occluder, receivers, suns, advance=lambda count: None):
     return receivers.filled(light)
 
 
-def shining(suns):
+def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Directions (S, 3) float32 and weights / pi (S, 3) float64 of the suns that shine at all.
 
     Raises InputError for directions that are not unit vectors.
@@ -74,7 +82,9 @@ def shining(suns):
 
 
 @njit(cache=True, nogil=True)
-def _count(begin, end, normals, directions, ends):
+def _count(
+    begin: int, end: int, normals: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray[np.int64]
+) -> None:
     """Number of suns before each vertex v, into ends[v + 1]."""
     for v in range(begin, end):
         nx, ny, nz = normals[v]
@@ -85,7 +95,16 @@ def _count(begin, end, normals, directions, ends):
 
 
 @njit(cache=True, nogil=True)
-def _aim(begin, end, origins, normals, directions, ends, rays, sun):
+def _aim(
+    begin: int,
+    end: int,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    ends: NDArray[np.int64],
+    rays: NDArray[np.float32],
+    sun: NDArray[np.int32],
+) -> None:
     for v in range(begin, end):
         nx, ny, nz = normals[v]
         ray = ends[v]
@@ -99,7 +118,17 @@ def _aim(begin, end, origins, normals, directions, ends, rays, sun):
 
 
 @njit(cache=True, nogil=True)
-def _sum(begin, end, normals, weights, ends, rays, sun, hidden, radiance):
+def _sum(
+    begin: int,
+    end: int,
+    normals: NDArray[np.float32],
+    weights: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    rays: NDArray[np.float32],
+    sun: NDArray[np.int32],
+    hidden: Mask,
+    radiance: NDArray[np.float32],
+) -> None:
     for v in range(begin, end):
         nx, ny, nz = normals[v]
         red, green, blue = 0.0, 0.0, 0.0

@@ -5,14 +5,18 @@ ray again, and more rays only those that are new: 128 rays of a million vertices
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices, Mask, Transfer
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Advance
 
 from ..sh import harmonics
 from . import check_rays, sampling
 from .analytic import analytic
 from .filtering import average, steps_for
 from .neighbors import Neighbors
+from .occluder import Occluder
 
 BATCH_RAYS = 2**20
 """Rays in memory at once: 24 MiB."""
@@ -36,12 +40,12 @@ class Visibility:
 
     def __init__(
         self,
-        occluder,  # Occluder
-        rays,  # per vertex
-        seed=0,
-        vertices=None,  # (V,) bool, which need rays; all without
-        advance=lambda count: None,  # called with the number of vertices done
-    ):
+        occluder: Occluder,
+        rays: int,  # per vertex
+        seed: int = 0,
+        vertices: Mask | None = None,  # (V,) bool, which need rays; all without
+        advance: Advance = lambda count: None,  # called with the number of vertices done
+    ) -> None:
         """Trace the rays. Raises InputError for rays outside 1..65536."""
         self._begin(occluder, check_rays(rays), seed)
         self.traced = np.ones(len(self.neighbors.vertices), bool)
@@ -51,7 +55,7 @@ class Visibility:
         self.bits = [self._traced(self.sets[0], advance)]
 
     @classmethod
-    def restored(cls, occluder, base, seed, bits, traced):
+    def restored(cls, occluder: Occluder, base: int, seed: int, bits: NDArray[np.uint8], traced: Mask) -> "Visibility":
         """One whose `bits` (S, N, ceil(base / 8)) and `traced` (N,) were kept. Raises InputError if they do not fit."""
         self = cls.__new__(cls)
         self._begin(occluder, check_rays(base), seed)
@@ -65,7 +69,7 @@ class Visibility:
             self.sets += self._next_sets()
         return self
 
-    def _begin(self, occluder, base, seed):
+    def _begin(self, occluder: Occluder, base: int, seed: int) -> None:
         self.base, self.seed, self._occluder = base, seed, occluder
         self.neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
         self._azimuths = sampling.fibonacci_azimuths(base)
@@ -73,22 +77,22 @@ class Visibility:
         self._origins, self.normals = occluder.origins[vertices], occluder.normals[vertices]
 
     @property
-    def rays(self):
+    def rays(self) -> int:
         """Rays of every node so far."""
         return self.base * len(self.sets)
 
-    def reaches(self, rays):
+    def reaches(self, rays: int) -> bool:
         """Whether these rays, doubled as often as `double` may, are as many."""
         grown = self.base << MAX_DOUBLINGS if self.base >= MIN_GROWING else self.base
         return max(grown, self.rays) >= rays
 
-    def double(self, advance=lambda count: None):
+    def double(self, advance: Advance = lambda count: None) -> None:
         """Trace as many rays again, between those there are."""
         new = self._next_sets()
         self.bits += [self._traced(each, advance) for each in new]
         self.sets += new
 
-    def transfer(self, bands):
+    def transfer(self, bands: int) -> Transfer:
         """Transfer of all white vertices in the shadow of everything: (V, K) float32; see `raytraced_scene`.
 
         Raises InputError for bands outside 1..10.
@@ -105,7 +109,9 @@ class Visibility:
             transfer[part] = completed(occluder.normals[part], model[node[part]], transfer[part])
         return transfer
 
-    def gathered(self, bands, rest=None, rows=None):
+    def gathered(
+        self, bands: int, rest: NDArray[np.float32] | None = None, rows: Indices | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """What the rays of every node say, as `sampling.gather` tells it apart: model (N, 4), rest (N, K) float32.
 
         Given a `rest` and `rows`, (N,) indices into it, it is filled there: no node needs memory of its own.
@@ -122,14 +128,14 @@ class Visibility:
             if not traced.any():
                 continue
             shot = np.concatenate([self._shot(each, part)[traced] for each in self.sets], axis=1)
-            hidden = [np.unpackbits(bits[part][traced], axis=1, count=self.base) for bits in self.bits]
+            unpacked = [np.unpackbits(bits[part][traced], axis=1, count=self.base) for bits in self.bits]
             block, lines = np.zeros((len(shot), bands**2), np.float32), np.zeros((len(shot), 4), np.float32)
-            hidden = np.concatenate(hidden, axis=1).view(bool)
+            hidden = np.concatenate(unpacked, axis=1).view(bool)
             sampling.gather(shot, hidden, self.normals[part][traced], lines, block)
             model[part][traced], rest[rows[part][traced]] = lines, block
         return model, rest
 
-    def _next_sets(self):
+    def _next_sets(self) -> list[tuple[float, float]]:
         """What doubles the sets: each half a stratum on, and turned so that the azimuths lie between as evenly.
 
         The azimuths of n points ranked by radius are multiples of a turn g; of 2 n points they are multiples of
@@ -140,17 +146,19 @@ class Visibility:
             turn = (turn / 2 + 0.5) % 1.0
         return [(shift + 0.5 / len(self.sets), (by + turn / 2 + 0.5) % 1.0) for shift, by in self.sets]
 
-    def _shot(self, each, part, buffer=None):
+    def _shot(
+        self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float32]:
         """The rays of one set from a slice of nodes, (N, base, 6) float32."""
         offsets = sampling.ranked_offsets(part.start, part.stop, self.seed)
-        offsets = ((offsets + np.float32(each)) % np.float32(1.0)).astype(np.float32)
+        offsets = ((offsets + np.array(each, np.float32)) % np.float32(1.0)).astype(np.float32)
         if buffer is None:
             buffer = np.zeros((len(offsets), self.base, 6), np.float32)
         shot = buffer[: len(offsets)]
         sampling.shoot_at(self._origins[part], self.normals[part], self._azimuths, offsets, shot)
         return shot
 
-    def _traced(self, each, advance):
+    def _traced(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """Bits (N, ceil(base / 8)) of one set."""
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
@@ -167,7 +175,7 @@ class Visibility:
         return bits
 
 
-def completed(normals, model, rest):
+def completed(normals: NDArray[np.float32], model: NDArray[np.float32], rest: NDArray[np.float32]) -> Transfer:
     """Transfer (V, K) of what `Visibility.gathered` found."""
     transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
     sampling.add_model(normals, model, rest, transfer)

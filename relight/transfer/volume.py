@@ -14,9 +14,14 @@ from functools import cached_property
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Indices, Mask, Points, Transfer
 from splat2mesh.base.threads import in_slices
+from splat2mesh.scene.optical_depth import OpticalDepth
+from splat2mesh.scene.scene import Scene
 
+from ..light.suns import Suns
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from .settings import VOLUME_DIRECTIONS
@@ -65,10 +70,10 @@ class Foliage:
 
     def __init__(
         self,
-        vertices,  # (V, 3) scene frame
-        volume,  # (V,) in [0, 1]
-        depth,  # OpticalDepth, scene frame
-    ):
+        vertices: Points,  # (V, 3) scene frame
+        volume: Floats,  # (V,) in [0, 1]
+        depth: OpticalDepth,  # scene frame
+    ) -> None:
         self.rows = np.flatnonzero(volume > LEAST)
         self.share = volume[self.rows, None].astype(np.float32)
         self.share[self.share >= WHOLLY] = 1.0
@@ -77,7 +82,7 @@ class Foliage:
         self._count = len(volume)
 
     @classmethod
-    def of_scene(cls, scene):
+    def of_scene(cls, scene: Scene) -> "Foliage | None":
         """That of a Scene, or None where it has no leaves or grass, or its folder does not say how thick they are."""
         depth, foliage = None if scene.measured is None else scene.measured.depth, scene.foliage
         if depth is None or not (foliage > FEW).any():
@@ -85,18 +90,18 @@ class Foliage:
         return cls(scene.vertices, settled(scene.vertices, foliage, depth), depth)
 
     @property
-    def solid(self):
+    def solid(self) -> Mask:
         """(V,) bool: the vertices that are a surface at least in part."""
         solid = np.ones(self._count, bool)
         solid[self.rows[self.share[:, 0] == 1.0]] = False
         return solid
 
     @property
-    def probe_count(self):
+    def probe_count(self) -> int:
         """From how many places light is marched."""
         return len(self._lattice.points)
 
-    def mixed(self, transfer, directions=VOLUME_DIRECTIONS, wanted=None):
+    def mixed(self, transfer: Transfer, directions: int = VOLUME_DIRECTIONS, wanted: Mask | None = None) -> Transfer:
         """A transfer (V, K) of surfaces, in place, with what is a volume taking its share of the volume's: at all
         vertices, or at those `wanted`, (V,) bool."""
         bands = int(np.sqrt(transfer.shape[1]))
@@ -105,7 +110,7 @@ class Foliage:
         transfer[rows] += self.share[some] * (own - transfer[rows])
         return transfer
 
-    def with_suns(self, light, suns):
+    def with_suns(self, light: NDArray[np.float32], suns: Suns) -> NDArray[np.float32]:
         """Light (V, 3) float32 that suns give surfaces, in place, with volumes taking their share of the volume's."""
         directions, weights = shining(suns)
         if len(directions):
@@ -113,7 +118,7 @@ class Foliage:
             light[self.rows] += self.share * (own - light[self.rows])
         return light
 
-    def seen(self, rows, directions):
+    def seen(self, rows: Indices, directions: Directions) -> tuple[NDArray[np.float32], NDArray[np.float32], int]:
         """Of vertices (S,) along directions (D, 3): how far they are a volume, (S,), and what light gets through to
         them as one, (S, D) float32; and how many marches that took."""
         share = np.zeros(self._count, np.float32)
@@ -123,30 +128,30 @@ class Foliage:
         found = np.zeros((len(rows), len(directions)), np.float32)
         thick = np.flatnonzero(share[rows] > 0.0)
         columns, weights = self._lattice.around(place[rows[thick]])
-        probes, columns = np.unique(columns, return_inverse=True)
-        columns = columns.reshape(weights.shape)
+        probes, index = np.unique(columns, return_inverse=True)
+        index = index.reshape(weights.shape)
         step = max(1, _BATCH // max(1, len(probes)))
         for start in range(0, len(directions), step):
             part = slice(start, start + step)
             free = transmittance(self._depth, self._lattice.points[probes], directions[part])
-            found[thick, part] = np.einsum("rk,rkd->rd", weights, free[columns])
+            found[thick, part] = np.einsum("rk,rkd->rd", weights, free[index])
         return share[rows], found, len(probes) * len(directions)
 
-    def probes(self, bands, directions=VOLUME_DIRECTIONS):
+    def probes(self, bands: int, directions: int = VOLUME_DIRECTIONS) -> NDArray[np.float32]:
         """Transfer (P, K) float32 of the probes: the mean over the sphere of exp(-tau) times the harmonics."""
         toward = fibonacci_sphere(directions)
         return gathered(self._depth, self._lattice.points, toward, harmonics.evaluate(toward, bands) / directions)
 
     @cached_property
-    def _lattice(self):
+    def _lattice(self) -> "_Lattice":
         return _Lattice(self._points, PROBE * float(self._depth.cells[0]))
 
 
 def settled(
-    vertices,  # (V, 3) scene frame
-    volume,  # (V,) in [0, 1], as measured for each
-    depth,  # OpticalDepth
-):
+    vertices: Points,  # (V, 3) scene frame
+    volume: Floats,  # (V,) in [0, 1], as measured for each
+    depth: OpticalDepth,
+) -> NDArray[np.float32]:
     """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides
     nothing, and in grass no blade is left wholly a surface."""
     lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
@@ -161,7 +166,7 @@ class _Lattice:
     points: (P, 3) float64, the mean of each cell's.
     """
 
-    def __init__(self, points, side):
+    def __init__(self, points: NDArray[np.float64], side: float) -> None:
         low = points.min(axis=0) - side
         at = (points - low) / side
         size = np.ceil(at.max(axis=0)).astype(np.int64) + 2
@@ -173,15 +178,15 @@ class _Lattice:
         self._weights = np.zeros((len(at), 8), np.float32)
         in_slices(_surround, len(at), at, size, self._keys, cell, self._columns, self._weights)
 
-    def means(self, values):
+    def means(self, values: Floats) -> NDArray[np.float64]:
         """Means of values (R,) of the points by their probes: (P, 1)."""
         return (np.bincount(self._cell, values) / self._held)[:, None]
 
-    def around(self, rows):
+    def around(self, rows: Indices) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Probes (S, 8) about some of the points, (S,), and their weights."""
         return self._columns[rows], self._weights[rows]
 
-    def interpolate(self, values, rows=slice(None)):
+    def interpolate(self, values: Floats, rows: slice | Indices = slice(None)) -> NDArray[np.float32]:
         """(P, C) float32 of probes -> (R, C) float32 of the points, or of some rows of them."""
         columns, weights = self._columns[rows], self._weights[rows]
         result = np.zeros((len(columns), values.shape[1]), np.float32)
@@ -190,7 +195,16 @@ class _Lattice:
 
 
 @njit(cache=True, nogil=True)
-def _surround(begin, end, at, size, keys, cell, columns, weights):
+def _surround(
+    begin: int,
+    end: int,
+    at: NDArray[np.float64],
+    size: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    cell: NDArray[np.int64],
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+) -> None:
     """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
 
     keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own.
@@ -215,7 +229,14 @@ def _surround(begin, end, at, size, keys, cell, columns, weights):
 
 
 @njit(cache=True, nogil=True)
-def _interpolate(begin, end, columns, weights, values, result):
+def _interpolate(
+    begin: int,
+    end: int,
+    columns: NDArray[np.int32],
+    weights: NDArray[np.float32],
+    values: NDArray[np.float32],
+    result: NDArray[np.float32],
+) -> None:
     for r in range(begin, end):
         for corner in range(8):
             weight, row = weights[r, corner], columns[r, corner]
@@ -225,10 +246,10 @@ def _interpolate(begin, end, columns, weights, values, result):
 
 
 def transmittance(
-    depth,  # OpticalDepth
-    points,  # (M, 3) in its frame
-    directions,  # (D, 3) unit vectors
-):
+    depth: OpticalDepth,
+    points: Points,  # (M, 3) in its frame
+    directions: Directions,  # (D, 3) unit vectors
+) -> NDArray[np.float32]:
     """The part of the light of each direction that gets to each point, exp(-tau): (M, D) float32.
 
     A march takes the depth of the cell in the middle of each step, a cell long, of wider cells the farther it gets.
@@ -240,30 +261,53 @@ def transmittance(
 
 
 def gathered(
-    depth,  # OpticalDepth
-    points,  # (M, 3) in its frame
-    directions,  # (D, 3) unit vectors
-    weights,  # (D, C)
-):
+    depth: OpticalDepth,
+    points: Points,  # (M, 3) in its frame
+    directions: Directions,  # (D, 3) unit vectors
+    weights: Floats,  # (D, C)
+) -> NDArray[np.float32]:
     """The sums over the directions of weights times `transmittance`, (M, C) float32, in the order of the directions."""
     found = np.zeros((len(points), weights.shape[1]), np.float32)
     in_slices(_gather, len(points), *_as_float64(points, directions, weights), *depth, found)
     return found
 
 
-def _as_float64(*arrays):
+def _as_float64(*arrays: Floats) -> list[NDArray[np.float64]]:
     return [np.ascontiguousarray(array, np.float64) for array in arrays]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _march(begin, end, points, directions, origins, cells, shapes, starts, depth, found):
+def _march(
+    begin: int,
+    end: int,
+    points: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    origins: NDArray[np.float64],
+    cells: NDArray[np.float64],
+    shapes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    depth: NDArray[np.float32],
+    found: NDArray[np.float32],
+) -> None:
     for m in range(begin, end):
         for k in range(len(directions)):
             found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _gather(begin, end, points, directions, weights, origins, cells, shapes, starts, depth, found):
+def _gather(
+    begin: int,
+    end: int,
+    points: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    origins: NDArray[np.float64],
+    cells: NDArray[np.float64],
+    shapes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    depth: NDArray[np.float32],
+    found: NDArray[np.float32],
+) -> None:
     sums = np.zeros(weights.shape[1])
     for m in range(begin, end):
         sums[:] = 0.0
@@ -276,7 +320,15 @@ def _gather(begin, end, points, directions, weights, origins, cells, shapes, sta
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _through(point, direction, origins, cells, shapes, starts, depth):
+def _through(
+    point: NDArray[np.float64],
+    direction: NDArray[np.float64],
+    origins: NDArray[np.float64],
+    cells: NDArray[np.float64],
+    shapes: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    depth: NDArray[np.float32],
+) -> float:
     """exp(-tau) from a point along a direction."""
     dx, dy, dz = direction
     gone, passed = CLEARANCE * cells[0], 0.0

@@ -3,7 +3,10 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeAlias
+
+Advance: TypeAlias = Callable[[int], Any]
+"""Called with the number of steps done since the last call."""
 
 
 class Stages:
