@@ -1,6 +1,6 @@
 """How bright a new light is shown on what was captured: as the camera of the capture would have, and not burnt out."""
 
-from numpy.typing import NDArray
+from splat2mesh.base.arrays import Radiance
 
 from ..light.environment import Environment
 from ..light.tonemap import auto_exposure
@@ -19,7 +19,7 @@ def level_of(brightness: float | None, light: Environment) -> float:
 
 def exposure_as_captured(
     brightness: float | None,  # as in `level_of`
-    captured: NDArray,  # (V, 3) linear, what the vertices showed in the capture
+    captured: Radiance,  # (V, 3) linear, what the vertices showed in the capture
     light: Environment,
     exposure: float,  # of `auto_exposure`, which it is where no light of a capture is known
 ) -> float:

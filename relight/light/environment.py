@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Mask, Radiance
+from splat2mesh.base.arrays import Coefficients, Directions, Floats, Mask, Radiance
 from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import file_size, reading
@@ -33,8 +33,21 @@ MOST_RADIANCE = 1e12
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 
 
-def turned_about_y(coefficients: NDArray, angle_deg: float) -> NDArray:
-    """Radiance coefficients (K, 3) float64 of light turned by an active Ry(+angle): +z towards +x."""
+def turned_about_y(coefficients: Coefficients, angle_deg: float) -> NDArray[np.float64]:
+    """Turn radiance coefficients by an active rotation about +y.
+
+    Parameters
+    ----------
+    coefficients : ndarray, (K, 3)
+        Of the light, basis of `relight.sh.harmonics`.
+    angle_deg : float
+        Degrees, counter-clockwise seen from +y: +z goes towards +x.
+
+    Returns
+    -------
+    ndarray of float64, (K, 3)
+        Of the turned light.
+    """
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
 
 
@@ -50,8 +63,23 @@ class Environment:
         "above 1e+12": that.
     """
 
-    def __init__(self, radiance: NDArray, name: str = "environment", rotation_deg: float = 0.0) -> None:
-        """Raises InputError unless `radiance` is (H, W, 3) with a finite pixel; warns of repaired pixels."""
+    def __init__(self, radiance: Radiance, name: str = "environment", rotation_deg: float = 0.0) -> None:
+        """Make an environment of an image.
+
+        Parameters
+        ----------
+        radiance : ndarray, (H, W, 3)
+            Linear, canonical lat-long. Pixels that hold no radiance are repaired, with one DataWarning.
+        name : str
+            For file names and reports.
+        rotation_deg : float
+            Active rotation about +y, degrees.
+
+        Raises
+        ------
+        InputError
+            For another shape, an image without a finite pixel, and an angle that is not finite.
+        """
         radiance = np.asarray(radiance)
         if radiance.ndim != 3 or radiance.shape[2] != 3 or 0 in radiance.shape:
             raise InputError(f"an environment must be an (H, W, 3) image, found shape {radiance.shape}")
@@ -66,10 +94,23 @@ class Environment:
 
     @classmethod
     def load(cls, source: str | os.PathLike[str]) -> "Environment":
-        """The environment in a file (OpenEXR or Radiance HDR), or a built-in one by name.
+        """Read an environment from a file, or make a built-in one.
 
-        Angular maps and vertical crosses are recognised and resampled; anything else is taken as lat-long.
-        Raises InputError for an unknown name and for files that are missing, damaged or of another kind.
+        Parameters
+        ----------
+        source : path-like
+            An OpenEXR or Radiance HDR file, or a name of `skies.BUILTIN`. Angular maps and vertical crosses are
+            recognised and resampled; anything else is taken as lat-long.
+
+        Returns
+        -------
+        Environment
+            Not turned.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, and for a file that is missing, damaged or of another kind.
         """
         builtin = str(source).lower()
         if builtin in skies.BUILTIN and not os.path.lexists(source):
@@ -101,30 +142,62 @@ class Environment:
         return environment
 
     def rotated(self, angle_deg: float) -> "Environment":
-        """This environment turned further by an active Ry(+angle), with the image shared.
+        """Return this environment turned further, with the image shared.
 
-        Angles that differ by whole turns give identical results, to the bit. Raises InputError for a NaN.
+        Parameters
+        ----------
+        angle_deg : float
+            Active rotation about +y, degrees. Angles that differ by whole turns give identical results, to the bit.
+
+        Returns
+        -------
+        Environment
+            The turned one.
+
+        Raises
+        ------
+        InputError
+            For an angle that is not finite.
         """
         turned = copy.copy(self)
         turned.rotation_deg = _reduced(self.rotation_deg + _reduced(angle_deg))
         return turned
 
-    def sh(self, bands: int) -> NDArray:
-        """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
+    def sh(self, bands: int) -> NDArray[np.float64]:
+        """Return the radiance coefficients, rotation included.
+
+        Parameters
+        ----------
+        bands : int
+            B, from 1 to 10.
+
+        Returns
+        -------
+        ndarray of float64, (B^2, 3)
+            Basis of `relight.sh.harmonics`, scene frame.
+        """
         unrotated = self.derived(("sh", bands), lambda: harmonics.project_latlong(self.radiance, bands))
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key: Hashable, compute: Callable[[], Any]) -> Any:
-        """The result of `compute()`, computed once under this key for the image and all its rotated copies."""
+        """Return what `compute` gives, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
         return self._derived[key]
 
-    def lookup(
-        self,
-        directions: NDArray,  # (N, 3) of any length, scene frame
-    ) -> NDArray:
-        """Radiance (N, 3) float32 arriving from these directions: bilinear, across the seam and the poles."""
+    def lookup(self, directions: Directions) -> NDArray[np.float32]:
+        """Look up the radiance that arrives from directions.
+
+        Parameters
+        ----------
+        directions : ndarray, (N, 3)
+            Toward the light, of any length, scene frame.
+
+        Returns
+        -------
+        ndarray of float32, (N, 3)
+            Linear radiance, bilinear, across the seam and the poles.
+        """
         x, y, z = np.asarray(directions, np.float64).T
         height, width = self.radiance.shape[:2]
         longitude = np.arctan2(x, z) - math.radians(self.rotation_deg)

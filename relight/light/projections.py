@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from splat2mesh.base.arrays import Mask, Radiance
+from splat2mesh.base.arrays import Integers, Mask, Radiance
 from splat2mesh.base.sphere import row_solid_angles as row_solid_angles
 from splat2mesh.base.sphere import texel_directions
 
@@ -28,11 +28,19 @@ _CROSS_FACES = (
 )
 
 
-def recognise(image: NDArray) -> str | None:
-    """Projection of an (H, W, 3) image: "lat-long" (2:1), "angular map", "vertical cross", or None of these.
+def recognise(image: Radiance) -> str | None:
+    """Tell the projection of an image by its sides and by where it is black.
 
-    A square is an angular map when it is black outside its circle; a 3:4 image is a cross when the six cells
-    without a face are black.
+    Parameters
+    ----------
+    image : ndarray, (H, W, 3)
+        Linear radiance.
+
+    Returns
+    -------
+    str or None
+        "lat-long" for 2:1; "angular map" for a square that is black outside its circle; "vertical cross" for 3:4 with
+        black cells where no face is; None for anything else.
     """
     height, width = image.shape[:2]
     if width == 2 * height:
@@ -44,10 +52,19 @@ def recognise(image: NDArray) -> str | None:
     return None
 
 
-def latlong_from_angular(
-    image: NDArray,  # (N, N, 3) radiance: centre -z, right +x, top +y, radius proportional to the angle
-) -> NDArray:
-    """Canonical lat-long (N/2, N, 3) float32 of Debevec's angular map (www.pauldebevec.com/Probes)."""
+def latlong_from_angular(image: Radiance) -> NDArray[np.float32]:
+    """Resample Debevec's angular map (www.pauldebevec.com/Probes) as lat-long.
+
+    Parameters
+    ----------
+    image : ndarray, (N, N, 3)
+        Linear radiance: centre -z, right +x, top +y, the radius proportional to the angle.
+
+    Returns
+    -------
+    ndarray of float32, (N / 2, N, 3)
+        Canonical lat-long.
+    """
     size = image.shape[0]
 
     def pixel(
@@ -62,10 +79,19 @@ def latlong_from_angular(
     return _resample(image, max(1, size // 2), pixel)
 
 
-def latlong_from_cross(
-    image: NDArray,  # (4 F, 3 F, 3) radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down
-) -> NDArray:
-    """Canonical lat-long (2 F, 4 F, 3) float32 of a vertical cross of cube faces."""
+def latlong_from_cross(image: Radiance) -> NDArray[np.float32]:
+    """Resample a vertical cross of cube faces as lat-long.
+
+    Parameters
+    ----------
+    image : ndarray, (4 F, 3 F, 3)
+        Linear radiance; rows of faces: +y / -x, -z, +x / -y / +z upside down.
+
+    Returns
+    -------
+    ndarray of float32, (2 F, 4 F, 3)
+        Canonical lat-long.
+    """
     face = image.shape[1] // 3
 
     def pixel(
@@ -134,8 +160,27 @@ def _cross_inside(face: int) -> Mask:
     return cells.repeat(face, axis=0).repeat(face, axis=1)
 
 
-def texel_parts(row: NDArray, column: NDArray, height: int, width: int, parts: int) -> tuple[NDArray, NDArray]:
-    """Directions (T, P^2, 3) and solid angles (T, P^2) of T texels' parts, P = `parts` along each side."""
+def texel_parts(
+    row: Integers, column: Integers, height: int, width: int, parts: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Divide texels of a lat-long image into parts.
+
+    Parameters
+    ----------
+    row, column : ndarray of int, (T,)
+        The texels.
+    height, width : int
+        Of the image, texels.
+    parts : int
+        P, along each side of a texel.
+
+    Returns
+    -------
+    directions : ndarray of float64, (T, P^2, 3)
+        Unit vectors to the middle of each part, canonical frame.
+    areas : ndarray of float64, (T, P^2)
+        Solid angles, sr.
+    """
     step = np.arange(parts)
     fine_row = row[:, None] * parts + step
     longitude = np.pi * (1.0 - 2.0 * (column[:, None] * parts + step + 0.5) / (width * parts))

@@ -17,7 +17,22 @@ _LONGEST_HEADER = 1 << 20
 
 
 def check_pixels(name: object, width: int, height: int, size: int) -> None:
-    """Raise InputError for a picture that a file of `size` bytes cannot hold, or that would fill the memory."""
+    """Check the size that a picture announces before memory is taken for it.
+
+    Parameters
+    ----------
+    name : object
+        Of the file, for messages.
+    width, height : int
+        As announced, pixels.
+    size : int
+        Of the file, bytes.
+
+    Raises
+    ------
+    InputError
+        For more pixels than the file has bytes, or than FREE_PIXELS where that is more.
+    """
     most = max(FREE_PIXELS, size)
     if width * height > most:
         raise InputError(
@@ -26,9 +41,23 @@ def check_pixels(name: object, width: int, height: int, size: int) -> None:
 
 
 def check_exr(name: object, data: bytes) -> None:
-    """Raise InputError for an OpenEXR file whose header makes no sense or announces more than may be read.
+    """Check the sizes in the header of an OpenEXR file before it is read.
 
-    Source: "OpenEXR File Layout". What the header says beside sizes, the library that reads the pixels checks.
+    Parameters
+    ----------
+    name : object
+        Of the file, for messages.
+    data : bytes
+        The whole file.
+
+    Raises
+    ------
+    InputError
+        For a header that makes no sense, deep pixels, or more pixels or channels than may be read.
+
+    Notes
+    -----
+    Source: "OpenEXR File Layout". The library that reads the pixels checks the rest of the header.
     """
     try:
         parts = _exr_headers(data)

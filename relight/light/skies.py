@@ -20,37 +20,69 @@ _GROUND_ALBEDO = 0.2  # of soil and grass
 _SUBSAMPLES = 16  # a side of each texel near a disc's rim
 
 
-def studio() -> NDArray:
-    """Photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings."""
+def studio() -> NDArray[np.float32]:
+    """Return a photographer's studio: key from the upper front left, soft fill, rim from behind, grey surroundings.
+
+    Returns
+    -------
+    ndarray of float32, (HEIGHT, WIDTH, 3)
+        Radiance, canonical lat-long, mean luminance 1.
+    """
     return _image("studio")
 
 
-def overcast() -> NDArray:
-    """Overcast day: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3, over a grey ground it lights."""
+def overcast() -> NDArray[np.float32]:
+    """Return an overcast day over a grey ground that it lights.
+
+    Returns
+    -------
+    ndarray of float32, (HEIGHT, WIDTH, 3)
+        Radiance, canonical lat-long, mean luminance 1: the CIE overcast sky, L = Lz (1 + 2 sin elevation) / 3.
+    """
     return _image("overcast")
 
 
-def noon() -> NDArray:
-    """Clear day, sun 60 degrees up: five sixths of the light on level ground are the sun's, one the sky's."""
+def noon() -> NDArray[np.float32]:
+    """Return a clear day with the sun 60 degrees up.
+
+    Returns
+    -------
+    ndarray of float32, (HEIGHT, WIDTH, 3)
+        Radiance, canonical lat-long, mean luminance 1. On level ground five sixths of the light are the sun's, one
+        sixth the sky's.
+    """
     return _image("noon")
 
 
-def sunset() -> NDArray:
-    """Sun 6 degrees up on the left: warm light along the ground, a quarter as much on it as the sky's."""
+def sunset() -> NDArray[np.float32]:
+    """Return an evening with the sun 6 degrees up on the left, its light warm along the ground.
+
+    Returns
+    -------
+    ndarray of float32, (HEIGHT, WIDTH, 3)
+        Radiance, canonical lat-long, mean luminance 1. The sun gives level ground a quarter of what the sky gives.
+    """
     return _image("sunset")
 
 
 BUILTIN = {"studio": studio, "overcast": overcast, "noon": noon, "sunset": sunset}
 
 
-def seen(
-    name: str,  # of BUILTIN
-    directions: NDArray,  # (..., 3) unit, canonical frame
-) -> NDArray:
-    """Radiance (..., 3) float32 of the same sky as an eye sees it, in any detail: for pictures, never for light.
+def seen(name: str, directions: Directions) -> NDArray[np.float32]:
+    """Return a built-in sky as an eye sees it, in any detail: for pictures, never for light.
 
-    The sun is a disc of its true size. Far ground fades into the air above the horizon, which the image, whose
-    texels are 0.7 degrees wide, does not resolve.
+    Parameters
+    ----------
+    name : str
+        Of BUILTIN.
+    directions : ndarray, (..., 3)
+        Unit vectors, canonical frame.
+
+    Returns
+    -------
+    ndarray of float32, (..., 3)
+        Linear radiance. The sun is a disc of its true size. Far ground fades into the air above the horizon, which the
+        image, whose texels are 0.7 degrees wide, does not resolve.
     """
     sky, scale, sun, ground = _constants(name)
     directions = np.asarray(directions, np.float64)
@@ -69,8 +101,19 @@ def seen(
     return (result / scale).astype(np.float32)
 
 
-def sun_of(name: str) -> tuple[NDArray, NDArray] | None:
-    """Direction (3,) of the sun of a sky of BUILTIN, canonical frame, and its colour (3,); None where it has none."""
+def sun_of(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return where the sun of a built-in sky stands.
+
+    Parameters
+    ----------
+    name : str
+        Of BUILTIN.
+
+    Returns
+    -------
+    tuple of ndarray of float64, (3,) each, or None
+        Unit direction toward it, canonical frame, and its linear colour; None for a sky without one.
+    """
     if name not in _SUNS:
         return None
     angles, color, _ = _SUNS[name]

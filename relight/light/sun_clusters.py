@@ -23,11 +23,35 @@ Spots: TypeAlias = tuple[Directions, Radiance, Floats]
 """Directions (P, 3), weights (P, 3) and variances (P,) in rad^2 of small patches of light."""
 
 
-def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray, int, float]:
-    """Label (P,) of each spot, the number of clusters, and the relative error of letting each shine as a point.
+def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) -> tuple[NDArray[np.int64], int, float]:
+    """Gather spots of light into clusters that may each shine as a point.
 
-    The cluster with the largest error is halved at its centroid, across its longest axis, until their squares sum
-    to `allowed` or there are `most`.
+    Parameters
+    ----------
+    spots : Spots
+        P patches of light: directions, weights, variances.
+    bands : int
+        B of the light without them.
+    scale : float
+        Root mean square radiance, to which errors are relative.
+    allowed : float
+        Sum of squared relative errors that may remain.
+    most : int
+        Clusters at most.
+
+    Returns
+    -------
+    label : ndarray of int64, (P,)
+        The cluster of each spot, from 0.
+    count : int
+        Number of clusters.
+    error : float
+        Relative error of letting each shine as a point.
+
+    Notes
+    -----
+    The cluster with the largest error is halved at its centroid, across its longest axis, until the squares sum to
+    `allowed` or there are `most`.
     """
     toward, weights, variance = map(np.ascontiguousarray, spots)  # one type, or the kernel is compiled again
     label = np.zeros(len(toward), np.int64)

@@ -75,13 +75,13 @@ class Rest(Environment):
     the distance from the sun over its light, rad^2.
     """
 
-    def __init__(self, whole: Environment, image: NDArray, suns: Suns, width: float, variances: NDArray) -> None:
-        """Of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
+    def __init__(self, whole: Environment, image: Radiance, suns: Suns, width: float, variances: Floats) -> None:
+        """Make it of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
         self._whole, self._suns, self.width, self.variances = whole, suns, width, variances
 
-    def sh(self, bands: int) -> NDArray:
+    def sh(self, bands: int) -> NDArray[np.float64]:
         """Radiance coefficients (B^2, 3) float64 in the basis of `relight.sh.harmonics`, rotation included."""
         unrotated = self.derived(("sh", bands), lambda: self._whole.sh(bands) - self._suns.sh(bands))
         return turned_about_y(unrotated, self.rotation_deg)
@@ -93,13 +93,35 @@ def split(
     tolerance: float = SUN_TOLERANCE,
     limit: int = DEFAULT_LIMIT,
 ) -> tuple[Environment, Suns]:
-    """(rest, suns): an Environment for a transfer of `bands` bands, and Suns, brightest first, both as turned.
+    """Split an environment into what few bands hold and suns beside it.
 
-    tolerance: estimated relative error of radiance (root mean square over vertices beside walls) that may remain.
-    limit: most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
-    Cut off what exceeds a level of luminance and gather it into suns. Level and number are found once for an image
-    and all its rotations. Light that the bands hold well enough comes back itself, with no suns. Raises InputError
-    for bands outside 1..10, and for a tolerance or a limit that is not positive.
+    Parameters
+    ----------
+    environment : Environment
+        Turned or not.
+    bands : int
+        B of the transfer that it will light, from 1 to 10.
+    tolerance : float
+        Relative error of radiance that may remain, an estimate: root mean square over vertices beside walls.
+    limit : int
+        Most suns. Where they do not reach the tolerance, the fewest that come to 1.1 of the least estimate.
+
+    Returns
+    -------
+    rest : Environment
+        Turned as the given one; that itself where the bands hold it well enough.
+    suns : Suns
+        Brightest first, turned alike.
+
+    Raises
+    ------
+    InputError
+        For bands outside 1..10, and for a tolerance or a limit that is not positive.
+
+    Notes
+    -----
+    What exceeds a level of luminance is cut off and gathered into suns. Level and number are found once for an image
+    and all its rotations.
     """
     harmonics.check_bands(bands)
     if not tolerance > 0.0:
@@ -241,8 +263,8 @@ def _imagined() -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.fl
     return full, cells, areas
 
 
-def pooled(image: NDArray, grid: tuple[int, int]) -> NDArray:
-    """Mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
+def pooled(image: Radiance, grid: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
     rows, columns = _pooling(image.shape[:2], grid)
     cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]
     return np.stack(cells, axis=-1).astype(np.float64)

@@ -29,12 +29,18 @@ class Suns:
         return len(self.directions)
 
     def rotated(self, angle_deg: float) -> "Suns":
-        """These suns turned by an active Ry(+angle), as `Environment.rotated` turns."""
+        """Return these suns turned by an active rotation about +y, as `Environment.rotated` turns.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Degrees, counter-clockwise seen from +y.
+        """
         angle = math.radians(angle_deg)
         cos, sin = math.cos(angle), math.sin(angle)
         turn = np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
         return Suns(self.directions @ turn.T, self.weights)
 
-    def sh(self, bands: int) -> NDArray:
+    def sh(self, bands: int) -> NDArray[np.float64]:
         """Radiance coefficients (B^2, 3) float64 of the suns as points."""
         return harmonics.evaluate(self.directions, bands).T @ self.weights

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
 
@@ -16,8 +17,21 @@ from .room import Room
 ARRAYS = "by_lamps", "glow", "lamp_light", "lamp_of"
 
 
-def as_arrays(room: Room, reason: str) -> dict[str, Any]:
-    """Dict of arrays; those that estimates of open scenes have too, under their names. reason: what is to be told."""
+def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
+    """Return a Room as arrays to keep.
+
+    Parameters
+    ----------
+    room : Room
+        What was found.
+    reason : str
+        What is said of its light, in the report and as a warning.
+
+    Returns
+    -------
+    dict of str to ndarray
+        What estimates of open scenes have as well has the same names.
+    """
     coefficients = room.environment.sh(2)
     mean = coefficients[0] / math.sqrt(4.0 * math.pi)
     bright = max(float(luminance(mean)), 1e-12)
@@ -48,8 +62,19 @@ def as_arrays(room: Room, reason: str) -> dict[str, Any]:
     return {name: np.asarray(value) for name, value in kept.items()}
 
 
-def room_from(kept: Mapping[str, Any]) -> Room | None:
-    """The Room of `as_arrays`; None where there is none among the arrays."""
+def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
+    """Return the Room that `as_arrays` described.
+
+    Parameters
+    ----------
+    kept : mapping of str to ndarray
+        Of a room or of an open scene.
+
+    Returns
+    -------
+    Room or None
+        None where the arrays describe no room.
+    """
     if "room_told" not in kept:
         return None
     told = json.loads(str(kept["room_told"]))

@@ -74,12 +74,31 @@ class Lamp(NamedTuple):
 
 def find(
     occluder: Occluder,
-    captured: NDArray[np.float32],  # (V, 3) linear, clipped at 1
-    areas: NDArray[np.float64],  # (V,) of the squared diagonal
-    visible: NDArray[np.floating],  # (V,) visible fraction of the sky
-    bounce: NDArray[np.float32],  # (V, 3) what white would send on of the captured colours around it
+    captured: NDArray[np.float32],
+    areas: NDArray[np.float64],
+    visible: NDArray[np.floating],
+    bounce: NDArray[np.float32],
 ) -> list[Lamp]:
-    """The lamps, largest first. The same ones in any order of vertices and any division into chunks."""
+    """Find the lamps of a room by their captured colours.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        Of the scene, V vertices.
+    captured : ndarray of float32, (V, 3)
+        Linear, clipped at 1.
+    areas : ndarray of float64, (V,)
+        Around each vertex, in squared diagonals.
+    visible : ndarray, (V,)
+        Visible fraction of the sky, in [0, 1].
+    bounce : ndarray of float32, (V, 3)
+        What white would send on of the captured colours around it.
+
+    Returns
+    -------
+    list of Lamp
+        The largest first. They depend neither on the order of vertices nor on the division into chunks.
+    """
     order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
     node = np.zeros(len(captured), np.int64)
     node[order] = np.cumsum(new_node) - 1
@@ -117,15 +136,28 @@ def find(
 
 
 def light_of(
-    lamp: Lamp,
-    occluder: Occluder,
-    areas: NDArray[np.float64],  # (V,) of the squared diagonal
-    normals: NDArray[np.float32],  # (V, 3) unit, of the vertices that are lit
-    spots: int = SPOTS,
+    lamp: Lamp, occluder: Occluder, areas: NDArray[np.float64], normals: NDArray[np.float32], spots: int = SPOTS
 ) -> NDArray[np.float32]:
-    """(V,) float32: what white vertices send on of a lamp of radiance 1 all over.
+    """Return the light that white vertices send on of a lamp whose radiance is 1 all over.
 
-    The sum over points of the lamp of cosine times cosine over pi times the squared distance, where the way is free.
+    Parameters
+    ----------
+    lamp : Lamp
+        Of this scene.
+    occluder : Occluder
+        Of the scene, V vertices.
+    areas : ndarray of float64, (V,)
+        Around each vertex, in squared diagonals.
+    normals : ndarray of float32, (V, 3)
+        Unit vectors of the vertices that are lit.
+    spots : int
+        Points on the lamp that rays go to.
+
+    Returns
+    -------
+    ndarray of float32, (V,)
+        Exit radiance: the sum over the spots of cosine times cosine over pi times the squared distance, where the way
+        is free.
     """
     order, _, _ = ranked_nodes(occluder.origins[lamp.rows], occluder.normals[lamp.rows])
     rows = lamp.rows[order]

@@ -22,10 +22,28 @@ rooms are uneven by a tenth of their height."""
 
 
 def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
-    """The Scene with all its vertices and without the faces of its ceiling, for light alone. occluder: its own.
+    """Take the ceiling off a room, so that an environment enters from above.
 
-    The ceiling lies where half of the looks up from where the capture stood end. Raises InputError where the capture
-    stood in no place closed in, or nothing is above.
+    Parameters
+    ----------
+    scene : Scene
+        Captured from within.
+    occluder : Occluder
+        Of that scene.
+
+    Returns
+    -------
+    Scene
+        All the vertices, without the faces of the ceiling: for light alone.
+
+    Raises
+    ------
+    InputError
+        Where the capture stood in no place closed in, where nothing is above it, and where nothing would be left.
+
+    Notes
+    -----
+    Rays go up from where the capture stood; the ceiling lies where half of them end.
     """
     eyes, frame = within(scene), Frame.around(scene.vertices, scene.faces)
     if not len(eyes):

@@ -80,12 +80,35 @@ class Room(NamedTuple):
 def room_of(
     scene: Scene,
     occluder: Occluder,
-    captured: NDArray[np.float32],  # (V, 3) linear
-    transfer: NDArray[np.float32],  # (V, K) of the white scene
+    captured: NDArray[np.float32],
+    transfer: NDArray[np.float32],
     interreflection: Interreflection,
     seed: int = 0,
 ) -> tuple[Room | None, str]:
-    """The Room, or None and why its light cannot be told."""
+    """Tell lamps, windows and albedo of a closed room from its captured colours.
+
+    Parameters
+    ----------
+    scene : Scene
+        Captured from within.
+    occluder : Occluder
+        Of that scene, V vertices.
+    captured : ndarray of float32, (V, 3)
+        Linear.
+    transfer : ndarray of float32, (V, K)
+        Of the white scene, without bounces.
+    interreflection : Interreflection
+        Of that scene.
+    seed : int
+        Of the places at which light is judged.
+
+    Returns
+    -------
+    room : Room or None
+        None where its light cannot be told.
+    reason : str
+        Why not; empty with a Room.
+    """
     sky = None if scene.measured is None else scene.measured.sky
     areas, visible = samples.vertex_areas(occluder), visible_fraction(transfer)
     frame = Frame.around(scene.vertices, scene.faces)

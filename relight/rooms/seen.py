@@ -9,12 +9,23 @@ SHORT = 0.999
 """Part of the way to an eye that must be free."""
 
 
-def seen_from(
-    occluder: Occluder,
-    rows: NDArray[np.int64],  # (N,) vertices
-    eyes: NDArray[np.float32],  # (E, 3) unit frame
-) -> NDArray[np.bool_]:
-    """(N,) bool: which vertices show their front to an eye, with nothing between."""
+def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Tell which vertices show their front to an eye, with nothing between.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        Of the scene.
+    rows : ndarray of int64, (N,)
+        The vertices asked about.
+    eyes : ndarray of float32, (E, 3)
+        Unit frame of the occluder.
+
+    Returns
+    -------
+    ndarray of bool, (N,)
+        Whether any eye sees each.
+    """
     seen = np.zeros(len(rows), bool)
     for eye in np.asarray(eyes, np.float32):
         left = np.flatnonzero(~seen)

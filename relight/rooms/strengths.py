@@ -132,16 +132,43 @@ class _Emitters:
 
 def places_of(
     occluder: Occluder,
-    normals: NDArray[np.float32],  # (V, 3) unit, even along the surface
-    captured: NDArray[np.float32],  # (V, 3) linear
-    areas: NDArray[np.float64],  # (V,)
-    usable: NDArray[np.bool_],  # (V,) what was seen from within, and is no lamp
-    lamps: list[NDArray[np.int64]],  # rows of each
-    lamp_light: NDArray[np.float32],  # (L, V) of `lamps.light_of`
+    normals: NDArray[np.float32],
+    captured: NDArray[np.float32],
+    areas: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    lamps: list[NDArray[np.int64]],
+    lamp_light: NDArray[np.float32],
     sky: CapturedSky | None,
     seed: int = 0,
 ) -> RoomIrradiance:
-    """The RoomIrradiance of a room; it may have no places."""
+    """Gather what places of a room receive of each of its emitters.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        Of the scene, V vertices.
+    normals : ndarray of float32, (V, 3)
+        Unit vectors, averaged along the surface.
+    captured : ndarray of float32, (V, 3)
+        Linear.
+    areas : ndarray of float64, (V,)
+        Around each vertex, in squared diagonals.
+    usable : ndarray of bool, (V,)
+        What was seen from within and is no lamp.
+    lamps : list of ndarray of int64
+        Vertices of each of L lamps.
+    lamp_light : ndarray of float32, (L, V)
+        Of `lamps.light_of`.
+    sky : CapturedSky or None
+        What was captured in the windows.
+    seed : int
+        Of the places.
+
+    Returns
+    -------
+    RoomIrradiance
+        It has no places where no vertex is usable.
+    """
     told = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, told, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
@@ -170,9 +197,22 @@ def places_of(
 def sky_parts(
     sky: CapturedSky | None, directions: NDArray[np.float64], image: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(known, unknown) radiance (K, 3) of directions that share the sphere, or of an image's texels: what was seen of
-    the sky, and what exceeds it, at strength 1. Without a sky all is unknown, as bright all over, and
-    has no colour."""
+    """Divide the radiance of a sky in windows into what was seen and what is unknown.
+
+    Parameters
+    ----------
+    sky : CapturedSky or None
+        None where no sky was captured: then all of it is unknown, equally bright, without a colour.
+    directions : ndarray of float64, (K, 3)
+        Unit vectors that share the sphere evenly, or those of an image's texels.
+    image : bool
+        Whether they are of an image's texels.
+
+    Returns
+    -------
+    known, unknown : ndarray of float64, (K, 3)
+        Radiance in the unit of the captured colours: what was seen, and what exceeds it, at strength 1.
+    """
     if sky is None:
         upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
         return np.zeros((len(directions), 3)), np.repeat(upward, 3, axis=1)
@@ -183,7 +223,20 @@ def sky_parts(
 
 
 def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | None:
-    """The Strengths of the emitters, whose lamps' captured colours are (L, 3); None where they tell nothing."""
+    """Solve for the strengths of a room's emitters.
+
+    Parameters
+    ----------
+    places : RoomIrradiance
+        What the emitters give.
+    colors : ndarray of float64, (L, 3)
+        Captured colours of the lamps, linear.
+
+    Returns
+    -------
+    Strengths or None
+        None where the places tell nothing.
+    """
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 
     light, count, lamps = _Emitters(places), len(places.emitters), places.lamps

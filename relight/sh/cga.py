@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Directions, Points
+from splat2mesh.base.arrays import Directions, Floats, Points
 from splat2mesh.base.errors import InputError
 
 from . import rotors
@@ -58,9 +58,9 @@ _PARTNER, _SIGN = _product_tables()
 
 
 def vertex_motors(
-    points: NDArray,  # (V, 3), scene frame
-    normals: NDArray,  # (V, 3), scene frame, any length
-) -> NDArray:
+    points: Points,  # (V, 3), scene frame
+    normals: Directions,  # (V, 3), scene frame, any length
+) -> NDArray[np.float32]:
     """The motors T R of vertices, (V, 32) float32: R takes +y to the normal, T the origin to the point.
 
     Normals are used as `unit_normals` returns them (degenerate ones are +y, with a warning), R is
@@ -84,9 +84,9 @@ def vertex_motors(
 
 
 def motor(
-    rotor: NDArray,  # (..., 4) of relight.rotors
-    translation: NDArray,  # (..., 3), scene frame
-) -> NDArray:
+    rotor: Floats,  # (..., 4) of relight.rotors
+    translation: Floats,  # (..., 3), scene frame
+) -> NDArray[np.float64]:
     """The motor T R, (..., 32) float64: the rotation, then the translation. Raises InputError as `normalise`."""
     s, e12, e13, e23 = np.moveaxis(rotors.normalise(rotor), -1, 0)
     x, y, z = np.moveaxis(_vectors(translation), -1, 0)
@@ -99,7 +99,7 @@ def motor(
     return motors
 
 
-def rotor_and_translation(motors: NDArray) -> tuple[NDArray, NDArray]:
+def rotor_and_translation(motors: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The unit rotor (..., 4) and the translation (..., 3) of motors (..., 32), float64: undoes `motor`.
 
     Raises InputError for a multivector that is no motor, to 1e-4 of its largest number.
@@ -122,7 +122,7 @@ def rotor_and_translation(motors: NDArray) -> tuple[NDArray, NDArray]:
     return np.stack([s, e12, e13, e23], axis=-1), -2.0 * np.stack(vector, axis=-1)
 
 
-def compose(a: NDArray, b: NDArray) -> NDArray:
+def compose(a: Floats, b: Floats) -> NDArray[np.float64]:
     """The motor a b, (..., 32) float64, of motors: b, then a.
 
     What geometric_product gives, from 4 + 3 numbers each. There, products of the two offsets must cancel: offsets
@@ -132,14 +132,14 @@ def compose(a: NDArray, b: NDArray) -> NDArray:
     return motor(rotors.multiply(rotor_a, rotor_b), shift_a + _turned(rotor_a, shift_b))
 
 
-def inverse(motors: NDArray) -> NDArray:
+def inverse(motors: Floats) -> NDArray[np.float64]:
     """The motor (..., 32) float64 that undoes another: its reverse, normalised."""
     rotor, shift = rotor_and_translation(motors)
     back = rotors.reverse(rotor)
     return motor(back, -_turned(back, shift))
 
 
-def to_matrix(motors: NDArray) -> NDArray:
+def to_matrix(motors: Floats) -> NDArray[np.float64]:
     """The 4x4 matrices (..., 4, 4) float64, dst_from_src on column vectors, of motors."""
     rotor, shift = rotor_and_translation(motors)
     matrices = np.zeros((*shift.shape[:-1], 4, 4))
@@ -147,13 +147,13 @@ def to_matrix(motors: NDArray) -> NDArray:
     return matrices
 
 
-def move(motors: NDArray, points: NDArray) -> NDArray:
+def move(motors: Floats, points: Points) -> NDArray[np.float64]:
     """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss told in `up`."""
     rotor, shift = rotor_and_translation(motors)
     return _turned(rotor, _vectors(points)) + shift
 
 
-def up(points: NDArray) -> NDArray:
+def up(points: Points) -> NDArray[np.float64]:
     """Points (..., 3) as null vectors (..., 32) float64: x + |x|^2 / 2 einf + e0.
 
     In this basis the weight, 1, is the difference of two numbers of size |x|^2 / 2, and a sandwich rounds them: moved
@@ -167,7 +167,7 @@ def up(points: NDArray) -> NDArray:
     return multivectors
 
 
-def down(multivectors: NDArray) -> NDArray:
+def down(multivectors: Floats) -> NDArray[np.float64]:
     """Points (..., 3) float64 of null vectors (..., 32) of any weight: undoes `up`.
 
     Raises InputError for vectors of weight 0, points at infinity.
@@ -180,9 +180,9 @@ def down(multivectors: NDArray) -> NDArray:
 
 
 def plane(
-    normals: NDArray,  # (..., 3)
+    normals: Directions,  # (..., 3)
     distances: ArrayLike = 0.0,  # (...), from the origin along the normal
-) -> NDArray:
+) -> NDArray[np.float64]:
     """Planes n . x = d as vectors n + d einf, (..., 32) float64: X lies on one where X . plane = 0.
 
     With d = 0 the plain vector n. Moved by a motor, its `EUCLIDEAN` part only turns, as a normal does.
@@ -195,12 +195,12 @@ def plane(
     return multivectors
 
 
-def apply(motors: NDArray, multivectors: NDArray) -> NDArray:
+def apply(motors: Floats, multivectors: Floats) -> NDArray[np.float64]:
     """The sandwich M X ~M, (..., 32) float64: X moved by a unit motor; leading axes broadcast."""
     return geometric_product(geometric_product(motors, multivectors), reverse(motors))
 
 
-def geometric_product(a: NDArray, b: NDArray) -> NDArray:
+def geometric_product(a: Floats, b: Floats) -> NDArray[np.float64]:
     """The geometric product (..., 32) float64 of multivectors (..., 32); leading axes broadcast."""
     a, b = _multivectors(a), _multivectors(b)
     product = np.zeros((*np.broadcast_shapes(a.shape[:-1], b.shape[:-1]), 32))
@@ -210,7 +210,7 @@ def geometric_product(a: NDArray, b: NDArray) -> NDArray:
     return product
 
 
-def reverse(multivectors: NDArray) -> NDArray:
+def reverse(multivectors: Floats) -> NDArray[np.float64]:
     """~X, (..., 32) float64: the order of all vectors reversed."""
     return _multivectors(multivectors) * _REVERSAL
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Coefficients, Floats
+from splat2mesh.base.arrays import Coefficients, Directions, Floats, Radiance
 from splat2mesh.base.errors import InputError
 
 MAX_BANDS = 10
@@ -27,8 +27,24 @@ def check_bands(bands: int) -> int:
     return int(bands)
 
 
-def bands_of(coefficients: NDArray) -> int:
-    """Number of bands B of (K,) or (..., K, C) coefficients. Raises InputError unless K is 1, 4 ... 100."""
+def bands_of(coefficients: Coefficients) -> int:
+    """Return the number of bands of SH coefficients.
+
+    Parameters
+    ----------
+    coefficients : ndarray, (K,) or (..., K, C)
+        Index l (l + 1) + m, the SH axis before the colour axis.
+
+    Returns
+    -------
+    int
+        B, with K = B^2.
+
+    Raises
+    ------
+    InputError
+        Unless K is 1, 4, 9 ... 100.
+    """
     shape = np.shape(coefficients)
     count = shape[-2:][0] if shape else 0
     bands = math.isqrt(count)
@@ -37,20 +53,47 @@ def bands_of(coefficients: NDArray) -> int:
     return bands
 
 
-def degrees_and_orders(bands: int) -> tuple[NDArray, NDArray]:
-    """Degree l and order m of every coefficient: two (K,) int arrays."""
+def degrees_and_orders(bands: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return degree l and order m of every coefficient.
+
+    Parameters
+    ----------
+    bands : int
+        B, from 1 up.
+
+    Returns
+    -------
+    degree, order : ndarray of int64, (K,)
+        K = B^2, in the order of the coefficients.
+    """
     degree = np.repeat(np.arange(bands), 2 * np.arange(bands) + 1)
     return degree, np.arange(bands * bands) - degree * (degree + 1)
 
 
-def evaluate(
-    directions: NDArray,  # (N, 3) unit vectors, scene frame
-    bands: int,
-) -> NDArray:
-    """Values of the basis, (N, K), in the dtype of the directions (float64 for integers).
+def evaluate(directions: Directions, bands: int) -> Floats:
+    """Evaluate the basis in directions.
 
-    Source: the normalised recurrence of the associated Legendre functions (Press et al., Numerical Recipes,
-    3rd ed., 6.7), with sin^m carried by the powers of x + i y, so that the poles need no care.
+    Parameters
+    ----------
+    directions : ndarray, (N, 3)
+        Unit vectors, scene frame.
+    bands : int
+        B, from 1 to `MAX_BANDS`.
+
+    Returns
+    -------
+    ndarray, (N, K)
+        Y(d), in the dtype of the directions; float64 for integers.
+
+    Raises
+    ------
+    InputError
+        For another shape, and for bands outside 1..10.
+
+    Notes
+    -----
+    The normalised recurrence of the associated Legendre functions (Press et al., Numerical Recipes, 3rd ed., 6.7), with
+    sin^m carried by the powers of x + i y, so that the poles need no care.
     """
     bands = check_bands(bands)
     directions = np.asarray(directions)
@@ -65,14 +108,31 @@ def evaluate(
     return values
 
 
-def project_latlong(
-    image: NDArray,  # (H, W, 3) linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z
-    bands: int,
-) -> NDArray:
-    """Coefficients (K, 3) float64 of a lat-long environment whose texels are patches of constant radiance.
+def project_latlong(image: Radiance, bands: int) -> NDArray[np.float64]:
+    """Project a lat-long environment onto the basis.
 
-    The basis is integrated over the area of each texel: in closed form along the row, by Gauss-Legendre down
-    the column. So the result does not depend on the resolution at which the same patches are stored.
+    Parameters
+    ----------
+    image : ndarray, (H, W, 3)
+        Linear radiance, canonical lat-long: row 0 is +y, the centre looks at +z.
+    bands : int
+        B, from 1 to `MAX_BANDS`.
+
+    Returns
+    -------
+    ndarray of float64, (K, 3)
+        Radiance coefficients.
+
+    Raises
+    ------
+    InputError
+        For bands outside 1..10.
+
+    Notes
+    -----
+    Texels are patches of constant radiance. The basis is integrated over the area of each: in closed form along the
+    row, by Gauss-Legendre down the column. So the result does not depend on the resolution at which the same
+    patches are stored.
     """
     bands = check_bands(bands)
     height, width = image.shape[:2]
@@ -93,13 +153,29 @@ def project_latlong(
     return _y_polar_basis(bands).T @ coefficients
 
 
-def rotation_matrix(
-    rotation: NDArray,  # (3, 3) proper rotation, dst_from_src
-    bands: int,
-) -> NDArray:
-    """The (K, K) float64 orthogonal, band-diagonal matrix M of a rotation R: Y(R d) = M Y(d).
+def rotation_matrix(rotation: Floats, bands: int) -> NDArray[np.float64]:
+    """Return the matrix that rotates SH coefficients.
 
-    M also rotates what is described: M c are the coefficients of L(R^-1 d) when c are those of L(d).
+    Parameters
+    ----------
+    rotation : ndarray, (3, 3)
+        Proper rotation R, `dst_from_src`.
+    bands : int
+        B, from 1 to `MAX_BANDS`.
+
+    Returns
+    -------
+    ndarray of float64, (K, K)
+        Orthogonal, band-diagonal M with Y(R d) = M Y(d). It also rotates what is described: where c are the
+        coefficients of L(d), M c are those of L(R^-1 d).
+
+    Raises
+    ------
+    InputError
+        For a matrix that is no rotation, to 1e-6, and for bands outside 1..10.
+
+    Notes
+    -----
     M_ij is the integral of Y_i(R d) Y_j(d), which the quadrature evaluates exactly (to about 1e-14).
     """
     bands = check_bands(bands)
@@ -112,13 +188,46 @@ def rotation_matrix(
     return np.where(degree[:, None] == degree, matrix, 0.0)
 
 
-def rotate(coefficients: NDArray, rotation: NDArray) -> NDArray:
-    """Coefficients, same shape, of the environment turned by an active rotation: (3, 3) matrix, any axis."""
+def rotate(coefficients: Coefficients, rotation: Floats) -> NDArray[np.float64]:
+    """Turn SH coefficients by an active rotation about any axis.
+
+    Parameters
+    ----------
+    coefficients : ndarray, (K,) or (..., K, C)
+        Of a function on the sphere, such as radiance.
+    rotation : ndarray, (3, 3)
+        Proper rotation, `dst_from_src`.
+
+    Returns
+    -------
+    ndarray of float64, as the coefficients
+        Those of the turned function.
+
+    Raises
+    ------
+    InputError
+        For another number of coefficients, and for a matrix that is no rotation.
+    """
     return rotation_matrix(rotation, bands_of(coefficients)) @ coefficients
 
 
-def lambert_coefficients(bands: int) -> NDArray:
-    """Lambert's lobe A_l, (B,) float64: pi, 2 pi / 3, pi / 4, 0 ... (Ramamoorthi & Hanrahan 2001)."""
+def lambert_coefficients(bands: int) -> NDArray[np.float64]:
+    """Return Lambert's lobe, the clamped cosine, in zonal harmonics.
+
+    Parameters
+    ----------
+    bands : int
+        B, from 1 to `MAX_BANDS`.
+
+    Returns
+    -------
+    ndarray of float64, (B,)
+        A_l: pi, 2 pi / 3, pi / 4, 0 ...
+
+    Notes
+    -----
+    Source: Ramamoorthi and Hanrahan, "An Efficient Representation for Irradiance Environment Maps", 2001.
+    """
     lobe = np.zeros(check_bands(bands))
     lobe[:2] = [np.pi, 2.0 * np.pi / 3.0][: len(lobe)]
     for degree in range(2, len(lobe), 2):
@@ -128,27 +237,73 @@ def lambert_coefficients(bands: int) -> NDArray:
     return lobe
 
 
-def convolve(coefficients: NDArray) -> NDArray:
-    """Irradiance coefficients A_l L_lm, same shape, of radiance; over pi: what leaves a white surface."""
+def convolve(coefficients: Coefficients) -> Floats:
+    """Return the irradiance that radiance gives, by the normal.
+
+    Parameters
+    ----------
+    coefficients : ndarray, (K,) or (..., K, C)
+        Radiance L_lm.
+
+    Returns
+    -------
+    ndarray, as the coefficients
+        A_l L_lm, irradiance; over pi it is what leaves a white surface.
+
+    Raises
+    ------
+    InputError
+        For another number of coefficients.
+    """
     bands = bands_of(coefficients)
     return _scaled(coefficients, lambert_coefficients(bands)[degrees_and_orders(bands)[0]])
 
 
-def from_3dgs(coefficients: NDArray) -> NDArray:
-    """Our coefficients, same shape and dtype, of those in 3DGS files (dc first): c = (-1)^m c_3dgs."""
+def from_3dgs(coefficients: Coefficients) -> Floats:
+    """Return our coefficients of those in 3DGS files.
+
+    Parameters
+    ----------
+    coefficients : ndarray, (K,) or (..., K, C)
+        In the sign convention of 3DGS, the constant one first.
+
+    Returns
+    -------
+    ndarray, as the coefficients
+        c = (-1)^m c_3dgs, in the same dtype.
+
+    Raises
+    ------
+    InputError
+        For another number of coefficients.
+    """
     _, order = degrees_and_orders(bands_of(coefficients))
     return _scaled(coefficients, np.where(order % 2, -1, 1).astype(np.int8))
 
 
-def to_3dgs(coefficients: NDArray) -> NDArray:
-    """Coefficients for 3DGS files, of ours: the change of sign of `from_3dgs`, which is its own inverse."""
+def to_3dgs(coefficients: Coefficients) -> Floats:
+    """Return coefficients for 3DGS files of ours: `from_3dgs`, which is its own inverse."""
     return from_3dgs(coefficients)
 
 
-def quadrature(bands: int) -> tuple[NDArray, NDArray]:
-    """Directions (N, 3) and weights (N,) in steradians that integrate products of two functions of B bands.
+def quadrature(bands: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return directions and weights that integrate products of two functions of B bands exactly.
 
-    Gauss-Legendre in z times equal steps around it: N = B (2 B - 1).
+    Parameters
+    ----------
+    bands : int
+        B, from 1 up.
+
+    Returns
+    -------
+    directions : ndarray of float64, (N, 3)
+        Unit vectors, N = B (2 B - 1).
+    weights : ndarray of float64, (N,)
+        Solid angles, sr.
+
+    Notes
+    -----
+    Gauss-Legendre in z times equal steps around it.
     """
     z, weight = np.polynomial.legendre.leggauss(bands)
     angle = 2.0 * np.pi * np.arange(2 * bands - 1) / (2 * bands - 1)

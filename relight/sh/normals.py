@@ -12,9 +12,18 @@ DEGENERATE_LENGTH = 1e-6
 
 
 def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
-    """(V, 3) float32 unit normals; a degenerate one (too short, not finite) becomes +y, as in Neural-GASh.
+    """Bring normals to length 1.
 
-    One DataWarning tells how many were.
+    Parameters
+    ----------
+    normals : array_like, (V, 3)
+        Of any length, any frame.
+
+    Returns
+    -------
+    ndarray of float32, (V, 3)
+        Unit vectors. A degenerate normal (shorter than DEGENERATE_LENGTH, or not finite) becomes +y, as in Neural-GASh;
+        one DataWarning says how many did.
     """
     normals = np.asarray(normals, np.float64)
     length = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splat2mesh.base.arrays import Coefficients, Directions, Floats, Quaternions
 from splat2mesh.base.errors import InputError
 
 from . import harmonics
@@ -27,26 +28,26 @@ _Y_TO_Z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # Rx(+90)
 def from_axis_angle(
     axis: ArrayLike,  # (..., 3), any length but 0
     angle_rad: ArrayLike,  # (...), right-handed about the axis
-) -> NDArray:
+) -> NDArray[np.float64]:
     """The rotor (..., 4) of a turn about an axis. Raises InputError for an axis without a direction."""
     axis, half = unit_vectors(axis, "an axis"), 0.5 * np.asarray(angle_rad, np.float64)[..., None]
     scalar, vector = np.broadcast_arrays(np.cos(half), np.sin(half) * axis)
     return from_quat(np.concatenate([scalar[..., :1], vector], axis=-1))
 
 
-def from_quat(quat_wxyz: NDArray) -> NDArray:
+def from_quat(quat_wxyz: Quaternions) -> NDArray[np.float64]:
     """The unit rotor (..., 4) of a quaternion w x y z, (..., 4) of any length but 0."""
     return normalise(np.asarray(quat_wxyz, np.float64)[..., _FROM_QUAT] * _QUAT_SIGN)
 
 
-def to_quat(rotor: NDArray) -> NDArray:
+def to_quat(rotor: Floats) -> NDArray[np.float64]:
     """The unit quaternion w x y z, (..., 4), of a rotor."""
     return (normalise(rotor) * _QUAT_SIGN)[..., _FROM_QUAT]
 
 
 def from_matrix(
-    rotation: NDArray,  # (..., 3, 3), dst_from_src
-) -> NDArray:
+    rotation: Floats,  # (..., 3, 3), dst_from_src
+) -> NDArray[np.float64]:
     """The unit rotor (..., 4) of a rotation matrix, with its scalar not below 0.
 
     4 q q^T of the quaternion q is linear in the matrix; its row with the largest diagonal element, at least 1,
@@ -77,7 +78,7 @@ def from_matrix(
     return from_quat(np.where(quat[..., :1] < 0, -quat, quat))
 
 
-def to_matrix(rotor: NDArray) -> NDArray:
+def to_matrix(rotor: Floats) -> NDArray[np.float64]:
     """The rotation matrix (..., 3, 3), dst_from_src, of a rotor."""
     w, x, y, z = np.moveaxis(to_quat(rotor), -1, 0)
     # fmt: off
@@ -91,8 +92,8 @@ def to_matrix(rotor: NDArray) -> NDArray:
 
 
 def taking_up_to(
-    normals: NDArray,  # (..., 3), any length but 0
-) -> NDArray:
+    normals: Directions,  # (..., 3), any length but 0
+) -> NDArray[np.float64]:
     """The rotor (..., 4) that takes +y to a normal along the great circle: 1 + n e2, normalised; e13 stays 0.
 
     Every half turn in a plane with e2 takes +y to -y. At exactly (0, -1, 0) it is Rx(180), the limit for normals
@@ -108,7 +109,7 @@ def taking_up_to(
     return normalise(np.where(((y < 0) & (lean == 0))[..., None], [0.0, 0.0, 0.0, -1.0], rotor))
 
 
-def multiply(a: NDArray, b: NDArray) -> NDArray:
+def multiply(a: Floats, b: Floats) -> NDArray[np.float64]:
     """The product a b, (..., 4): the rotation b, then a."""
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     a0, a1, a2, a3 = np.moveaxis(a, -1, 0)
@@ -123,18 +124,18 @@ def multiply(a: NDArray, b: NDArray) -> NDArray:
     # fmt: on
 
 
-def reverse(rotor: NDArray) -> NDArray:
+def reverse(rotor: Floats) -> NDArray[np.float64]:
     """~R, (..., 4): of a unit rotor the inverse."""
     return np.asarray(rotor, np.float64) * [1.0, -1.0, -1.0, -1.0]
 
 
-def inverse(rotor: NDArray) -> NDArray:
+def inverse(rotor: Floats) -> NDArray[np.float64]:
     """R^-1, (..., 4): ~R over the square of the length. Raises InputError for a rotor of length 0."""
     rotor = _checked(rotor)
     return reverse(rotor) / np.sum(rotor * rotor, axis=-1, keepdims=True)
 
 
-def normalise(rotor: NDArray) -> NDArray:
+def normalise(rotor: Floats) -> NDArray[np.float64]:
     """The rotor (..., 4) with length 1: after each product of a long chain it keeps the chain from drifting.
 
     Raises InputError for a rotor that is zero or not finite.
@@ -146,15 +147,15 @@ def normalise(rotor: NDArray) -> NDArray:
 
 
 def exp(
-    bivector: NDArray,  # (..., 3): coefficients of e12, e13, e23
-) -> NDArray:
+    bivector: Floats,  # (..., 3): coefficients of e12, e13, e23
+) -> NDArray[np.float64]:
     """The unit rotor (..., 4) e^b = cos |b| + sin |b| b / |b|: a turn by 2 |b|."""
     bivector = np.asarray(bivector, np.float64)
     size = np.linalg.norm(bivector, axis=-1, keepdims=True)
     return np.concatenate([np.cos(size), np.sinc(size / np.pi) * bivector], axis=-1)
 
 
-def log(rotor: NDArray) -> NDArray:
+def log(rotor: Floats) -> NDArray[np.float64]:
     """The bivector b (..., 3) with e^b = R / |R| and |b| <= pi; for -1, where any plane serves, -pi e23."""
     rotor = normalise(rotor)
     scalar, plane = rotor[..., :1], rotor[..., 1:]
@@ -165,10 +166,10 @@ def log(rotor: NDArray) -> NDArray:
 
 
 def slerp(
-    first: NDArray,  # (..., 4)
-    second: NDArray,  # (..., 4)
+    first: Floats,  # (..., 4)
+    second: Floats,  # (..., 4)
     share: ArrayLike,  # (...): 0 gives the first, 1 the second rotation
-) -> NDArray:
+) -> NDArray[np.float64]:
     """The rotor (..., 4) on the shorter way from one rotation to another, at constant angular speed."""
     first = normalise(first)
     step = multiply(normalise(second), reverse(first))
@@ -177,9 +178,9 @@ def slerp(
 
 
 def rotate(
-    coefficients: NDArray,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
-    rotor: NDArray,  # (4,) or (..., 4)
-) -> NDArray:
+    coefficients: Coefficients,  # (K,) with one rotor, or (..., K, C), in the basis of relight.sh
+    rotor: Floats,  # (4,) or (..., 4)
+) -> NDArray[np.float64]:
     """SH coefficients, float64, of what an active rotation turns: L(d) becomes L(R^-1 d), about any axis.
 
     With u = w + i z = cos(b/2) e^(i (a+c)/2) and v = y - i x = sin(b/2) e^(i (a-c)/2) of its quaternion the rotor
@@ -209,12 +210,12 @@ def rotate(
     return _about_z(turned, half_sum + half_difference, bands)
 
 
-def rotation_matrix(rotor: NDArray, bands: int) -> NDArray:
+def rotation_matrix(rotor: Floats, bands: int) -> NDArray[np.float64]:
     """The (..., K, K) float64 matrix M with Y(R d) = M Y(d), as harmonics.rotation_matrix gives it, from a rotor."""
     return rotate(np.eye(harmonics.check_bands(bands) ** 2), rotor)
 
 
-def unit_vectors(vectors: ArrayLike, what: str) -> NDArray:
+def unit_vectors(vectors: ArrayLike, what: str) -> NDArray[np.float64]:
     """(..., 3) float64 of length 1. Raises InputError, which names `what`, for one without a direction."""
     vectors = np.asarray(vectors, np.float64)
     if vectors.shape[-1:] != (3,):
@@ -236,7 +237,7 @@ def _checked(rotor: ArrayLike) -> NDArray[np.float64]:
     return rotor
 
 
-def _about_z(coefficients: NDArray[np.float64], angle_rad: ArrayLike, bands: int) -> NDArray[np.float64]:
+def _about_z(coefficients: Coefficients, angle_rad: ArrayLike, bands: int) -> NDArray[np.float64]:
     """(..., K, C) turned by Rz(angle), angles (...): the pairs (m, -m) turn by m times the angle."""
     degree, order = harmonics.degrees_and_orders(bands)
     angle = order * np.asarray(angle_rad)[..., None]
