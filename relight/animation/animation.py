@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import ColorsSrgb, Faces
+from splat2mesh.base.arrays import ColorsSrgb, Faces, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
@@ -56,7 +56,7 @@ class Animation:
         ]
         self.scene = Scene(meshes, path=self._data.path)
 
-    def at(self, time_s: float) -> list[tuple[NDArray, NDArray]]:
+    def at(self, time_s: float) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """The pose at a time, s, held before the first and after the last keyframe: [(vertices, normals)] per chunk.
 
         Both (V, 3) float32, scene frame; the normals unit, or 0 where a vertex has none.
@@ -248,9 +248,9 @@ class Part:
 
 
 def face_normals(
-    vertices: NDArray,  # (V, 3)
-    faces: NDArray,  # (F, 3) integers
-) -> NDArray:
+    vertices: Points,  # (V, 3)
+    faces: Integers,  # (F, 3)
+) -> NDArray[np.float32]:
     """Unit normals of vertices, (V, 3) float32: of their faces, by area, smooth over seams; 0 without faces."""
     corners = vertices[faces].astype(np.float64)
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

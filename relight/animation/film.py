@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_folder
 from splat2mesh.scene.mesh import Mesh
@@ -46,7 +47,7 @@ class Frames(NamedTuple):
 
 def animate(
     animation: "Animation",
-    radiance_of: Callable[[Scene, float], NDArray],  # of each frame's Scene and time in s: (V, 3) linear radiance
+    radiance_of: Callable[[Scene, float], Radiance],  # of each frame's Scene and time in s: (V, 3) linear radiance
     environment: "Environment",  # shown behind; see `preview.render_preview`
     folder: str | os.PathLike[str],
     fps: float = 24.0,
@@ -82,7 +83,7 @@ def animate(
     return written
 
 
-def frame_times(duration_s: float, fps: float) -> NDArray:
+def frame_times(duration_s: float, fps: float) -> NDArray[np.float64]:
     """Times of the frames, s: from 0 on, the last one not after the end. Raises InputError for a rate not above 0."""
     if not (np.isfinite(fps) and fps > 0.0):
         raise InputError(f"frames per second must be above 0, found {fps}")

@@ -6,9 +6,9 @@ specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (int
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Integers
+from splat2mesh.base.arrays import Floats, Integers, Matrix4
 from splat2mesh.base.errors import InputError
 
 INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
@@ -24,8 +24,8 @@ class Track:
 
     def __init__(
         self,
-        times: NDArray,  # (T,)
-        values: NDArray,  # (T, N), with CUBICSPLINE (T, 3, N): tangent in, value, tangent out
+        times: ArrayLike,  # (T,)
+        values: ArrayLike,  # (T, N), with CUBICSPLINE (T, 3, N): tangent in, value, tangent out
         interpolation: str = "LINEAR",
         spherical: bool = False,
     ) -> None:
@@ -41,7 +41,7 @@ class Track:
             raise InputError("keyframes must be finite, and their times must not fall")
         self._values = values
 
-    def at(self, time_s: float) -> NDArray:
+    def at(self, time_s: float) -> NDArray[np.float64]:
         """The value at a time, (N,) float64; that of the first key before it, of the last after it."""
         values = self._values[:, 1] if self.interpolation == "CUBICSPLINE" else self._values
         after = int(np.searchsorted(self.times, time_s, side="right"))
@@ -65,7 +65,7 @@ class Track:
         return value / max(float(np.linalg.norm(value)), 1e-300) if self.spherical else value
 
 
-def for_normals(matrices: NDArray) -> NDArray:
+def for_normals(matrices: Floats) -> Floats:
     """Matrices (..., 3, 3) that turn normals where (..., 4, 4) move points, up to a positive factor.
 
     The inverse transpose times the absolute determinant, which also exists for a matrix that flattens to a plane.
@@ -77,10 +77,10 @@ def for_normals(matrices: NDArray) -> NDArray:
 
 
 def morphed(
-    base: NDArray,  # (V, 3) float32
-    targets: NDArray,  # (M, V, 3) float32, differences
-    weights: NDArray,  # (M,)
-) -> NDArray:
+    base: NDArray[np.float32],  # (V, 3)
+    targets: NDArray[np.float32],  # (M, V, 3) differences
+    weights: Floats,  # (M,)
+) -> NDArray[np.float32]:
     """The base plus the weighted differences, (V, 3) float32."""
     result = base.astype(np.float64)
     for target, weight in zip(targets, weights, strict=True):
@@ -90,10 +90,10 @@ def morphed(
 
 
 def moved(
-    vertices: NDArray,  # (V, 3) float32
-    normals: NDArray,  # (V, 3) float32
-    matrix: NDArray,  # (4, 4)
-) -> tuple[NDArray, NDArray]:
+    vertices: NDArray[np.float32],  # (V, 3)
+    normals: NDArray[np.float32],  # (V, 3)
+    matrix: Matrix4,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Points and normals under one matrix: (V, 3) float32 each, the normals unit, or 0 where they were."""
     turned = normals @ for_normals(matrix).T
     length = np.linalg.norm(turned, axis=1, keepdims=True)
@@ -102,12 +102,12 @@ def moved(
 
 
 def skinned(
-    vertices: NDArray,  # (V, 3) float32
-    normals: NDArray,  # (V, 3) float32
-    joints: NDArray,  # (V, J) integers into the matrices
-    weights: NDArray,  # (V, J) float32, rows that sum to 1
-    matrices: NDArray,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
-) -> tuple[NDArray, NDArray]:
+    vertices: NDArray[np.float32],  # (V, 3)
+    normals: NDArray[np.float32],  # (V, 3)
+    joints: Integers,  # (V, J) into the matrices
+    weights: NDArray[np.float32],  # (V, J) rows that sum to 1
+    matrices: Floats,  # (N, 4, 4): of every joint, its pose times its inverse bind matrix
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Linear blend skinning: as `moved`, each vertex under its own weighted mean of matrices."""
     place, turn = np.zeros((len(vertices), 3), np.float32), np.zeros((len(vertices), 3), np.float32)
     matrices = np.ascontiguousarray(np.asarray(matrices, np.float64)[:, :3])

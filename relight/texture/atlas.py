@@ -6,7 +6,7 @@ changes no texel.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import njit
@@ -61,14 +61,14 @@ class Atlas:
     inside: Mask
     texel_size: float
 
-    def interpolate(self, values: NDArray) -> NDArray:
+    def interpolate(self, values: Floats) -> NDArray[np.float32]:
         """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
         values = read_only(values)
         result = np.empty((len(self.texels), values.shape[1]), np.float32)
         _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
         return result
 
-    def image(self, values: NDArray) -> NDArray:
+    def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
         return values[self._nearest].reshape(self.size, self.size, -1)
 
@@ -143,7 +143,9 @@ def size_for(scene: "Scene", detail: float) -> int:
     return int(2 ** np.clip(np.ceil(np.log2(max(needed, 1.0))), 8, 12))
 
 
-def welded(scene: "Scene") -> tuple[NDArray, NDArray, tuple[NDArray, NDArray, NDArray]]:
+def welded(
+    scene: "Scene",
+) -> tuple[NDArray[np.float32], NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
     """The scene's vertices that differ, (M, 6) float32 of position and normal, ascending; faces (F, 3) of them.
 
     Third, how these stand to the scene: the scene's face of each, the first corner of each there, and for each corner
@@ -159,15 +161,15 @@ def welded(scene: "Scene") -> tuple[NDArray, NDArray, tuple[NDArray, NDArray, ND
     return nodes, corners[order], (order, turn, (np.arange(3) - turn[:, None]) % 3)
 
 
-def face_areas(points: NDArray, faces: NDArray) -> NDArray:
-    """(F,) float64."""
+def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
+    """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
     a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def _charts(
-    nodes: NDArray[np.float32], corners: Faces, texels_per_unit: float
-) -> tuple[NDArray[np.float64], Faces, int]:
+    nodes: NDArray[np.float32], corners: NDArray[np.int64], texels_per_unit: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
     """xatlas: uv (W, 2) float64 in texels, faces (F, 3) of these, and the side of the square that they fill."""
     import xatlas
 
@@ -196,7 +198,9 @@ def _charts(
     return *_without_holes(uv, np.concatenate(node), faces), max(atlas.width, atlas.height)
 
 
-def _without_holes(uv: NDArray[np.float64], node: Integers, faces: Faces) -> tuple[NDArray[np.float64], Faces]:
+def _without_holes(
+    uv: NDArray[np.float64], node: Integers, faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Give slivers that xatlas left out, at (0, 0), the coordinates of one of their corners in another face."""
     lost = np.flatnonzero((uv[faces] == 0.0).all(axis=(1, 2)))
     if len(lost) == 0:
@@ -213,7 +217,7 @@ def _without_holes(uv: NDArray[np.float64], node: Integers, faces: Faces) -> tup
     return np.concatenate([uv, np.repeat(added, 3, axis=0)]), faces
 
 
-def _parts(points: Points, faces: Faces) -> list[Indices]:
+def _parts(points: Points, faces: Integers) -> list[Indices]:
     """Divide faces into compact parts of at most PART_FACES: list of ascending indices."""
     centers = points[faces].mean(axis=1)
     pending, parts = [np.arange(len(faces))], []
@@ -241,7 +245,7 @@ def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
 @njit(cache=True, nogil=True)
 def _draw(
     uv: NDArray[np.float32],
-    faces: Faces,
+    faces: Integers,
     reach: float,
     best: NDArray[np.float32],
     face: NDArray[np.int32],

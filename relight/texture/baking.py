@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Mask, Matrix4, Points
+from splat2mesh.base.arrays import ColorsSrgb, Mask, Matrix4, Points, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
@@ -43,7 +43,7 @@ class Baked:
     unseen: int = 0
 
     @classmethod
-    def of_arrays(cls, arrays: Mapping[str, NDArray]) -> "Baked":
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "Baked":
         """What `arrays` made of it."""
         atlas: dict[str, Any] = {name: arrays[f"atlas_{name}"] for name in _ATLAS}
         for name in ("vertices", "size", "texel_size"):
@@ -51,17 +51,17 @@ class Baked:
         atlas["chunks"] = [range(*ends) for ends in atlas["chunks"].tolist()]
         return cls(Atlas(**atlas), arrays["captured"], arrays["albedo"], int(arrays["unseen"]))
 
-    def arrays(self) -> dict[str, NDArray]:
+    def arrays(self) -> dict[str, NDArray[Any]]:
         """The same as named arrays, to be kept."""
         atlas = {f"atlas_{name}": np.asarray(getattr(self.atlas, name)) for name in _ATLAS if name != "chunks"}
         atlas["atlas_chunks"] = np.array([[chunk.start, chunk.stop] for chunk in self.atlas.chunks])
         return {**atlas, "captured": self.captured, "albedo": self.albedo, "unseen": np.array(self.unseen)}
 
-    def image(self, colors: NDArray) -> NDArray:
+    def image(self, colors: Radiance) -> ColorsSrgb:
         """Linear colours of texels (T, 3) as a picture: (size, size, 3) uint8 sRGB."""
         return self.atlas.image(bytes_from_unit(srgb_from_linear(np.asarray(colors, np.float32))))
 
-    def relit(self, irradiance: NDArray, exposure: float) -> NDArray:
+    def relit(self, irradiance: Radiance, exposure: float) -> ColorsSrgb:
         """The picture under a light: (V, 3) linear irradiance of the vertices, and display value per unit.
 
         irradiance: exit radiance that each vertex would have were it white itself. What exceeds 1 is clipped.
@@ -74,10 +74,11 @@ class Baked:
 def bake(
     scene: "Scene",
     splats: "Splats | None" = None,  # as `source_splats` reads them; None: colours of the vertices alone
-    irradiance: NDArray | None = None,  # (V, 3) on the capture day, unit of the captured colours; None: they are albedo
+    irradiance: Radiance
+    | None = None,  # (V, 3) on the capture day, unit of the captured colours; None: they are albedo
     prior: Prior | None = None,  # of `albedo_of`
     size: int | None = None,  # of the texture in texels; by default as fine as the splat
-    albedo: NDArray | None = None,  # (V, 3) where it is known; then no splat is asked for it
+    albedo: Radiance | None = None,  # (V, 3) where it is known; then no splat is asked for it
     views: "list[View] | None" = None,  # in the frame of the splats; chosen by default
     stages: Stages | None = None,
     seed: int = 0,  # of the choice
@@ -128,7 +129,7 @@ def bake(
     return Baked(atlas, captured, albedo_of(captured, atlas.interpolate(irradiance), prior), unseen)
 
 
-def surface_points(scene: "Scene", atlas: Atlas) -> tuple[NDArray, NDArray]:
+def surface_points(scene: "Scene", atlas: Atlas) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Positions of texels and their smooth normals, scene frame: (T, 3) float32 each."""
     normals = atlas.interpolate(scene.normals)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)

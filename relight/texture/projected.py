@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Directions, Floats, Indices, Points
+from splat2mesh.base.arrays import Directions, Faces, Floats, Indices, Mask, Points
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.surface.background import far_background, views_from_within
@@ -55,12 +55,12 @@ def views_of(scene: "Scene", splats: "Splats", texel: float, seed: int = 0) -> "
 def seen_colors(
     splats: "Splats",
     views: "list[View]",
-    vertices: NDArray,
-    faces: NDArray,
-    points: NDArray,
-    normals: NDArray,
+    vertices: Points,
+    faces: Faces,
+    points: Points,
+    normals: Directions,
     advance: Callable[[int], Any] = lambda count: None,
-) -> tuple[NDArray, NDArray]:
+) -> tuple[NDArray[np.float32], Mask]:
     """Mean colour that views of splats show at points of a mesh, sRGB (T, 3) float32, and whether any does, (T,) bool.
 
     vertices (V, 3), faces (F, 3), points (T, 3), normals (T, 3) unit: in the splats' frame. Points that no view shows
