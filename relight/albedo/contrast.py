@@ -299,7 +299,7 @@ def _strengths(
 
 
 def _evidence(patches: Patches, received: NDArray[np.float64]) -> float:
-    """Of an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
+    """Evidence for an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
     logs = np.log(np.maximum(received, 1e-9))
     usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(ALBEDO)
     return -0.5 * INDEPENDENT * np.log1p(-_explained(patches, logs)) - 0.5 * (usual / ALBEDO_SPREAD) ** 2

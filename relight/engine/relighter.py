@@ -170,7 +170,7 @@ class Relighter:
 
     @property
     def seed(self) -> int:
-        """Of the ray directions."""
+        """Seed of the ray directions."""
         return self.precomputed.seed
 
     def plan_for(

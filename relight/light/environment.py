@@ -39,14 +39,14 @@ def turned_about_y(coefficients: Coefficients, angle_deg: float) -> NDArray[np.f
     Parameters
     ----------
     coefficients : ndarray, (K, 3)
-        Of the light, basis of `relight.sh.harmonics`.
+        Coefficients of the light, basis of `relight.sh.harmonics`.
     angle_deg : float
         Degrees, counter-clockwise seen from +y: +z goes towards +x.
 
     Returns
     -------
     ndarray of float64, (K, 3)
-        Of the turned light.
+        Coefficients of the turned light.
     """
     return rotors.rotate(coefficients, rotors.from_axis_angle([0.0, 1.0, 0.0], math.radians(angle_deg)))
 

@@ -170,7 +170,7 @@ def texel_parts(
     row, column : ndarray of int, (T,)
         The texels.
     height, width : int
-        Of the image, texels.
+        Size of the image, texels.
     parts : int
         P, along each side of a texel.
 

@@ -27,7 +27,7 @@ def decode(data: bytes, name: object) -> NDArray[np.float32]:
     data : bytes
         The whole file.
     name : object
-        Of the file, for messages.
+        Name of the file, for messages.
 
     Returns
     -------

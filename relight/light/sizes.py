@@ -22,11 +22,11 @@ def check_pixels(name: object, width: int, height: int, size: int) -> None:
     Parameters
     ----------
     name : object
-        Of the file, for messages.
+        Name of the file, for messages.
     width, height : int
         As announced, pixels.
     size : int
-        Of the file, bytes.
+        Size of the file, bytes.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def check_exr(name: object, data: bytes) -> None:
     Parameters
     ----------
     name : object
-        Of the file, for messages.
+        Name of the file, for messages.
     data : bytes
         The whole file.
 

@@ -74,7 +74,7 @@ def seen(name: str, directions: Directions) -> NDArray[np.float32]:
     Parameters
     ----------
     name : str
-        Of BUILTIN.
+        A key of BUILTIN.
     directions : ndarray, (..., 3)
         Unit vectors, canonical frame.
 
@@ -107,7 +107,7 @@ def sun_of(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     Parameters
     ----------
     name : str
-        Of BUILTIN.
+        A key of BUILTIN.
 
     Returns
     -------
@@ -175,7 +175,7 @@ def _image(name: str) -> NDArray[np.float32]:
 def _constants(
     name: str,
 ) -> tuple[Callable[[Directions], NDArray[np.float64]], float, tuple[Vector, Vector] | None, Vector | None]:
-    """Of a sky: its formula, its mean, (direction, radiance) of its sun or None, and radiance of its ground or None."""
+    """A sky's formula, its mean, (direction, radiance) of its sun or None, and the radiance of its ground or None."""
     directions = texel_directions(HEIGHT, WIDTH)
     image, sun, ground = _SKIES[name](directions), None, None
     if name in _SUNS:

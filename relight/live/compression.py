@@ -209,7 +209,7 @@ def _best(
     axes: NDArray[np.float32],
     cluster: Integers,
 ) -> None:
-    """Of the nearest clusters the one whose components leave the least error."""
+    """Choose, among the nearest clusters, the one whose components leave the least error."""
     dimensions, weights = rows.shape[1], axes.shape[1]
     off = np.zeros(dimensions, np.float32)
     for n in range(begin, end):

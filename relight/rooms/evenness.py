@@ -8,10 +8,10 @@ from ..transfer.neighbors import Neighbors
 from ..transfer.occluder import Occluder
 
 OWN = 1.0
-"""Weight of a vertex's own value against those of its ring, each at most 1."""
+"""Weight of a vertex's own value, against weights of at most 1 for those of its ring."""
 
 LEAST_LENGTH = 1e-3
-"""Of a mean normal that says which way its surface faces."""
+"""Least length of a mean normal that says which way its surface faces."""
 
 
 class Evenness:
@@ -23,7 +23,7 @@ class Evenness:
         Parameters
         ----------
         occluder : Occluder
-            Of the scene whose vertices the values belong to.
+            The scene whose vertices the values belong to.
         """
         neighbors = Neighbors(occluder.origins, occluder.normals, occluder.faces)
         count = len(neighbors.vertices)
@@ -38,7 +38,7 @@ class Evenness:
         Parameters
         ----------
         values : ndarray, (V,) or (V, C)
-            Of the vertices.
+            Values of the vertices.
         rounds : int
             How often; each reaches one ring further.
 

@@ -1,4 +1,4 @@
-"""A Room as arrays that a cache keeps, beside those of an estimate of the capture's light, and back."""
+"""A Room as arrays for a cache, beside those of an estimate of the capture's light, and back."""
 
 import json
 import math
@@ -68,7 +68,7 @@ def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
     Parameters
     ----------
     kept : mapping of str to ndarray
-        Of a room or of an open scene.
+        Arrays of a room or of an open scene.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Lamps of a room: connected parts of its surface that were captured white, and the light that each sends.
+"""Lamps of a room: connected parts of its surface that were captured white, and the light that each sends out.
 
 A photograph shows a lamp as white, however bright it is. Where it is and how large it is can be seen; how bright it is
 cannot, and is solved for from what it lights (`strengths`).
@@ -17,45 +17,45 @@ from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
 WHITE, PALE = 0.85, 0.75
-"""Linear colour, brightest channel, that a lamp has somewhere, and that all of it has: clipped, it was 1, but vertices
-take the mean of what lies around them, and of a small lamp that is the dark beside it."""
+"""Least linear value of the brightest channel: somewhere on a lamp, and everywhere on it. A clipped pixel is 1, but a
+vertex takes the mean of what lies around it, and around a small lamp it is dark."""
 
 LEAST_PALE = 0.6
-"""The same of its dimmest channel: what was not clipped in one shows its own radiance there, however bright it is said
-to be. A wall that a lamp lights is as bright in red, and of the lamp's color."""
+"""Least linear value of a lamp's dimmest channel: a channel that was not clipped shows the radiance as it is. A wall
+that a lamp lights is as bright in red, and has the lamp's colour."""
 
 GLOWS = 1.2
-"""Times what a white vertex would send on of what the surfaces around it were seen to send: what is brighter than that
-glows, or is lit by something that was clipped."""
+"""A vertex that is this many times brighter than white would be in the light of the surfaces around it glows, or is lit
+by something that was clipped."""
 
 LEAST_AREA = 2.5e-4
-"""Of the squared diagonal: 1.4 dm^2 in a room of 7.5 m across. Two pendants of an office have .014, the lamp of a
-lounge .006; what glints in such rooms stays below 2e-4."""
+"""In squared diagonals of the scene: 1.4 dm^2 in a room of 7.5 m across. Two pendants of an office have .014, the lamp
+of a lounge .006; what glints in such rooms stays below 2e-4."""
 
 MOST_LAMPS = 12
-"""The largest are kept: a room has few, and each costs rays from every vertex."""
+"""Only the largest count: a room has few, and each costs rays from every vertex."""
 
 SMOOTH = 0.7
-"""Cosine between the normals of neighbours that are of one lamp: a wall that a lamp hangs on is as white beside it."""
+"""Least cosine between the normals of neighbours on one lamp: the wall that it hangs on is as white beside it."""
 
 UPWARD = 0.5
-"""Height of a mean normal above which white is a floor or a table top that a sun shines on, and no lamp."""
+"""Height of the mean normal above which something white is no lamp, but a floor or a table top in the sun."""
 
 FLAT = 0.85
-"""Length of the mean normal from which white is a flat patch: on a ceiling it is a lamp, on a wall more likely lit by a
-sun, a window or a screen."""
+"""Length of the mean normal from which something white is a flat patch: on a ceiling a lamp, on a wall more likely a
+spot of sun, a window or a screen."""
 
 MOST_OPEN = 0.5
-"""Mean visible fraction of the sky above which white stands outside, before a window."""
+"""Mean visible fraction of the sky above which something white stands outside, in front of a window."""
 
 SPOTS = 24
-"""Points on each lamp that light comes from: hard edges of so many shadows lie closer than vertices."""
+"""Points on each lamp that light comes from: the hard edges of so many shadows lie closer together than vertices."""
 
 LIFT = 2e-3
-"""Of the diagonal: how far these points stand before the lamp's own, uneven surface."""
+"""Distance, in diagonals, of these points from the lamp's own, uneven surface."""
 
 SPOT_REACH = 0.995
-"""Part of the way to such a point that must be free."""
+"""Share of the way to such a point that must be free."""
 
 
 class Lamp(NamedTuple):
@@ -84,7 +84,7 @@ def find(
     Parameters
     ----------
     occluder : Occluder
-        Of the scene, V vertices.
+        The scene to trace rays in, V vertices.
     captured : ndarray of float32, (V, 3)
         Linear, clipped at 1.
     areas : ndarray of float64, (V,)
@@ -143,9 +143,9 @@ def light_of(
     Parameters
     ----------
     lamp : Lamp
-        Of this scene.
+        One of the lamps that `find` returns.
     occluder : Occluder
-        Of the scene, V vertices.
+        The scene to trace rays in, V vertices.
     areas : ndarray of float64, (V,)
         Around each vertex, in squared diagonals.
     normals : ndarray of float32, (V, 3)

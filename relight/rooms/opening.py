@@ -17,7 +17,7 @@ LOOKS = 256
 UPRIGHT = 0.8
 
 MARGIN = 0.2
-"""Of the way from the eyes to the ceiling: what hangs lower than that under it is no part of it. Ceilings of trained
+"""Share of the way from the eyes to the ceiling: what hangs further below it is not part of it. Ceilings of trained
 rooms are uneven by a tenth of their height."""
 
 
@@ -29,7 +29,7 @@ def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
     scene : Scene
         Captured from within.
     occluder : Occluder
-        Of that scene.
+        The same scene to trace rays in.
 
     Returns
     -------

@@ -27,26 +27,26 @@ from .evenness import Evenness
 from .seen import seen_from
 
 LEAST_EVIDENCE = 0.5
-"""Of an emitter, below which it is not told apart from the colours of what it lights."""
+"""Evidence below which an emitter cannot be told from the colours of what it lights."""
 
 LEAST_OF_WINDOWS = 0.8
 """The same for windows, whose sky has more freedom: colours at random have 0.73, rooms 0.91 to 0.98."""
 
 ALBEDOS = 0.06, 0.85
-"""Median albedo, in luminance, of rooms that there are: outside of it, light was not seen or not understood."""
+"""Range of the median albedo, in luminance, of real rooms: outside it, light was missed or misunderstood."""
 
 LEAST_EXCESS = 2.0
-"""Times what it receives that a lamp sends out at least: a ceiling over a lamp is as white, and sends out less than it
-receives; how bright all lamps are together is known within a factor of two."""
+"""A lamp sends out at least this many times what it receives: a ceiling over a lamp is as white, and sends out less;
+how bright all lamps are together is known within a factor of two."""
 
 LEAST_SEEN = 0.3
-"""Part of a lamp that must have been seen from where the capture stood."""
+"""Share of a lamp's area that must have been seen from where the capture stood."""
 
 AVERAGING_ROUNDS = 6
-"""Times that the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
+"""Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
 DOUBT = 0.7
-"""As that of `albedo.check`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
+"""As `albedo.check.DOUBT`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
 
 HEIGHT, WIDTH = 64, 128
 """Of the capture light's image; what is known of it came from a picture of that size."""
@@ -92,15 +92,15 @@ def room_of(
     scene : Scene
         Captured from within.
     occluder : Occluder
-        Of that scene, V vertices.
+        The same scene to trace rays in, V vertices.
     captured : ndarray of float32, (V, 3)
         Linear.
     transfer : ndarray of float32, (V, K)
-        Of the white scene, without bounces.
+        Transfer of the white scene, without bounces.
     interreflection : Interreflection
-        Of that scene.
+        Bounces in the same scene.
     seed : int
-        Of the places at which light is judged.
+        Seed of the choice of places at which light is judged.
 
     Returns
     -------

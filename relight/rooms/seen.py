@@ -1,4 +1,4 @@
-"""What was seen from where the capture stood in a room: only that is told about, and only there light is judged."""
+"""What the capture saw from where it stood in a room: only there is light judged, and only that is reported."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from ..transfer.occluder import Occluder
 
 SHORT = 0.999
-"""Part of the way to an eye that must be free."""
+"""Share of the way to an eye that must be free."""
 
 
 def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -15,7 +15,7 @@ def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.floa
     Parameters
     ----------
     occluder : Occluder
-        Of the scene.
+        The scene to trace rays in.
     rows : ndarray of int64, (N,)
         The vertices asked about.
     eyes : ndarray of float32, (E, 3)

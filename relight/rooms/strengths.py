@@ -25,7 +25,7 @@ PLACES, DIRECTIONS = 2500, 2048
 """Places on the surface, and directions in which each looks for windows: 4.5 degrees apart."""
 
 HITS = 4
-"""Of so many directions one tells what the others send."""
+"""One direction in this many looks up what other surfaces send."""
 
 USUAL_ALBEDO, ALBEDO_SPREAD = 0.4, 0.25
 """Median albedo, in luminance, of what is seen in a room, where nothing says more (white walls .7, wood .2), and how
@@ -38,7 +38,7 @@ other, a tenth of the median albedo moves the strength of lamps and sky by half:
 parlour came out 7 and 3.5 times too strong, and its albedo 1.4 times as wrong as with both."""
 
 ONE_PLANE = 0.5
-"""Of the diagonal: half of how far off a place counts that faces the other way. So most pairs are of one wall, and of
+"""In diagonals: half of the distance that a place facing the other way counts as. So most pairs are of one wall, and of
 one paint: pairs by distance alone made the agreement in albedo worse than that in captured colours."""
 
 SPREAD, COLOR = 1.0, 0.07
@@ -55,7 +55,7 @@ CELLS, MOST_PATCHES = 400, 24
 ones that bring most light; what lies in others goes to the nearest."""
 
 STRENGTH = 2e-3
-"""Of the prior on how emitters differ, against a mean over pairs of places."""
+"""Weight of the prior on how emitters differ, against a mean over pairs of places."""
 
 STIFF = 1e3
 """How much stiffer the prior is for what all emitters have in common: pairs of a scanned office would rather have no
@@ -68,13 +68,13 @@ them: then they are more likely holes. Those of an office let in .002, of an exh
 which turned patches of a green wall blue."""
 
 LOG_STRENGTHS = -8.0, 8.0
-"""Range in which the logarithm of what all emitters have in common is looked for, from where it was."""
+"""Range, about the start, in which the logarithm of the strength common to all emitters is sought."""
 
 SOLVER_ROUNDS = 3
-"""Of solving for how emitters differ, and for what they have in common."""
+"""Rounds of solving for how emitters differ and for what they have in common."""
 
 DARK, SATURATED = 0.002, 0.97
-"""Linear colours between which a place tells its light."""
+"""Linear colours between which a place says something about its light."""
 
 
 class RoomIrradiance(NamedTuple):
@@ -146,7 +146,7 @@ def places_of(
     Parameters
     ----------
     occluder : Occluder
-        Of the scene, V vertices.
+        The scene to trace rays in, V vertices.
     normals : ndarray of float32, (V, 3)
         Unit vectors, averaged along the surface.
     captured : ndarray of float32, (V, 3)
@@ -158,11 +158,11 @@ def places_of(
     lamps : list of ndarray of int64
         Vertices of each of L lamps.
     lamp_light : ndarray of float32, (L, V)
-        Of `lamps.light_of`.
+        What white vertices send on of each lamp, as `lamps.light_of` returns it.
     sky : CapturedSky or None
         What was captured in the windows.
     seed : int
-        Of the places.
+        Seed of the choice of places.
 
     Returns
     -------

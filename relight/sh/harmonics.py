@@ -194,7 +194,7 @@ def rotate(coefficients: Coefficients, rotation: Floats) -> NDArray[np.float64]:
     Parameters
     ----------
     coefficients : ndarray, (K,) or (..., K, C)
-        Of a function on the sphere, such as radiance.
+        Coefficients of a function on the sphere, such as radiance.
     rotation : ndarray, (3, 3)
         Proper rotation, `dst_from_src`.
 

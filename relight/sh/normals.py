@@ -17,7 +17,7 @@ def unit_normals(normals: ArrayLike) -> NDArray[np.float32]:
     Parameters
     ----------
     normals : array_like, (V, 3)
-        Of any length, any frame.
+        Vectors of any length, in any frame.
 
     Returns
     -------

@@ -51,7 +51,7 @@ class Looks(NamedTuple):
         near: float,
         advance: Callable[[int], None] = lambda count: None,
     ) -> "Looks":
-        """Of Splats before a Surface, both in the frame of the views, list of View; near: camera z."""
+        """Look at splats in front of a surface, both in the frame of the views; near: of the camera, its z."""
         found = []
 
         def look(number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> Mask:

@@ -48,7 +48,7 @@ class Neighborhoods:
             in_batches(ask, len(asked), _BATCH)
 
     def _require_same(self, near: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Kept neighbours, where they can be those of these nodes. Raises InputError for others."""
+        """Return neighbours that were kept. Raises InputError unless they can be those of these nodes."""
         if near.shape != self.near.shape or near.dtype != np.int32:
             raise InputError(f"kept neighbours are {near.dtype} of {near.shape}, expected int32 of {self.near.shape}")
         if near.min(initial=0) < 0 or near.max(initial=-1) >= len(self._rows):

@@ -219,7 +219,7 @@ def _products(
     product: NDArray[np.float32],
     along: NDArray[np.float32],
 ) -> None:
-    """Of the center and the differences to it, with each other (lower half) and with the basis, over some orders.
+    """Products of the center and the differences to it, with each other (lower half) and with the basis, by order.
 
     Written out for five estimates: sums in registers are six times faster than in an array.
     """
