@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions
-from splat2mesh.scene.scene import Scene
-
-from ..splats.binding import Binding
 
 if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..splats.binding import Binding
     from ..transfer.volume import Foliage
 
 UNLIT, LIT, SKY = 0, 1, 2
@@ -53,9 +53,9 @@ def from_octahedral(packed: NDArray[np.int8]) -> NDArray[np.float32]:
 
 
 def surfaces(
-    binding: Binding,
+    binding: "Binding",
     means: NDArray[np.float32],
-    scene: Scene,
+    scene: "Scene",
     own: NDArray[np.float32],
     kinds: NDArray[np.uint8],
     foliage: "Foliage | None" = None,
