@@ -9,19 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
+from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance
 
-from ..lamps.emitters import emitters_of
+from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import lamplight
 from ..planning.lamp_plan import LampPlan, plan_lamps
+from ..rooms.evenness import Evenness
 from ..transfer.bounces import with_bounces
 from ..transfer.occluder import Frame
 from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
+from .relit_room import ROUNDS
 
 if TYPE_CHECKING:
+    from ..transfer.bounces import Interreflection
     from .appearance import Appearance
     from .relighter import Relighter
+
+LEAST_LIGHT, MOST_ALBEDO = 1e-4, 0.95
 
 NEGLIGIBLE = 0.01
 """Part of the tolerance, of the median light of the capture, below which one lamp's light at a vertex is left out."""
@@ -96,8 +102,9 @@ class LampLight:
         received[dark] = np.maximum(received, direct)[dark]
         return Placed(radiance, received.astype(np.float32), direct, bounces)
 
-    def _direct(self, emitters, advance=lambda count: None) -> NDArray[np.float32]:
-        more = {"leaf": self._leaf, "least": self._least, "seed": self._relighter.options.seed, "advance": advance}
+    def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
+        seed = self._relighter.options.seed
+        more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": seed, "advance": advance}
         return lamplight(self._relighter.occluder, emitters, self.plan.rays, **more)
 
     @cached_property
@@ -112,11 +119,19 @@ class LampLight:
 
     @cached_property
     def _albedo(self) -> NDArray[np.float32]:
-        albedo = self._look.albedo
-        return np.ones_like(self._look.captured) if albedo is None else np.asarray(albedo, np.float32)
+        albedo, room = self._look.albedo, self._look.room
+        if albedo is None:
+            return np.ones_like(self._look.captured)
+        if room is None:
+            return np.asarray(albedo, np.float32)
+        # What few rays and the dents of a scanned wall make of the captured light would be seen as blotches.
+        evenness = Evenness(self._relighter.occluder)
+        light = np.exp(evenness.average(np.log(np.maximum(room.irradiance, LEAST_LIGHT)), ROUNDS))
+        even = np.clip(self._look.captured / light, 0.0, MOST_ALBEDO).astype(np.float32)
+        return np.where(room.glow.any(axis=1, keepdims=True), room.albedo, even)
 
     @cached_property
-    def _interreflection(self):
+    def _interreflection(self) -> "Interreflection":
         """The bounces by which the light of the capture was estimated, which are there."""
         is_place = self._relighter.scene.is_place
         return self._relighter.computed(CAPTURE_OF_PLACE if is_place else CAPTURE)["interreflection"]

@@ -98,7 +98,7 @@ class RelitRoom:
             outside = self._relighter.shading(room.environment, room.albedo, settings).radiance
         return self._changed(outside, settings).astype(np.float32)
 
-    def _changed(self, outside, settings):
+    def _changed(self, outside: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:
         """The captured colours under light from outside by which the model sends out that radiance, (V, 3), and the
         lamps as the options say."""
         look, room = self._look, self._known
@@ -111,7 +111,7 @@ class RelitRoom:
         return radiance
 
     @cached_property
-    def _by_lamps(self):
+    def _by_lamps(self) -> NDArray[np.float32]:
         """(V, 3) float32 of the light of all lamps, each as bright as the options say, bounces included."""
         room, factors = self._known, np.array(self._factors, np.float32)
         if len(set(self._factors)) == 1:

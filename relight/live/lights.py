@@ -61,7 +61,8 @@ def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> P
         image = np.roll(image, -low, axis=1) * (1.0 - share) + np.roll(image, -low - 1, axis=1) * share
     whole = about_y(environment.sh(BANDS))
     rest, mean = whole - about_y(suns.sh(BANDS)), environment.mean_luminance
-    return Light(environment.name, image.astype(np.float32), rest, whole, suns, float(exposure), mean, float(lamps))
+    shown: NDArray[np.float32] = image.astype(np.float32)
+    return PortableLight(environment.name, shown, rest, whole, suns, float(exposure), mean, float(lamps))
 
 
 def _joined(suns: Suns) -> Suns:
