@@ -81,6 +81,7 @@ class Sight:
         return hidden
 
     def _stopped(self, body: "Body") -> NDArray[np.uint8]:
+        assert body.box is not None  # a body without faces stops nothing, and nobody asks
         return blocked(self.rays, self._nodes, body.box, body.occluded, self.fixed)
 
 

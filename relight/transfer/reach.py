@@ -6,11 +6,14 @@ these only rays through the box are handed on. All of it errs to the safe side. 
 5 ns a ray of all, of which a tenth reaches Embree, at 100 ns; several boxes per body cost more than they spare.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.threads import in_slices
 
 MARGIN = np.float32(1e-5)
@@ -23,17 +26,21 @@ BATCH_RAYS = 2**20
 class Box(NamedTuple):
     """low, high: (3,) float32, the corners. center: (3,) float32. radius: float32, of the sphere around it."""
 
-    low: np.ndarray
-    high: np.ndarray
-    center: np.ndarray
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    center: NDArray[np.float32]
     radius: np.float32
 
     @classmethod
-    def around(cls, points):
+    def around(cls, points: NDArray[np.float32]) -> "Box":
         """That of points (P, 3) float32, unit frame."""
         low, high = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
         radius = np.float32(np.linalg.norm(high - low)) * np.float32(0.5001) + MARGIN
         return cls(low, high, (low + high) / np.float32(2), radius)
+
+
+BoxArrays: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], np.float32]
+"""The fields of a Box as a plain tuple, as threads take it."""
 
 
 class Hemisphere:
@@ -42,11 +49,27 @@ class Hemisphere:
     count: number of nodes. rays: per node. Bits about them are (N, ceil(rays / 8)) uint8 as of `numpy.packbits`.
     """
 
-    def __init__(self, origins, normals, azimuths, offsets):
+    def __init__(
+        self,
+        origins: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        azimuths: NDArray[np.float32],
+        offsets: NDArray[np.float32],
+    ) -> None:
         self.arrays = origins, normals, azimuths, offsets
         self.count, self.rays = len(origins), len(azimuths)
 
-    def through(self, begin, end, rows, box, hidden, buffer, index, used):
+    def through(
+        self,
+        begin: int,
+        end: int,
+        rows: Indices,
+        box: BoxArrays,
+        hidden: NDArray[np.uint8],
+        buffer: NDArray[np.float32],
+        index: NDArray[np.int32],
+        used: NDArray[np.int64],
+    ) -> None:
         """See `_hemisphere_through`."""
         _hemisphere_through(begin, end, rows, *self.arrays, *box, hidden, buffer, index, used)
 
@@ -54,22 +77,34 @@ class Hemisphere:
 class Beams:
     """Rays of every node towards the same directions, where these are above its horizon. See Hemisphere."""
 
-    def __init__(self, origins, normals, directions):
+    def __init__(
+        self, origins: NDArray[np.float32], normals: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> None:
         self._arrays = origins, normals, directions
         self.count, self.rays = len(origins), len(directions)
 
-    def through(self, begin, end, rows, box, hidden, buffer, index, used):
+    def through(
+        self,
+        begin: int,
+        end: int,
+        rows: Indices,
+        box: BoxArrays,
+        hidden: NDArray[np.uint8],
+        buffer: NDArray[np.float32],
+        index: NDArray[np.int32],
+        used: NDArray[np.int64],
+    ) -> None:
         """See `_beams_through`."""
         _beams_through(begin, end, rows, *self._arrays, *box, hidden, buffer, index, used)
 
 
 def blocked(
-    rays,  # Hemisphere or Beams
-    rows,  # (M,) integers, which of its nodes
-    box,  # Box of the body
-    occluded,  # of the body: rays (n, 6) float32 -> (n,) bool
-    hidden,  # (N, bytes) uint8 of all nodes: rays that need no test
-):
+    rays: Hemisphere | Beams,
+    rows: Indices,  # (M,) integers, which of its nodes
+    box: Box,  # Box of the body
+    occluded: Callable[[NDArray[np.float32]], Mask],  # of the body: rays (n, 6) float32 -> (n,) bool
+    hidden: NDArray[np.uint8],  # (N, bytes) uint8 of all nodes: rays that need no test
+) -> NDArray[np.uint8]:
     """Which rays the body stops: bits (M, bytes) uint8; rays that are hidden anyway stay 0."""
     bits = np.zeros((len(rows), -(-rays.rays // 8)), np.uint8)
     batch = max(1, BATCH_RAYS // max(1, rays.rays))
@@ -85,7 +120,7 @@ def blocked(
 
 
 @njit(cache=True, nogil=True)
-def _mark(index, stopped, rays, bits):
+def _mark(index: NDArray[np.int32], stopped: Mask, rays: int, bits: NDArray[np.uint8]) -> None:
     for j in range(len(index)):
         if stopped[j]:
             row, i = index[j] // rays, index[j] % rays
@@ -93,7 +128,17 @@ def _mark(index, stopped, rays, bits):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _near(px, py, pz, dx, dy, dz, low, high, near):
+def _near(
+    px: np.float32,
+    py: np.float32,
+    pz: np.float32,
+    dx: NDArray[np.float32],
+    dy: NDArray[np.float32],
+    dz: NDArray[np.float32],
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    near: Mask,
+) -> None:
     """Whether rays from a point meet one box, into `near`."""
     zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-30)
     lx, ly, lz, hx, hy, hz = low[0] - px, low[1] - py, low[2] - pz, high[0] - px, high[1] - py, high[2] - pz
@@ -109,8 +154,22 @@ def _near(px, py, pz, dx, dy, dz, low, high, near):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _hemisphere_through(
-    begin, end, rows, origins, normals, azimuths, offsets, low, high, center, radius, hidden, buffer, index, used
-):
+    begin: int,
+    end: int,
+    rows: Indices,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    azimuths: NDArray[np.float32],
+    offsets: NDArray[np.float32],
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    center: NDArray[np.float32],
+    radius: np.float32,
+    hidden: NDArray[np.uint8],
+    buffer: NDArray[np.float32],
+    index: NDArray[np.int32],
+    used: NDArray[np.int64],
+) -> None:
     """Rays of rows[begin:end] that are not hidden and go through the box, into `buffer` from `begin` * rays on.
 
     index: row * rays + ray, for each. used[begin]: how many there are. Directions are those of `sampling._shoot`,
@@ -171,8 +230,21 @@ def _hemisphere_through(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _beams_through(
-    begin, end, rows, origins, normals, directions, low, high, center, radius, hidden, buffer, index, used
-):
+    begin: int,
+    end: int,
+    rows: Indices,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    center: NDArray[np.float32],
+    radius: np.float32,
+    hidden: NDArray[np.uint8],
+    buffer: NDArray[np.float32],
+    index: NDArray[np.int32],
+    used: NDArray[np.int64],
+) -> None:
     """As `_hemisphere_through`, towards given directions above the horizon."""
     count, at = len(directions), begin * len(directions)
     dx, dy, dz = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()

@@ -10,7 +10,9 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Mask
 from splat2mesh.base.threads import in_slices
 
 GOLDEN_TURN = 0.6180339887498949  # of a full turn, between successive points of the Fibonacci set
@@ -24,7 +26,7 @@ They bound what few rays make of noise: with 0.003 for both the filtered error a
 _RANK_STEPS = np.array([0xC13FA9A902A6328F, 0x91E10DA5C79E7B1D], np.uint64)
 
 
-def fibonacci_azimuths(rays):
+def fibonacci_azimuths(rays: int) -> NDArray[np.float32]:
     """Cosine and sine of the azimuths of the cosine-weighted Fibonacci set: (R, 2) float32.
 
     Point i of R lies at radius sqrt((i + s) / R) of the unit disc, s in [0, 1) the stratum shift; lifted
@@ -35,17 +37,17 @@ def fibonacci_azimuths(rays):
 
 
 def hashed_offsets(
-    origins,  # (V, 3) float32
-    normals,  # (V, 3) float32, unit
-    seed,
-):
+    origins: NDArray[np.float32],  # (V, 3) float32
+    normals: NDArray[np.float32],  # (V, 3) float32, unit
+    seed: int,
+) -> NDArray[np.float32]:
     """Offset in the stratum and azimuth of every vertex, (V, 2) float32 in [0, 1), hashed from its own bits."""
     offsets = np.zeros((len(origins), 2), np.float32)
     in_slices(_hashed_offsets, len(origins), origins, normals, np.uint64(seed), offsets)
     return offsets
 
 
-def ranked_offsets(begin, end, seed):
+def ranked_offsets(begin: int, end: int, seed: int) -> NDArray[np.float32]:
     """The same for the vertices ranked begin..end along a curve through space, so that neighbours share the work.
 
     Vertices whose ranks are close get offsets that fill the unit square evenly, and the mean over a
@@ -57,28 +59,34 @@ def ranked_offsets(begin, end, seed):
 
 
 def shoot(
-    origins,  # (V, 3) float32
-    normals,  # (V, 3) float32, unit
-    azimuths,  # (R, 2) float32 of `fibonacci_azimuths`
-    seed,
-    rays,  # (V, R, 6) float32, written: origin and unit direction
-):
+    origins: NDArray[np.float32],  # (V, 3) float32
+    normals: NDArray[np.float32],  # (V, 3) float32, unit
+    azimuths: NDArray[np.float32],  # (R, 2) float32 of `fibonacci_azimuths`
+    seed: int,
+    rays: NDArray[np.float32],  # (V, R, 6) float32, written: origin and unit direction
+) -> None:
     """Cosine-distributed rays about every normal; each vertex turns and shifts the set as `hashed_offsets` say."""
     shoot_at(origins, normals, azimuths, hashed_offsets(origins, normals, seed), rays)
 
 
-def shoot_at(origins, normals, azimuths, offsets, rays):
+def shoot_at(
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    azimuths: NDArray[np.float32],
+    offsets: NDArray[np.float32],
+    rays: NDArray[np.float32],
+) -> None:
     """As `shoot`, with the given offsets (V, 2): part of a stratum, part of a full turn."""
     in_slices(_shoot, len(origins), origins, normals, azimuths, offsets, rays)
 
 
 def gather(
-    rays,  # (V, R, 6) float32 of `shoot`
-    occluded,  # (V, R) bool
-    normals,  # (V, 3) float32, unit
-    model,  # (V, 4) float32, written: a, b
-    rest,  # (V, K) float32, written
-):
+    rays: NDArray[np.float32],  # (V, R, 6) float32 of `shoot`
+    occluded: Mask,  # (V, R) bool
+    normals: NDArray[np.float32],  # (V, 3) float32, unit
+    model: NDArray[np.float32],  # (V, 4) float32, written: a, b
+    rest: NDArray[np.float32],  # (V, K) float32, written
+) -> None:
     """Fit V(d) = a + b . d to the visibility of the rays, and project what it leaves: sum (V - a - b . d) Y / R.
 
     a and b come from the visible fraction f = mean V and the moment t = mean V d (less what the set itself
@@ -89,11 +97,11 @@ def gather(
 
 
 def add_model(
-    normals,  # (V, 3) float32, unit
-    model,  # (V, 4) float32: a, b
-    rest,  # (V, K) float32
-    transfer,  # (V, K) float32: unoccluded A on entry, shadowed on return
-):
+    normals: NDArray[np.float32],  # (V, 3) float32, unit
+    model: NDArray[np.float32],  # (V, 4) float32: a, b
+    rest: NDArray[np.float32],  # (V, K) float32
+    transfer: NDArray[np.float32],  # (V, K) float32: unoccluded A on entry, shadowed on return
+) -> None:
     """Transfer of the visibility a + b . d about every normal, plus the rest.
 
     T = a A + 2 k_l (b . n) Y(n) + k_l (b . grad) Y(n) + rest, k_l = integral of u^2 P_l(u) over 0..1: the lobes of
@@ -103,7 +111,7 @@ def add_model(
     in_slices(_add_model, len(normals), normals, model, rest, legendre_factors(bands), squared_lobe(bands), transfer)
 
 
-def squared_lobe(bands):
+def squared_lobe(bands: int) -> NDArray[np.float32]:
     """Integrals of u^2 P_l(u) over u = 0..1 by degree l: (B,) float32."""
     nodes, weights = np.polynomial.legendre.leggauss(bands // 2 + 2)  # exact to degree 2 * nodes - 1 >= l + 2
     nodes, weights = (nodes + 1.0) / 2.0, weights / 2.0
@@ -114,7 +122,7 @@ def squared_lobe(bands):
 
 
 @njit(cache=True, nogil=True)
-def _mix(state):
+def _mix(state: np.uint64) -> np.uint64:
     """The finaliser of SplitMix64 (Steele, Lea, Flood, 2014)."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -122,7 +130,7 @@ def _mix(state):
 
 
 @njit(cache=True, nogil=True)
-def _hash(position, normal, seed):
+def _hash(position: NDArray[np.float32], normal: NDArray[np.float32], seed: np.uint64) -> np.uint64:
     """64 bits from six float32 and the seed; zeros of either sign count as one."""
     state = _mix(seed + np.uint64(0x9E3779B97F4A7C15))
     values = np.empty(6, np.float32)
@@ -134,7 +142,14 @@ def _hash(position, normal, seed):
 
 
 @njit(cache=True, nogil=True)
-def _hashed_offsets(begin, end, origins, normals, seed, offsets):
+def _hashed_offsets(
+    begin: int,
+    end: int,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    seed: np.uint64,
+    offsets: NDArray[np.float32],
+) -> None:
     unit = np.float32(2.0**-24)  # 24 bits fill a float32 below 1
     for v in range(begin, end):
         bits = _hash(origins[v], normals[v], seed)
@@ -143,7 +158,15 @@ def _hashed_offsets(begin, end, origins, normals, seed, offsets):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _shoot(begin, end, origins, normals, azimuths, offsets, rays):
+def _shoot(
+    begin: int,
+    end: int,
+    origins: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    azimuths: NDArray[np.float32],
+    offsets: NDArray[np.float32],
+    rays: NDArray[np.float32],
+) -> None:
     count = len(azimuths)
     one, step = np.float32(1), np.float32(1 / count)
     for v in range(begin, end):
@@ -168,7 +191,7 @@ def _shoot(begin, end, origins, normals, azimuths, offsets, rays):
             rays[v, i, 5] = u * tz + w * bz + height * nz
 
 
-def legendre_factors(bands):
+def legendre_factors(bands: int) -> NDArray[np.float32]:
     """Factors of the recurrence in `_gather`, (B, B, 2) float32 by degree and order; [m, m, 0] starts m."""
     factors = np.zeros((bands, bands, 2))
     start = np.sqrt(0.25 / np.pi)
@@ -184,7 +207,16 @@ def legendre_factors(bands):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
-def _gather(begin, end, rays, occluded, normals, norms, model, rest):
+def _gather(
+    begin: int,
+    end: int,
+    rays: NDArray[np.float32],
+    occluded: Mask,
+    normals: NDArray[np.float32],
+    norms: NDArray[np.float32],
+    model: NDArray[np.float32],
+    rest: NDArray[np.float32],
+) -> None:
     count, bands = rays.shape[1], norms.shape[1]
     z, real, imaginary = np.zeros(count, np.float32), np.zeros(count, np.float32), np.zeros(count, np.float32)
     polar, below = np.zeros(count, np.float32), np.zeros(count, np.float32)
@@ -243,7 +275,16 @@ def _gather(begin, end, rays, occluded, normals, norms, model, rest):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _add_model(begin, end, normals, model, rest, norms, squared, transfer):
+def _add_model(
+    begin: int,
+    end: int,
+    normals: NDArray[np.float32],
+    model: NDArray[np.float32],
+    rest: NDArray[np.float32],
+    norms: NDArray[np.float32],
+    squared: NDArray[np.float32],
+    transfer: NDArray[np.float32],
+) -> None:
     for v in range(begin, end):
         for k in range(transfer.shape[1]):
             transfer[v, k] = transfer[v, k] * model[v, 0] + rest[v, k]
@@ -251,7 +292,16 @@ def _add_model(begin, end, normals, model, rest, norms, squared, transfer):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def add_lobes(v, normals, scale, model, norms, lobe, squared, out):
+def add_lobes(
+    v: int,
+    normals: NDArray[np.float32],
+    scale: np.float32,
+    model: NDArray[np.float32],
+    norms: NDArray[np.float32],
+    lobe: NDArray[np.float32],
+    squared: NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
     """Add to row v of `out`: scale lobe_l Y(n) + 2 k_l (b . n) Y(n) + k_l (b . grad) Y(n); see `add_model`."""
     bx, by, bz = model[v, 1], model[v, 2], model[v, 3]
     if bx == 0 and by == 0 and bz == 0 and scale == 0:
