@@ -1,16 +1,33 @@
 """What depends on a scene's geometry alone: computed on first use, extended rather than repeated, kept between runs."""
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Floats, Mask, Transfer
+from splat2mesh.base.progress import Stages
+from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
 from .bounces import Interreflection, visible_fraction
 from .receivers import Receivers
+from .settings import Settings
 from .store import Cache, array_key
 from .volume import Foliage
+
+if TYPE_CHECKING:
+    from .occluder import Occluder
+    from .visibility import Visibility
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
 SURFACES = "surfaces"  # instead of the key of a Foliage
+
+
+Key: TypeAlias = tuple[str, int, int, str, int, str]
+"""What a transfer is told apart by: method, bands, rays, chunks with shadows, seed, leaves."""
 
 
 class Precomputed:
@@ -22,21 +39,29 @@ class Precomputed:
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
-    def __init__(self, scene, seed, cache=None, stages=None, shown=None):
-        from splat2mesh.base.progress import Stages
-
+    def __init__(
+        self,
+        scene: Scene,
+        seed: int,
+        cache: Cache | None = None,
+        stages: Stages | None = None,
+        shown: Callable[[], Mask] | None = None,
+    ) -> None:
         self.scene, self.seed = scene, seed
         self.sizes = np.array([len(chunk.vertices) for chunk in scene.chunks])
         self.cache = Cache() if cache is None else cache
         self.rays_traced = 0
         self._stages = stages or Stages()
-        self._occluder = self._visibility = self._receivers = None
+        self._occluder: Occluder | None = None
+        self._visibility: Visibility | None = None
+        self._receivers: Receivers | None = None
         self._shown = shown
         self.foliage = Foliage.of_scene(scene)
-        self._transfers, self._interreflections = {}, {}
+        self._transfers: dict[Key, Transfer] = {}
+        self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and what it was scaled to
 
     @property
-    def occluder(self):
+    def occluder(self) -> "Occluder":
         """The Occluder of the whole scene."""
         if self._occluder is None:
             from .occluder import Occluder
@@ -46,23 +71,30 @@ class Precomputed:
         return self._occluder
 
     @property
-    def receivers(self):
+    def receivers(self) -> Receivers:
         """The Receivers of the scene."""
         if self._receivers is None:
             self._receivers = self._found() if self._shown is not None else Receivers.every(int(self.sizes.sum()))
         return self._receivers
 
     @property
-    def partly(self):
+    def partly(self) -> bool:
         """Whether light is found exactly only where it is shown."""
         return self._shown is not None
 
     @property
-    def traced(self):
+    def traced(self) -> Mask | None:
         """(V,) bool, the vertices that light is traced for; None for all."""
         return None if self.receivers.all else self.receivers.traced
 
-    def _found(self):
+    @property
+    def _volumes(self) -> Foliage:
+        """The Foliage, where Settings have a volume: none have one without."""
+        assert self.foliage is not None
+        return self.foliage
+
+    def _found(self) -> Receivers:
+        assert self._shown is not None  # else all are traced
         shown, occluder = self._shown(), self.occluder
         key = array_key(shown)
         with self._stages.stage("receivers"):
@@ -72,25 +104,25 @@ class Precomputed:
                 self.cache.put("receivers", key, **found.arrays())
         return found
 
-    def there(self):
+    def there(self) -> Callable[[Settings], tuple[bool, bool]]:
         """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
         keys = [*self._transfers, *filter(None, map(_key_of, self.cache.settings_of("transfer")))]
         keys, most = [each for each in keys if each[4] == self.seed], max(self._matrices(), default=0)
 
-        def found(settings):
+        def found(settings: Settings) -> tuple[bool, bool]:
             leaves = self._leaves(settings)
             return any(_serves(each, settings, leaves) for each in keys), most >= settings.bounce_rays
 
         return found
 
-    def _matrices(self):
+    def _matrices(self) -> list[int]:
         """Of how many rays there are interreflections, in memory or kept."""
         kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)
         return sorted(
             {*self._interreflections, *(each[0] for each in kept if each[1:] == name and type(each[0]) is int)}
         )
 
-    def transfer(self, settings):
+    def transfer(self, settings: Settings) -> tuple[Transfer, Settings]:
         """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
         a volume only where the scene has one)."""
         settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
@@ -103,29 +135,30 @@ class Precomputed:
         self._transfers[found[0]] = found[1]
         return found[1], settings._replace(rays=found[0][2])
 
-    def forget(self, settings):
+    def forget(self, settings: Settings) -> None:
         """Let go of what is in memory and does not serve these Settings: transfers, of which the next is computed, or
         read, from what was traced; and bounces of fewer rays."""
         leaves = self._leaves(settings)
         for key in [key for key in self._transfers if not _serves(key, settings, leaves)]:
             gone = self._transfers.pop(key)
-            for found in self._interreflections.values():
-                found[1] = None if found[1] is gone else found[1]
+            for rays, (matrix, scaled_to) in list(self._interreflections.items()):
+                if scaled_to is gone:
+                    self._interreflections[rays] = matrix, None
         for rays in [rays for rays in self._interreflections if not 0 < settings.bounce_rays <= rays]:
             del self._interreflections[rays]
 
-    def interreflection(self, rays, transfer):
+    def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
         rays = next((each for each in self._matrices() if each >= rays), rays)
         if rays not in self._interreflections:
-            self._interreflections[rays] = [self._matrix(rays, visible_fraction(transfer)), transfer]
+            self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
         matrix, scaled_to = self._interreflections[rays]
         if scaled_to is not transfer:
             matrix.scale_to(visible_fraction(transfer))
-            self._interreflections[rays][1] = transfer
+            self._interreflections[rays] = matrix, transfer
         return matrix
 
-    def _matrix(self, rays, visible):
+    def _matrix(self, rays: int, visible: Floats) -> Interreflection:
         """The Interreflection, kept from before or computed."""
         receivers = self.receivers
         with self._stages.stage("bounce rays kept"):
@@ -144,7 +177,7 @@ class Precomputed:
                 self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
         return found
 
-    def _kept(self, settings):
+    def _kept(self, settings: Settings) -> tuple[Key, Transfer] | None:
         """(key, transfer) of the smallest kept transfer that serves, or None."""
         for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
             if key[4] != self.seed or not _serves(key, settings, self._leaves(settings)):
@@ -156,7 +189,7 @@ class Precomputed:
                 return key, kept
         return None
 
-    def _computed(self, settings):
+    def _computed(self, settings: Settings) -> tuple[Key, Transfer]:
         """(key, transfer) of what the settings ask for, or of more where more rays were there already."""
         method, bands, count, rays = settings.method, settings.bands, int(self.sizes.sum()), settings.rays
         if rays:
@@ -171,7 +204,7 @@ class Precomputed:
                     transfer = visibility.transfer(bands)
             if settings.volume:
                 with self._stages.stage("volume"):
-                    transfer = self.foliage.mixed(transfer, settings.volume, self.receivers.traced)
+                    transfer = self._volumes.mixed(transfer, settings.volume, self.receivers.traced)
             transfer = self.receivers.filled(transfer)
         elif method == "neural-gash":
             from .neuralgash import neural_gash
@@ -187,20 +220,20 @@ class Precomputed:
             self.cache.put("transfer", *key, transfer=transfer)
         return key, transfer
 
-    def _seen(self, settings):
+    def _seen(self, settings: Settings) -> "Visibility":
         """The Visibility with so many rays: what there is, grown if it can be."""
         from .visibility import Visibility
 
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
         if settings.volume:  # leaves and grass need no rays
-            mask = self.foliage.solid if mask is None else mask & self.foliage.solid
+            mask = self._volumes.solid if mask is None else mask & self._volumes.solid
         if not self.receivers.all:
             mask = self.receivers.traced if mask is None else mask & self.receivers.traced
         traced = int(self.sizes.sum() if mask is None else mask.sum())
         name = (
             _chunks_text(settings.shadowed),
             self.seed,
-            self._with_receivers(self.foliage.key if settings.volume else SURFACES),
+            self._with_receivers(self._volumes.key if settings.volume else SURFACES),
         )
         visibility = self._visibility
         if visibility is None:
@@ -232,22 +265,22 @@ class Precomputed:
                 self.cache.put("visibility", *name, base=visibility.base, bits=bits, traced=visibility.traced)
         return visibility
 
-    def _leaves(self, settings):
+    def _leaves(self, settings: Settings) -> str:
         """Text for a file's name that tells volumes apart."""
-        leaves = f"{self.foliage.key}x{settings.volume}" if settings.volume else SURFACES
+        leaves = f"{self._volumes.key}x{settings.volume}" if settings.volume else SURFACES
         return self._with_receivers(leaves) if settings.rays else leaves
 
-    def _with_receivers(self, text):
+    def _with_receivers(self, text: str) -> str:
         """Text for a file's name, with that which tells the traced vertices apart unless they are all."""
         return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
-    def _key(self, settings, rays):
+    def _key(self, settings: Settings, rays: int) -> Key:
         """What a transfer is told apart by, as its file says."""
         method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
 
 
-def _transfer(kept, shape):
+def _transfer(kept: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Transfer:
     """The transfer of what was kept. Raises ValueError for another shape or type, and unless it is finite."""
     transfer = kept["transfer"]
     if transfer.shape != shape or transfer.dtype != np.float32 or not np.isfinite(transfer).all():
@@ -255,13 +288,13 @@ def _transfer(kept, shape):
     return transfer
 
 
-def _key_of(settings):
+def _key_of(settings: tuple[Any, ...]) -> Key | None:
     """The key that a transfer was kept under, or None for what is none."""
     types = tuple(map(type, settings))
     return settings if types == (str, int, int, str, int, str) else None
 
 
-def _serves(key, settings, leaves):
+def _serves(key: Key, settings: Settings, leaves: str) -> bool:
     """Whether the transfer of a key is as good as that of the settings, or better."""
     method, bands, rays, chunks, _, as_leaves = key
     if (
@@ -274,7 +307,7 @@ def _serves(key, settings, leaves):
     return chunks in ("all", _chunks_text(settings.shadowed))
 
 
-def _as_leafy(kept, wanted):
+def _as_leafy(kept: str, wanted: str) -> bool:
     """Whether leaves of so many directions, as `Precomputed._leaves` writes them, serve for others."""
     (*known, count), (*names, least) = kept.split("x"), wanted.split("x")
     if count.isdigit() and least.isdigit():
@@ -282,7 +315,7 @@ def _as_leafy(kept, wanted):
     return kept == wanted
 
 
-def _chunks_text(shadowed):
+def _chunks_text(shadowed: Sequence[bool] | None) -> str:
     """The chunks with shadows as text for a file's name."""
     if shadowed is None:
         return "all"

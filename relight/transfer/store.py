@@ -12,14 +12,20 @@ import hashlib
 import json
 import os
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.inputs import load_arrays
 from splat2mesh.base.leftovers import sweep
 from splat2mesh.base.outputs import staged_file
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
 
 VERSION = 2
 """Of what is kept: goes up whenever files change, or the same geometry and settings would give other numbers."""
@@ -39,14 +45,20 @@ MOST_BYTES = 2 * 2**30
 """Of all files of a folder together, except the one that was kept last: 160 MB is the transfer of a large place."""
 
 
+Made = TypeVar("Made")
+
+
 class Cache:
     """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found.
 
     read_only: what is there is found, and nothing is written, not even when it was last used.
     """
 
-    def __init__(self, folder=None, geometry="", read_only=False):
-        self.folder, self._read_only = None if folder is None else Path(folder), read_only
+    def __init__(
+        self, folder: str | os.PathLike[str] | None = None, geometry: str = "", read_only: bool = False
+    ) -> None:
+        self.folder: Path | None = None if folder is None else Path(folder)
+        self._read_only = read_only
         if self.folder is not None and os.path.islink(self.folder):
             self.folder = None  # a scene from elsewhere must not have files written to a place that it names
         self._key = f"{VERSION} {geometry}"
@@ -54,17 +66,17 @@ class Cache:
             self._sweep()
 
     @classmethod
-    def of_scene(cls, scene, read_only=False):
+    def of_scene(cls, scene: "Scene", read_only: bool = False) -> "Cache":
         """In the folder that a Scene was loaded from; a Scene of a mesh file, or of none, keeps nothing."""
         if scene.path is None or not Path(scene.path).is_dir():
             return cls()
         return cls(Path(scene.path) / FOLDER, geometry_key(scene), read_only)
 
-    def get(self, kind, *settings):
+    def get(self, kind: str, *settings: object) -> dict[str, NDArray[Any]] | None:
         """Dict of the arrays kept under a kind and its settings, or None."""
-        return self._read(self._path(kind, settings), _told(settings)) if self.folder else None
+        return self._read(self._path(self.folder, kind, settings), _told(settings)) if self.folder else None
 
-    def restored(self, make, kind, *settings):
+    def restored(self, make: Callable[[dict[str, NDArray[Any]]], Made], kind: str, *settings: object) -> Made | None:
         """What `make` makes of the arrays that are kept, or None, also where it cannot: then they count as not there.
 
         make(arrays) must check what it uses: a scene folder, with its cache, may come from anybody.
@@ -77,7 +89,7 @@ class Cache:
         except (ValueError, KeyError, TypeError, IndexError, AttributeError, OverflowError, MemoryError):
             return None
 
-    def settings_of(self, kind):
+    def settings_of(self, kind: str) -> list[tuple[Any, ...]]:
         """[settings] of every file of a kind and this geometry, as `put` was given them; what is no number is text.
 
         They are what a file says: whoever uses them must check them.
@@ -85,49 +97,50 @@ class Cache:
         found = [_label(path) for path in self._files() if path.name.startswith(f"{kind}-")]
         return [tuple(settings) for key, settings in filter(None, found) if key == self._key]
 
-    def put(self, kind, *settings, **arrays):
+    def put(self, kind: str, *settings: object, **arrays: ArrayLike) -> None:
         """Keep arrays. A disk that is full or read-only costs the next run its time, not this one its result."""
-        if not self.keeps:
+        if self.folder is None or not self.keeps:
             return
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
-            with staged_file(self._path(kind, settings)) as staging, open(staging, "wb") as file:
-                label = {"key": np.array(self._key), "settings": np.array(_told(settings))}
-                np.savez(file, **label, **arrays)  # not waited for: a torn one counts as not there
-            self._forget(kind)
+            with staged_file(self._path(self.folder, kind, settings)) as staging, open(staging, "wb") as file:
+                kept: dict[str, Any] = {"key": np.array(self._key), "settings": np.array(_told(settings)), **arrays}
+                np.savez(file, **kept)  # not waited for: a torn one counts as not there
+            self._forget(self.folder, kind)
             self._fit()
 
     @property
-    def keeps(self):
+    def keeps(self) -> bool:
         """Whether `put` keeps anything: what is made for it alone need not be made otherwise."""
         return bool(self.folder) and not self._read_only
 
     @property
-    def size_bytes(self):
+    def size_bytes(self) -> int:
         """Of all that is kept in the folder."""
         return sum(path.stat().st_size for path in self._files())
 
-    def clear(self):
+    def clear(self) -> None:
         """Remove all that is kept in the folder, whatever geometry it is of."""
         for path in self._files():
             path.unlink(missing_ok=True)
 
-    def _files(self):
+    def _files(self) -> list[Path]:
         return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
 
-    def _sweep(self):
+    def _sweep(self) -> None:
         """Remove, without a word, what runs that were killed had left here, and what older versions kept: it can be
         computed again. Files of newer versions, and those of other programs, stay."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
-            sweep(self.folder)
+            if self.folder is not None:
+                sweep(self.folder)
         for path in self._files():
             version = _version(path)
             if version is not None and version < VERSION:
                 with contextlib.suppress(OSError):
                     path.unlink()
 
-    def _fit(self):
+    def _fit(self) -> None:
         """Remove what was not used for longest until the rest is small enough."""
         files = sorted(((path.stat().st_mtime, path.stat().st_size, path) for path in self._files()), reverse=True)
         total = 0
@@ -136,10 +149,10 @@ class Cache:
             if index and total > MOST_BYTES:
                 path.unlink(missing_ok=True)
 
-    def _path(self, kind, settings):
-        return self.folder / ("-".join([kind, *map(str, settings)]) + ".npz")
+    def _path(self, folder: Path, kind: str, settings: tuple[object, ...]) -> Path:
+        return folder / ("-".join([kind, *map(str, settings)]) + ".npz")
 
-    def _read(self, path, settings):
+    def _read(self, path: Path, settings: str) -> dict[str, NDArray[Any]] | None:
         try:
             found = load_arrays(path, LARGEST)
             if (str(found.pop("key")), str(found.pop("settings"))) != (self._key, settings):
@@ -150,19 +163,19 @@ class Cache:
             return None
         return found
 
-    def _forget(self, kind):
+    def _forget(self, folder: Path, kind: str) -> None:
         """Remove what is older than the newest few of a kind."""
-        files = sorted(self.folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
+        files = sorted(folder.glob(f"{kind}-*.npz"), key=lambda path: path.stat().st_mtime, reverse=True)
         for path in files[MOST_OF_A_KIND:]:
             path.unlink(missing_ok=True)
 
 
-def _told(settings):
+def _told(settings: tuple[object, ...]) -> str:
     """Settings as JSON."""
     return json.dumps(settings, default=str)
 
 
-def _label(path):
+def _label(path: Path) -> tuple[str, list[Any]] | None:
     """(key, settings) that a file carries, or None for another program's, another version's or a torn one."""
     try:
         found = load_arrays(path, LONGEST, ("key", "settings"))
@@ -172,7 +185,7 @@ def _label(path):
     return (str(found["key"]), settings) if isinstance(settings, list) else None
 
 
-def _version(path):
+def _version(path: Path) -> int | None:
     """The version of a file, or None for another program's or a torn one."""
     try:
         version, _, geometry = str(load_arrays(path, LONGEST, ("key",))["key"]).partition(" ")
@@ -181,7 +194,7 @@ def _version(path):
     return int(version) if geometry and version.isascii() and version.isdigit() and len(version) < 10 else None
 
 
-def geometry_key(scene):
+def geometry_key(scene: "Scene") -> str:
     """Text that differs for any two geometries: a hash of what light depends on, chunks included."""
     digest = hashlib.blake2b(digest_size=16)
     for chunk in scene.chunks:
@@ -190,7 +203,7 @@ def geometry_key(scene):
     return digest.hexdigest()
 
 
-def array_key(*arrays):
+def array_key(*arrays: NDArray[Any] | None) -> str:
     """Short text that differs for any two lists of arrays; None among them counts as an array of its own."""
     digest = hashlib.blake2b(digest_size=8)
     for array in arrays:

@@ -35,8 +35,10 @@ class Visibility:
     neighbors: Neighbors, its N nodes. sets: [(shift, turn)] of each set of `base` rays, parts of a stratum and of a
     full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
     seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
-    normals: (N, 3) float32.
+    normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does.
     """
+
+    name: tuple[str, int, str] | None = None
 
     def __init__(
         self,
