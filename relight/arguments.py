@@ -20,7 +20,7 @@ EXAMPLES = """examples:
   relight bust.obj --env noon --albedo white --format glb ply npy -o bust_noon
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight lounge --env overcast --lamps off --format splat
-  relight lounge --captured .1 --lamp "1.5,1.5,-1.5 color=2700K"   dusk, and a lamp put in
+  relight lounge --captured .1 --lamp 1.5,1.5,-1.5 color=2700K   dusk, and a lamp put in
   relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed = ("--rotate", "--up", "--eye", "--lamp")
+    parser.signed, parser.signed_words = ("--rotate", "--up", "--eye"), ("--lamp",)
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     exposure = "show radiance times 2^EV (default: as the capture was exposed, else by the brightest vertices)"
     lamp = "put in a lamp: its place in the frame of the splat, and what differs from a warm bulb "
     lamp += "(1.5,1.5,-1.5 radius=.1 color=3000K brightness=+1EV), or a file of lamps (docs/lamps.md); repeatable"
-    add("--lamp", dest="placed", action="append", metavar="SPEC|FILE", help=lamp)
+    add("--lamp", dest="placed", nargs="+", action="append", metavar="SPEC|FILE", help=lamp)
     captured = "how much of the captured light stays, 0 for night (default: 1 beside lamps, 0 under another light)"
     add("--captured", type=float, metavar="FACTOR", help=captured)
     add("--env-scale", type=float, metavar="FACTOR", help="dim or raise the light of --env (default: 1)")

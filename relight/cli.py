@@ -67,6 +67,8 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
     """Return what the words of a command line ask for. Raises InputError for words that mean nothing."""
     light, asked = given(LightingOptions, words), given(RelightRequest, words)
     tiling = tiling_options(words)
+    if "placed" in light:
+        light["placed"] = [" ".join(each).strip() for each in light["placed"]]
     if "method" in light:
         light["method"] = chosen("--method", light["method"], METHODS)
     if "tolerance" in light:

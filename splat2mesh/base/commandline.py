@@ -18,15 +18,17 @@ class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are one line, with what may have been meant.
 
     signed: options whose value may begin with a minus sign, as in `--up -y` or `--rotate -30:30:10`.
+    signed_words: the same of options of several words, as in `--lamp -1,2,3 radius=.1`.
     """
 
     signed: tuple[str, ...] = ()
+    signed_words: tuple[str, ...] = ()
 
     _given: Sequence[str] = ()
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Return the words of a command line; ends the process with one line where they make no sense."""
-        self._given = joined(sys.argv[1:] if args is None else args, self.signed)
+        self._given = joined(sys.argv[1:] if args is None else args, self.signed, self.signed_words)
         return super().parse_args(self._given, namespace)
 
     def error(self, message: str) -> NoReturn:
@@ -52,13 +54,18 @@ class Parser(argparse.ArgumentParser):
         return ""
 
 
-def joined(arguments: Sequence[str], signed: Iterable[str]) -> list[str]:
-    """Arguments with the value of a signed option that begins with a minus put to it: --up -y -> --up=-y."""
+def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str] = ()) -> list[str]:
+    """Arguments with the value of a signed option that begins with a minus put to it: --up -y -> --up=-y.
+
+    words: options of several words; the first gets a space before it, which tells it from an option.
+    """
     result: list[str] = []
-    names = set(signed)
+    names, several = set(signed), set(words)
     for argument in arguments:
         if result and result[-1] in names and _VALUE.match(argument):
             result[-1] = f"{result[-1]}={argument}"
+        elif result and result[-1] in several and _VALUE.match(argument):
+            result.append(f" {argument}")
         else:
             result.append(argument)
     return result
