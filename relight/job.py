@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from .engine.relit_room import RelitRoom
     from .lamps.asked import AskedLamp, LampScale
     from .lamps.shapes import Lamp
+    from .live.mixture import Mixture
     from .planning.plan import Plan
     from .splats import Binding
     from .viewer.splats import SplatSource
@@ -389,6 +390,26 @@ class Job:
         if self.room and self.room.exposure is not None:
             return self.room.exposure
         return self._level if self._brightness is not None else auto_exposure(shaded.shading.radiance)
+
+    @property
+    def mixture(self) -> "Mixture":
+        """What is beside the environment, for what is live."""
+        from .live.mixture import Mixture
+
+        options, placed, room = self.options, self.lamp_light is not None, self.room
+        asked = placed or options.captured is not None or options.env_scale != 1.0
+        colors = room.with_its_own_light() if room and (asked or self.keeps_captured) else None
+        names = [each.name for each in self.asked_lamps]
+        lamps = self.lamps if placed else []
+        return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors)
+
+    def level_under(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
+        """Units of the picture per unit of another light, as `exposure_of` takes it."""
+        if isinstance(light, CapturedLight) or self.steady:
+            return 1.0
+        if self._brightness is None and radiance is not None:
+            return auto_exposure(radiance)
+        return level_of(self._brightness, light)
 
     def _shading(self, light: Environment) -> Shading:
         if isinstance(light, CapturedLight):

@@ -125,7 +125,7 @@ class Writer:
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
             wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
-            live = LiveFiles(relighter, look, splats[0], others, *wishes)
+            live = LiveFiles(relighter, look, splats[0], others, *wishes, job.mixture, job.level_under)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
             engines = EngineFiles(relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky)
         more = asked.texture_size, seed, asked.sky, live, engines

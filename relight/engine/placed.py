@@ -85,9 +85,9 @@ class LampLight:
             warnings.warn(message, DataWarning, stacklevel=2)
         return self.with_bounces(direct)
 
-    def direct_of(self, lamp: int) -> NDArray[np.float32]:
-        """Direct light of one lamp on the white scene, (V, 3) float32."""
-        return self._direct(self._emitters.of_lamp(lamp))
+    def direct_of(self, *lamps: int) -> NDArray[np.float32]:
+        """Direct light of these lamps on the white scene, (V, 3) float32."""
+        return self._direct(self._emitters.of_lamp(*lamps))
 
     def with_bounces(self, direct: NDArray[np.float32]) -> Placed:
         """What light does that reaches the scene directly, (V, 3) on white, once surfaces throw it on."""

@@ -57,9 +57,9 @@ class Emitters(NamedTuple):
     peak: NDArray[np.float32]
     profiles: NDArray[np.float32]
 
-    def of_lamp(self, lamp: int) -> "Emitters":
-        """Those of one lamp."""
-        chosen = self.lamp == lamp
+    def of_lamp(self, *lamps: int) -> "Emitters":
+        """Those of one lamp, or of several."""
+        chosen = np.isin(self.lamp, lamps)
         kept = {name: array[chosen] for name, array in self._asdict().items() if name != "profiles"}
         return Emitters(**kept, profiles=self.profiles)
 

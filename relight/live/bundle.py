@@ -13,11 +13,16 @@ from .lights import IMAGE, rgbe
 from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .surface import OWN_STEPS
+from .terms import CAPTURED
 
 if TYPE_CHECKING:
+    from .lights import PortableLight
     from .live import Live
 
 FORMAT, FORMAT_VERSION = "relight-live", 1
+
+VERSION_OF_TERMS = 2
+"""Of a bundle with light beside the environment, which a reader of version 1 would not show."""
 
 META = "live.json"
 
@@ -30,6 +35,8 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
         write_splats(folder / f"splat.{kind}", live.splats, kind)
     parts = live.transfer.tobytes(), live.surfaces.packed.tobytes(), live.basis.tobytes()
     contents = dict(zip(("transfer.bin", "surface.bin", "basis.bin"), parts, strict=True))
+    if live.terms:
+        contents["terms.bin"] = b"".join(term.tobytes() for term in live.terms)
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
@@ -51,7 +58,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
     clusters, weights, directions = live.basis.components.shape
     return {
         "format": FORMAT,
-        "version": FORMAT_VERSION,
+        "version": VERSION_OF_TERMS if live.terms else FORMAT_VERSION,
         "generator": f"relight {VERSION}",
         "count": len(live.splats),
         "order": "row i = splat i",
@@ -84,6 +91,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         "mean": live.mean.tolist(),
         "brightness": live.brightness,
         "lamps": live.lamps,
+        **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
         "lights": [
             {
                 "name": light.name,
@@ -102,10 +110,16 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
                     )
                 ],
             }
+            | (_beside(light) if live.terms else {})
             for file, light in zip(light_files(live), live.lights, strict=True)
         ],
         "proxy": {"file": "proxy.glb", "vertices": len(live.proxy[0]), "faces": len(live.proxy[1])},
     }
+
+
+def _beside(light: "PortableLight") -> dict[str, Any]:
+    """What a light has beside it at the start."""
+    return {"captured": light.captured, "unit": light.unit, "sky": CAPTURED if light.keeps_sky else "own"}
 
 
 def light_files(live: "Live") -> list[str]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import luminance
 
-from ..light import SUN_TOLERANCE
+from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
 from ..light.sun_split import pooled, split
 from ..light.suns import Suns
@@ -34,7 +34,9 @@ LEAST_SUN = 0.1
 class PortableLight(NamedTuple):
     """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
-    mean: its mean luminance. lamps: factor on those of a room beside it. name: as it is shown.
+    mean: its mean luminance. lamps: factor on those of a room beside it. name: as it is shown. captured: how much of
+    the captured light is beside it. unit: display value per unit of the picture, of placed lamps and captured light.
+    keeps_sky: whether far background shows the captured light instead of this one.
     """
 
     name: str
@@ -45,6 +47,25 @@ class PortableLight(NamedTuple):
     exposure: float
     mean: float
     lamps: float = 0.0
+    captured: float = 0.0
+    unit: float = 1.0
+    keeps_sky: bool = False
+
+    def times(self, factor: float) -> "PortableLight":
+        """So many times the light, lamps of a room included."""
+        if factor == 1.0:
+            return self
+        suns = Suns(self.suns.directions, self.suns.weights * factor)
+        radiance = {name: getattr(self, name) * factor for name in ("rest", "whole", "mean", "lamps")}
+        return self._replace(image=self.image * np.float32(factor), suns=suns, **radiance)
+
+
+def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
+    """The PortableLight of the capture and no other, factor times as strong."""
+    nothing = np.zeros((BANDS**2, 3))
+    image = np.zeros((*IMAGE, 3), np.float32)
+    beside = float(factor), float(unit), True
+    return PortableLight(CAPTURED, image, nothing, nothing, Suns.none(), 1.0, 0.0, 0.0, *beside)
 
 
 def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> PortableLight:

@@ -22,8 +22,9 @@ from .basis import Basis, Packed, packed, reduced, usual_moment
 from .compression import Compressed, choices_for, cluster_centers, compress
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
-from .response import BANDS, LAMPS, light_vector, response_of
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, light_vector, response_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
+from .terms import Source, Term, term_of
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -62,7 +63,7 @@ class Live(NamedTuple):
     relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
     degrees, where to look from first, scene frame; of an object, bounds too, the box of what was captured, which the
-    page fits into its window. lamps: factor on the lamps of a room, None where there are none.
+    page fits into its window. lamps: factor on the lamps of a room, None where there are none. terms: list of Term.
     """
 
     splats: Splats
@@ -80,6 +81,7 @@ class Live(NamedTuple):
     source: dict[str, str]
     camera: dict[str, Any]
     lamps: float | None = None
+    terms: Sequence[Term] = ()
 
 
 def live_of(
@@ -92,35 +94,42 @@ def live_of(
     sky: str = "new",
     seed: int = 0,
     room: "RelitRoom | None" = None,
+    sources: Sequence[Source] = (),
 ) -> Live:
     """The Live of a scene.
 
     relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
     display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are
     used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom
-    that the scene is, or None.
+    that the scene is, or None. sources: light beside the environments, of which the Live has a Term each.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
     lit = relighter if room is None else room.lit
     lamps = room.lamp_factor if room is not None and room.lamps_found else None
+    if sources and room is not None and room.steady:
+        lamps = None  # they are part of the captured light, to which no environment adds
     if not len(splats):
         raise InputError("there are no splats to light")
     kinds = np.full(len(splats), LIT, np.uint8)
     order = _spatial_order(splats)
     binding = Binding(splats, scene, views=(), seed=seed)
     kinds[~binding.lit] = UNLIT
-    if appearance.kept:
+    if appearance.kept and not sources:
         kinds[:] = UNLIT
     if sky != "keep":
         kinds[shown_as_sky(splats, scene, appearance)] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
         known = room if room is not None and appearance.room is not None and not appearance.kept else None
-        response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)
+        if appearance.kept and sources:
+            response = _unchanged(len(shares))
+        else:
+            response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)
         lights = [light_of(*each) for each in environments]
-        captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
-        lights += [captured] if captured is not None and not appearance.kept else []
+        if not sources:  # which have the captured light itself
+            captured = capture_light(response, np.maximum(shares, 1e-12 * shares.max()), lamps or 0.0)
+            lights += [captured] if captured is not None and not appearance.kept else []
         vectors = _turned_vectors(lights)
         truth = np.einsum("vkc,tkc->vtc", response.values, vectors, optimize=True)
     with relighter.stages.stage("spread"):
@@ -140,6 +149,15 @@ def live_of(
         surface = surfaces(binding, splats.means, scene, response.own, kinds, foliage)
         vertices, faces = decimate(lit.scene.vertices.astype(np.float64), lit.scene.faces, PROXY_VERTICES)
     transfer = np.zeros((len(splats), 2 + found.weights.shape[1]), np.uint8)
+
+    def of_splats(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        spread = np.zeros((len(splats), 3), np.float32)
+        spread[binding.lit] = np.maximum(binding.spread(values), 0.0)
+        spread[kinds != LIT] = 0.0
+        return spread[order]
+
+    before = appearance.captured, appearance.irradiance
+    terms = [term_of(each, *before, shares, of_splats) for each in sources]
     bytes_ = np.concatenate([found.cluster.astype("<u2")[:, None].view(np.uint8), found.weights.view(np.uint8)], axis=1)
     transfer[binding.lit] = bytes_
     capture = appearance.capture
@@ -160,7 +178,14 @@ def live_of(
         source={name: scene.source[name] for name in ("file", "sha256") if name in scene.source},
         camera=_first_view(scene, splats, vertices),
         lamps=lamps,
+        terms=terms,
     )
+
+
+def _unchanged(count: int) -> Response:
+    """The Response of vertices that no environment changes."""
+    nothing = np.zeros((count, 3), np.float32)
+    return Response(np.zeros((count, COEFFICIENTS, 3), np.float32), nothing, np.zeros((SPREAD_BANDS**2 + 1, 3)))
 
 
 def _rows_and_counts(
@@ -218,7 +243,7 @@ def _compressed(
             centers[choice.clusters] = cluster_centers(rows, counts, choice.clusters, seed)
         found = compress(rows, counts, choice, seed, centers[choice.clusters])
         off = base + np.einsum("nd,dtc->ntc", found.rows(every), small, optimize=True) - truth
-        error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / size).max())
+        error = float((np.sqrt(np.square(off).mean(axis=(0, 2))) / np.where(size > 0.0, size, 1.0)).max())
         tried.append({"bytes": choice.bytes, "clusters": len(found.means), "error": error})
         if best is None or error < best[0]:
             best = error, found

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from splat2mesh.splats.splats import Splats
 
 from ..light import SUN_TOLERANCE
+from ..light.captured import CapturedLight
+from ..live.mixture import Mixture
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
 
 if TYPE_CHECKING:
@@ -25,7 +27,8 @@ class LiveFiles:
     splats: those of the scene. others: lights beside the one shown first. exposure_of: function of a light and the
     radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance.
     tolerance: relative error that the bytes may add.
-    room: the RelitRoom that the scene is, or None.
+    room: the RelitRoom that the scene is, or None. mixture: what is beside the environment. level_of: function like
+    exposure_of: units of the picture per radiance, where there is a mixture.
     """
 
     def __init__(
@@ -39,11 +42,14 @@ class LiveFiles:
         sky: str = "new",
         seed: int = 0,
         room: "RelitRoom | None" = None,
+        mixture: Mixture | None = None,
+        level_of: "Callable[[Environment, NDArray[np.float32] | None], float]" = lambda light, radiance: 1.0,
     ) -> None:
         self._relighter, self._appearance, self._splats, self._others = relighter, appearance, splats, others
         self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
         self._room = room
-        self._live: Any = None
+        self._mixture, self._level_of = mixture or Mixture(), level_of
+        self._live: dict[bool, Any] = {}
 
     def write(
         self, folder: Path, light: "Environment", exposure: float, kinds: Sequence[str]
@@ -53,12 +59,10 @@ class LiveFiles:
         light: the one shown first, at its angle. exposure: of it.
         """
         from ..live.bundle import write_bundle
-        from ..live.lights import light_of
         from ..live.page import write_page
 
         live = self._prepared(light)
-        unturned = light.rotated(-light.rotation_deg)
-        live = live._replace(lights=[light_of(unturned, exposure, self._lamps(light, exposure)), *live.lights])
+        live = live._replace(lights=[self._shown(light, exposure), *live.lights])
         names = []
         with self._relighter.stages.stage("write"):
             if "live" in kinds:
@@ -73,17 +77,18 @@ class LiveFiles:
         """All but the light that is shown first."""
         from ..live.live import live_of
 
-        if self._live is None:
+        mixes = self._mixes(light)
+        if mixes not in self._live:
             others = {each.name: each for each in self._others if each.name != light.name}
-            settings = self._settings(light)
+            settings = self._settings(next(iter(others.values())) if isinstance(light, CapturedLight) else light)
             albedo, traced = self._appearance.albedo, settings._replace(sun_tolerance=SUN_TOLERANCE)
             told = self._room is not None and self._room.exposure is not None  # then it is the capture's
             lights = []
             for each in others.values():
                 radiance = None if told else self._lit.shading(each, albedo, traced).radiance
-                exposure = self._exposure_of(each, radiance)
+                exposure = (self._level_of if mixes else self._exposure_of)(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
-            self._live = live_of(
+            found = live_of(
                 self._relighter,
                 self._appearance,
                 self._splats,
@@ -93,8 +98,49 @@ class LiveFiles:
                 self._sky,
                 self._seed,
                 self._room,
+                self._mixture.sources(self._appearance) if mixes else (),
             )
-        return self._live
+            self._live[mixes] = self._mixed(found, light) if mixes else found
+        return self._live[mixes]
+
+    def _mixes(self, light: "Environment") -> bool:
+        """Whether there is light beside this one."""
+        return self._mixture.asked or isinstance(light, CapturedLight)
+
+    def _shown(self, light: "Environment", exposure: float) -> Any:
+        """The light that is shown first, not turned, and what is beside it."""
+        from ..live.lights import captured_alone, light_of
+
+        if isinstance(light, CapturedLight):
+            return captured_alone(self._captured(light), exposure)
+        found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
+        if not self._mixes(light):
+            return found
+        known = self._room is not None and self._room.exposure is not None
+        radiance = None if known else self._lit.shading(light, self._appearance.albedo).radiance
+        return self._beside(found, light, exposure / self._level_of(light, radiance))
+
+    def _mixed(self, live: Any, first: "Environment") -> Any:
+        """A Live whose lights have beside them what was asked for, and that of the capture, where it is not first."""
+        from ..live.lights import captured_alone
+
+        by_name = {each.name: each for each in self._others}
+        lights = [self._beside(each, by_name[each.name]) for each in live.lights]
+        if not isinstance(first, CapturedLight):
+            lights.append(captured_alone(self._captured(CapturedLight())))
+        return live._replace(lights=lights)
+
+    def _beside(self, found: Any, light: "Environment", unit: float = 1.0) -> Any:
+        """A Light with what is beside it; an environment that changes nothing is seen through windows alone."""
+        captured = self._captured(light)
+        steady = self._room is not None and self._room.steady
+        return found._replace(captured=captured, unit=unit).times(captured if steady else self._mixture.env_scale)
+
+    def _captured(self, light: "Environment") -> float:
+        """How much of the captured light is beside a light, as `Job.captured_factor` has it."""
+        steady = self._room is not None and self._room.steady
+        given = self._mixture.captured
+        return float(isinstance(light, CapturedLight) or steady) if given is None else given
 
     @property
     def _lit(self) -> "Relighter":
@@ -104,7 +150,7 @@ class LiveFiles:
     def _lamps(self, light: "Environment", exposure: float) -> float:
         """What the light of a room's lamps is multiplied by, at an exposure of a light beside it."""
         capture, room = self._appearance.capture, self._room
-        if room is None or not room.lamps_found or capture is None:
+        if room is None or not room.lamps_found or capture is None or (room.steady and self._mixes(light)):
             return 0.0
         mean = light.mean_luminance
         return room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)

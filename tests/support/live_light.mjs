@@ -10,7 +10,7 @@ const read = (name) => new Uint8Array(readFileSync(`${folder}/${name}`));
 
 try {
   const meta = JSON.parse(readFileSync(`${folder}/live.json`, "utf8")), [entry] = meta.splats, files = {};
-  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin"]) files[name] = read(name);
+  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin", ...(meta.terms ? ["terms.bin"] : [])]) files[name] = read(name);
   await Live.checkSplat(files[entry.file], entry);
   const bundle = Live.readBundle(meta, files, entry.file), surface = Live.surfaceOf(bundle), ratio = new Float32Array(bundle.count * 3);
   const own = meta.lights[wish.light ?? 0];
@@ -21,10 +21,12 @@ try {
     const proxy = Splats.readProxy(read("proxy.glb")), shadows = suns.map(({ direction }) => new Shadow(proxy, direction));
     Live.addSuns(bundle, surface, suns, shadows, light.exposure, ratio);
   }
+  const factors = wish.factors ?? Live.factorsOf(bundle, light);
+  Live.addTerms(bundle, factors, ratio);
   if (wish.change) writeFileSync(wish.change, ratio);
   const out = new Uint16Array(bundle.count * 4);
   Live.gains(bundle, ratio, out);
-  Live.showSky(bundle, light, angle, light.exposure, out);
+  Live.showSky(bundle, light, angle, light.exposure, out, factors[0]);
   if (wish.gains) writeFileSync(wish.gains, out);
   if (wish.ply) writeFileSync(wish.ply, Splats.relitPly(bundle.splats, out, Live.GAIN_UNIT, Live.usualGain(bundle, light, angle, light.exposure)));
   console.log(JSON.stringify({ rest: Array.from(light.rest), whole: Array.from(light.whole), mean: light.mean, suns: light.suns, exposure: Live.exposureOf(bundle, light, ratio) }));

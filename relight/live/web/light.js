@@ -247,6 +247,19 @@ export function linear(value) {
   return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
 }
 
+// A colour as a person picks it, #rrggbb, as linear light of luminance 1; and the picture of such light.
+export function tintOf(hex) {
+  const color = [1, 3, 5].map((at) => linear(parseInt(hex.slice(at, at + 2), 16) / 255)), bright = luminance(...color);
+  return bright > 0 ? color.map((value) => value / bright) : [1, 1, 1];
+}
+
+export function hexOf(color) {
+  const most = Math.max(...color, 1e-9);
+  return `#${color.map((value) => Math.round(255 * encoded(Math.max(value / most, 0))).toString(16).padStart(2, "0")).join("")}`;
+}
+
+const encoded = (value) => value <= 0.0031308 ? 12.92 * value : 1.055 * value ** (1 / 2.4) - 0.055;
+
 // sRGB of unbounded linear light, in place: the shoulder of the Khronos PBR Neutral mapper, then the sRGB curve.
 export function toneMap(color) {
   const peak = Math.max(...color);

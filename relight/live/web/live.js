@@ -12,14 +12,15 @@ export const GAIN_UNIT = 1024; // of the 16 bits that a gain takes: 0 to 64, as 
 
 // ---- the bundle
 
-// files: {name: Uint8Array} of transfer.bin, surface.bin, basis.bin and the splat. Throws an Error of one line.
+// files: {name: Uint8Array} of transfer.bin, surface.bin, basis.bin, terms.bin where there are terms, and the splat. Throws an Error of one line.
 export function readBundle(meta, files, splatFile) {
-  if (meta.format !== "relight-live" || meta.version > 1) {
-    throw new Error(`expected a relight-live bundle of version 1, found ${meta.format} ${meta.version}`);
+  if (meta.format !== "relight-live" || meta.version > 2) {
+    throw new Error(`expected a relight-live bundle of version 1 or 2, found ${meta.format} ${meta.version}`);
   }
   const count = meta.count, { weights, clusters, directions } = meta.basis, row = 2 + weights;
   const sizes = { "transfer.bin": count * row, "surface.bin": count * 8,
     "basis.bin": (1 + directions) * (4 + 6 * COEFFICIENTS) + clusters * ((1 + weights) * 4 + directions * (2 + weights)) };
+  if (meta.terms) sizes["terms.bin"] = meta.terms.reduce((sum, { runs, rows }) => sum + 8 * runs + 3 * rows, 0);
   for (const [name, size] of Object.entries(sizes)) {
     const found = files[name] ? files[name].length : 0;
     if (found !== size) throw new Error(`${name} holds ${found} bytes, live.json says ${size}: export it again`);
@@ -28,8 +29,49 @@ export function readBundle(meta, files, splatFile) {
   if (splats.count !== count) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
-  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis) };
+  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]) };
 }
+
+// Light beside the environment: {kind, name, color, place, mean} of each, with its runs, and a table of its bytes for each
+// colour. Without runs it is 1 everywhere.
+function termsOf(entries, bytes) {
+  let at = 0;
+  return entries.map((entry) => {
+    if (entry.runs === null) return { ...entry, runs: null };
+    const runs = new Uint32Array(bytes.slice(at, at + 8 * entry.runs).buffer), rows = bytes.subarray(at + 8 * entry.runs, at + 8 * entry.runs + 3 * entry.rows);
+    at += 8 * entry.runs + 3 * entry.rows;
+    const tables = entry.peak.map((peak) => Float32Array.from({ length: 256 }, (_, byte) => byte && peak * 2 ** ((byte - 255) / entry.steps)));
+    return { ...entry, runs, rows, tables };
+  });
+}
+
+// Add to the changes what terms bring, each of them `factors` (3) times as strong as it is stored.
+export function addTerms(bundle, factors, ratio) {
+  bundle.terms.forEach(({ runs, rows, tables }, index) => {
+    const [r, g, b] = factors[index];
+    if (!(r > 0 || g > 0 || b > 0)) return;
+    if (!runs) {
+      for (let i = 0; i < ratio.length; i += 3) {
+        ratio[i] += r;
+        ratio[i + 1] += g;
+        ratio[i + 2] += b;
+      }
+      return;
+    }
+    const [red, green, blue] = tables.map((table, k) => table.map((value) => value * factors[index][k]));
+    for (let run = 0, at = 0; run < runs.length; run += 2) {
+      for (let i = 3 * runs[run], end = i + 3 * runs[run + 1]; i < end; i += 3, at += 3) {
+        ratio[i] += red[rows[at]];
+        ratio[i + 1] += green[rows[at + 1]];
+        ratio[i + 2] += blue[rows[at + 2]];
+      }
+    }
+  });
+}
+
+// The factors of all terms as a light of live.json begins, times an exposure.
+export const factorsOf = ({ terms }, { captured = 0, unit = 1 }, times = 1) =>
+  terms.map(({ kind, color }) => color.map((value) => value * unit * times * (kind === "captured" ? captured : 1)));
 
 // basis.bin: the directions in which responses differ, of which clusters have means and components.
 function basisOf(bytes, { clusters, weights, directions }) {
@@ -204,9 +246,10 @@ export function albedoChanges(bundle, surface, ratio) {
 }
 
 // How much the scene as a whole brightens, for the part of colours that depends on the view: (3) gains of 1 at least.
-export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure) {
+export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure, factors = factorsOf(bundle, light)) {
   const whole = turned(light.whole, angle), sum = bundle.meta.mean[SPREAD].map((value) => lamps * value);
   for (let i = 0; i < SPREAD; i++) bundle.meta.mean[i].forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; });
+  bundle.terms.forEach(({ mean }, index) => mean.forEach((value, k) => { sum[k] += value * factors[index][k]; }));
   return sum.map((value) => Math.max(value, 1) ** (1 / 2.4));
 }
 
@@ -256,9 +299,15 @@ function rolledOff(ratio, color) {
   return (start + room * (ROLLED[at] + (ROLLED[at + 1] - ROLLED[at]) * (over - at))) / color;
 }
 
-// Far background shows the sky, turned: colours in place of gains.
-export function showSky(bundle, light, angle, exposure, out) {
+// Far background shows the sky, turned: colours in place of gains. Under the light of the capture it is `captured` (3)
+// times as bright as it was.
+export function showSky(bundle, light, angle, exposure, out, captured = [1, 1, 1]) {
   const { rows, directions } = bundle.sky ??= skyRows(bundle), color = [0, 0, 0];
+  if (light.sky === "captured") {
+    const kept = captured.map((value) => Math.round(GAIN_UNIT * Math.min(Math.max(value, 1e-4), 1e4) ** (1 / 2.4)));
+    for (const row of rows) out.set([...kept, 0], 4 * row);
+    return;
+  }
   for (let i = 0; i < rows.length; i++) {
     lookUp(light.image, directions[3 * i], directions[3 * i + 1], directions[3 * i + 2], angle, exposure, color);
     toneMap(color);

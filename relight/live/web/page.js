@@ -9,6 +9,7 @@ const PANEL = `
 <label>Sun from <input id="r-azimuth" type="range" min="-180" max="180" step="1"><output></output></label>
 <label>Sun height <input id="r-height" type="range" min="2" max="90" step="1"><output></output></label>
 <label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
+<div id="r-terms"></div>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
 <div class="row"><button id="r-load">Load .hdr</button><button id="r-save">Save relit .ply</button></div>
@@ -71,6 +72,8 @@ class Session {
   constructor(bundle, proxy, lights, stage, data, tell) {
     Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
     this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
+    this.state.captured = lights[0].captured ?? 0;
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
     this.gains = new Uint16Array(bundle.count * 4);
@@ -86,8 +89,13 @@ class Session {
     for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
+    if (query.has("captured")) this.state.captured = +query.get("captured");
+    this.state.terms.forEach((term, index) => {
+      const asked = query.get(`lamp${index}`); // the captured light is 0
+      if (asked !== null) Object.assign(term, asked === "off" ? { on: false } : { on: true, ev: +asked });
+    });
     if (query.has("nopanel")) element("relight").style.display = "none";
-    if (this.bundle.meta.lamps === null) element("r-lamps").parentElement.style.display = "none";
+    this.addSliders();
     this.listen();
     this.set({});
   }
@@ -97,7 +105,7 @@ class Session {
     const before = this.state.light;
     Object.assign(this.state, changes);
     this.state.turn = (this.state.turn % 360 + 360) % 360;
-    if (this.state.light !== before && !("height" in changes)) Object.assign(this.state, { azimuth: 0, height: null, sun: 1 });
+    if (this.state.light !== before && !("height" in changes)) Object.assign(this.state, { azimuth: 0, height: null, sun: 1, ...("captured" in changes ? {} : { captured: this.lights[this.state.light].captured ?? 0 }) });
     this.refresh();
     cancelAnimationFrame(this.busy);
     this.busy = requestAnimationFrame(() => this.draw());
@@ -119,7 +127,7 @@ class Session {
 
   draw() {
     const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
-    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, began = performance.now();
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, factors = this.factors(light), began = performance.now();
     if (state.view === "captured") gains.set(this.plain);
     else {
       if (state.view === "albedo") Live.albedoChanges(bundle, this.surface, ratio);
@@ -127,13 +135,14 @@ class Session {
         Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1, lamps), ratio);
         const suns = this.suns();
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
+        Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
-      if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains);
+      if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps) : [1, 1, 1];
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors) : [1, 1, 1];
     this.milliseconds = performance.now() - began;
-    stage.sky(state.sky && state.view === "relit" ? light.image : null, turn, exposure);
+    stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
     this.compare.set(state.compare, state.line);
     element("relight-line").style.display = state.compare ? "block" : "none";
     element("relight-line").style.left = `${100 * state.line}%`;
@@ -144,7 +153,17 @@ class Session {
   // What the light of lamps is multiplied by beside a light: its own number, moved as the slider is.
   lamps(light) {
     const { lamps } = this.bundle.meta;
+    if (light.sky === "captured") return 0; // they are part of it
     return lamps ? light.lamps * this.state.lamps / lamps : this.state.lamps;
+  }
+
+  // How many times each term is there, red, green and blue: as the sliders say.
+  factors({ unit = 1 }) {
+    const { terms, captured, exposure } = this.state;
+    return this.bundle.terms.map(({ kind, color }, index) => {
+      const { on, ev, color: shown } = terms[index], strength = on ? unit * 2 ** exposure * (kind === "captured" ? captured : 2 ** ev) : 0;
+      return (shown === Live.hexOf(color) ? color : Live.tintOf(shown)).map((value) => value * strength);
+    });
   }
 
   // The shadow map of a sun, kept while it stands still.
@@ -164,12 +183,37 @@ class Session {
     Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
     light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
     light.lamps = this.bundle.meta.lamps ?? 0;
+    light.captured = this.state.captured;
     this.lights.push(light);
     this.set({ light: this.lights.length - 1 });
   }
 
   relitPly() {
     return Live.relitPly(this.bundle.splats, this.gains, Live.GAIN_UNIT, this.most);
+  }
+
+  // A row for the captured light and one for each lamp.
+  addSliders() {
+    element("r-terms").replaceChildren(...this.bundle.terms.map(({ kind, name }, index) => {
+      const row = document.createElement("div"), label = document.createElement("label"), own = kind === "captured";
+      const input = (type, more) => Object.assign(document.createElement("input"), { type, ...more });
+      const change = (values) => this.set(own && "captured" in values ? values : { terms: this.state.terms.map((term, i) => i === index ? { ...term, ...values } : term) });
+      const switched = input("checkbox", { title: "On or off" }), text = Object.assign(document.createElement("span"), { textContent: name, title: name });
+      const slider = own ? input("range", { min: 0, max: 2, step: 0.01 }) : input("range", { min: -6, max: 6, step: 0.1 });
+      switched.onchange = () => change({ on: switched.checked });
+      slider.oninput = () => change(own ? { captured: +slider.value } : { ev: +slider.value });
+      slider.setAttribute("aria-label", `${name}, brightness`);
+      label.append(switched, text);
+      row.className = "term";
+      row.append(label, slider, document.createElement("output"));
+      if (!own) {
+        const color = input("color", { title: "Colour" });
+        color.setAttribute("aria-label", `${name}, colour`);
+        color.oninput = () => change({ color: color.value });
+        label.append(color);
+      }
+      return row;
+    }));
   }
 
   refresh() {
@@ -185,6 +229,15 @@ class Session {
       element(`r-${key}`).value = value;
       element(`r-${key}`).nextElementSibling.textContent = text;
     }
+    document.querySelectorAll("#r-terms .term").forEach((row, index) => {
+      const { on, ev, color } = state.terms[index], own = this.bundle.terms[index].kind === "captured", [switched, picker] = row.querySelectorAll("label input");
+      switched.checked = on;
+      if (picker) picker.value = color;
+      row.querySelector("input[type=range]").value = own ? state.captured : ev;
+      row.querySelector("output").textContent = own ? `x ${state.captured.toFixed(2)}` : `${ev < 0 ? "\u2212" : "+"}${Math.abs(ev).toFixed(1)}`;
+      row.classList.toggle("off", !on);
+    });
+    element("r-lamps").parentElement.style.display = this.bundle.meta.lamps === null || lights[state.light].sky === "captured" ? "none" : "";
     for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
     element("r-compare").setAttribute("aria-pressed", state.compare);
     element("r-sky").setAttribute("aria-pressed", state.sky);

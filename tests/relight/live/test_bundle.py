@@ -118,7 +118,7 @@ def test_what_does_not_belong_together_is_refused(reader, folder, tmp_path, chan
     if change == "fewer rows":
         meta["count"] -= 1
     if change == "a newer version":
-        meta["version"] = 2
+        meta["version"] = 3
     (tmp_path / "live.json").write_text(json.dumps(meta))
     with pytest.raises(ValueError, match=r"is not the splat|not a bundle of version 1"):
         reader["read"](tmp_path)

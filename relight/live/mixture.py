@@ -1,0 +1,68 @@
+"""What a request has beside its environment, as terms of what is live: captured light, and lamps that were put in."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..lamps.photometry import axis_intensity
+from ..lamps.shapes import Lamp, MeshLamp
+from .terms import CAPTURED, LAMP, Source, as_white
+
+if TYPE_CHECKING:
+    from ..engine.placed import LampLight
+
+MOST_LAMPS = 32
+"""Terms of lamps: of more, all that come after share the last one, with one slider."""
+
+
+class Mixture(NamedTuple):
+    """asked: whether the options want light beside the environment. captured: the factor on the captured light that was
+    asked for, or None. env_scale: factor on environments. light: LampLight, or None. lamps: in the frame of the splat.
+    names: of the lamps. colors: (V, 3) captured colours with the captured lamps as asked for; None for unchanged.
+    """
+
+    asked: bool = False
+    captured: float | None = None
+    env_scale: float = 1.0
+    light: "LampLight | None" = None
+    lamps: Sequence[Lamp] = ()
+    names: Sequence[str] = ()
+    colors: NDArray[np.float32] | None = None
+
+    def sources(self, look: Any) -> list[Source]:
+        """The captured light and each lamp as Sources. look: the Appearance."""
+        white, received = np.ones(3), None
+        if self.colors is not None and not np.array_equal(self.colors, look.captured):
+            change = np.divide(self.colors, look.captured, out=np.ones_like(look.captured), where=look.captured > 0.0)
+            received = change * look.irradiance
+        found = [Source(CAPTURED, "Captured light", white, received)]
+        if self.light is None:
+            return found
+        count = len(self.lamps)
+        alone = count if count <= MOST_LAMPS else MOST_LAMPS - 1
+        groups = [[number] for number in range(alone)] + [list(range(alone, count))] * (alone < count)
+        for group in groups:
+            found.append(self._lamp(group))
+        return found
+
+    def _lamp(self, group: list[int]) -> Source:
+        """The Source of lamps by their numbers."""
+        assert self.light is not None
+        lamps = [self.lamps[number] for number in group]
+        color = np.sum([axis_intensity(lamp) for lamp in lamps], axis=0)
+        several = len(lamps) > 1 or any(isinstance(lamp, MeshLamp) and lamp.radiance.ndim == 2 for lamp in lamps)
+        direct, tint = as_white(self.light.direct_of(*group), color, several)
+        received = self.light.with_bounces(direct).received
+        if len(lamps) > 1:
+            return Source(LAMP, f"{len(lamps)} more lamps", tint, received)
+        name = self.names[group[0]] or f"Lamp {group[0] + 1}"
+        return Source(LAMP, name, tint, received, place_of(lamps[0]))
+
+
+def place_of(lamp: Lamp) -> list[float]:
+    """Where a lamp is, (3,): its middle, or an end of a tube."""
+    if isinstance(lamp, MeshLamp):
+        return [float(each) for each in lamp.vertices.mean(axis=0)]
+    return [float(each) for each in next(getattr(lamp, n) for n in ("position", "center", "start") if hasattr(lamp, n))]

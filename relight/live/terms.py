@@ -1,0 +1,156 @@
+"""Light beside the environment: placed lamps and what was captured, each a term with strength and colour of its own.
+
+The change of light of a splat is that of the environment plus, for every term, strength x colour x what the term holds
+for the splat: its light ratio under that lamp, were it white. A term is stored where it shines alone, as runs of rows
+of three bytes, logarithms of the ratio.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.color import luminance
+
+from ..splats.light_ratio import linear_parts
+
+CAPTURED, LAMP = "captured", "lamp"
+
+LEAST = 2.0**-10
+"""Light ratio from which a splat is stored, or so much of the 98th percentile of a lamp that is weaker than the light
+of the capture: on white it is three steps of a display."""
+
+MOST = 2.0**12
+"""Largest light ratio that is stored: all that was not black is white by then."""
+
+MARGIN = 8.0
+"""Below the least ratio that is stored, how far the channels of a splat go on: what is thrown on is coloured."""
+
+GAP = 2
+"""Rows between two runs up to which they are one: 8 bytes name a run, 3 a row."""
+
+
+class Source(NamedTuple):
+    """Light to be made a term. kind: CAPTURED or LAMP. name: as people read it. color: (3,) linear, of luminance 1.
+    received: (V, 3) float32 irradiance over pi in units of the picture, of that light if it were white; None for the
+    light of the capture, unchanged. place: (3,) where it is, splat frame, or None."""
+
+    kind: str
+    name: str
+    color: NDArray[np.float64]
+    received: NDArray[np.float32] | None
+    place: list[float] | None = None
+
+
+class Term(NamedTuple):
+    """A Source as it is stored. runs: (R, 2) uint32, first row and count. rows: (M, 3) uint8 of the rows in the runs,
+    end to end: 0 is none, else peak 2^((byte - 255) / steps). peak: (3,). mean: (3,) light ratio of the whole scene.
+    error: relative root mean square of what the bytes lose. Of the capture unchanged runs is None: it is 1 everywhere.
+    """
+
+    kind: str
+    name: str
+    color: list[float]
+    place: list[float] | None
+    runs: NDArray[np.uint32] | None
+    rows: NDArray[np.uint8]
+    peak: list[float]
+    steps: float
+    mean: list[float]
+    error: float
+
+    def tobytes(self) -> bytes:
+        """runs and rows, little-endian, end to end."""
+        return b"" if self.runs is None else self.runs.astype("<u4").tobytes() + self.rows.tobytes()
+
+    def described(self) -> dict:
+        """What live.json says of it: dict, JSON-clean."""
+        return {
+            "kind": self.kind,
+            "name": self.name,
+            "color": self.color,
+            "place": self.place,
+            "runs": None if self.runs is None else len(self.runs),
+            "rows": None if self.runs is None else len(self.rows),
+            "peak": self.peak,
+            "steps": self.steps,
+            "mean": self.mean,
+            "error": self.error,
+        }
+
+    def values(self, count: int) -> NDArray[np.float32]:
+        """The light ratio of so many splats as it is read again, (count, 3)."""
+        if self.runs is None:
+            return np.ones((count, 3), np.float32)
+        stored = np.asarray(self.peak) * 2.0 ** ((self.rows.astype(np.float64) - 255.0) / self.steps)
+        found = np.zeros((count, 3), np.float32)
+        found[_rows_of(self.runs)] = np.where(self.rows > 0, stored, 0.0)
+        return found
+
+
+def term_of(
+    source: Source,
+    captured: NDArray[np.float32],  # (V, 3) linear colours
+    before: NDArray[np.float32],  # (V, 3) irradiance over pi of the capture
+    shares: NDArray[np.floating],  # (V,) weights of vertices in the mean
+    of_splats: Callable[[NDArray[np.float32]], NDArray[np.float32]],  # (V, 3) to the rows of the bundle, (N, 3)
+) -> Term:
+    """The Term of a Source: the light ratio of relit splats, before its roll-off, which is linear in the light."""
+    color = [float(each) for each in source.color]
+    if source.received is None:
+        nothing = np.zeros((0, 3), np.uint8)
+        return Term(source.kind, source.name, color, None, None, nothing, [1.0] * 3, 1.0, [1.0] * 3, 0.0)
+    own, usual = linear_parts(captured, before)
+    whole = (shares @ source.received.astype(np.float64)) / np.maximum(shares @ before.astype(np.float64), 1e-12)
+    values = of_splats((own * source.received + usual * whole).astype(np.float32))
+    runs, rows, peak, steps = _stored(np.minimum(values, np.float32(MOST)))
+    mean = [float(each) for each in whole]
+    term = Term(source.kind, source.name, color, source.place, runs, rows, peak, steps, mean, 0.0)
+    size = float(np.sqrt(np.square(values, dtype=np.float64).mean()))
+    off = float(np.sqrt(np.square(term.values(len(values)) - values, dtype=np.float64).mean()))
+    return term._replace(error=off / size if size > 0.0 else 0.0)
+
+
+def as_white(
+    direct: NDArray[np.float32], color: NDArray[np.float64], mixed: bool = False
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Direct light (V, 3) as if it were white, and its colour (3,), of luminance 1.
+
+    color: of the light, any luminance. mixed: whether it has several colours: then each channel is divided by its own.
+    """
+    bright = float(luminance(color))
+    tint = np.asarray(color, np.float64) / bright if bright > 0.0 else np.ones(3)
+    white = np.repeat(luminance(direct)[:, None], 3, axis=1).astype(np.float32)
+    if mixed:
+        white = np.where(tint > 0.0, direct / np.where(tint > 0.0, tint, 1.0), white).astype(np.float32)
+    return white, tint
+
+
+def _stored(values: NDArray[np.float32]) -> tuple[NDArray[np.uint32], NDArray[np.uint8], list[float], float]:
+    """Runs, rows, peak and steps of light ratios (N, 3)."""
+    largest, peak = values.max(axis=1), values.max(axis=0).astype(np.float64)
+    shining = largest[largest > 0.0]
+    usual = float(np.percentile(shining, 98.0)) if len(shining) else 1.0
+    least = LEAST * min(1.0, usual)
+    runs = _runs(largest >= least)
+    peak = np.maximum(peak, least)
+    steps = 254.0 / float(np.log2(peak.max() * MARGIN / least))
+    level = 255.0 + steps * np.log2(np.maximum(values[_rows_of(runs)], 1e-30) / peak)
+    rows = np.where(level >= 0.5, np.clip(np.rint(level), 1, 255), 0).astype(np.uint8)
+    return runs, rows, peak.tolist(), steps
+
+
+def _runs(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
+    """(R, 2) first row and count of what is kept, (N,), across gaps of up to GAP rows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8)))
+    first, end = edges[::2], edges[1::2]
+    apart = first[1:] - end[:-1] > GAP
+    first, end = first[np.concatenate([[True], apart])[: len(first)]], end[np.concatenate([apart, [True]])[: len(end)]]
+    return np.stack([first, end - first], axis=1).astype(np.uint32)
+
+
+def _rows_of(runs: NDArray[np.uint32]) -> NDArray[np.int64]:
+    """The numbers of the rows in runs, end to end."""
+    first, count = runs.astype(np.int64).T
+    return np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
