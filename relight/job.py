@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .lamps.asked import AskedLamp, LampScale
     from .lamps.shapes import Lamp
     from .live.mixture import Mixture
+    from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
     from .splats import Binding
     from .viewer.splats import SplatSource
@@ -354,6 +355,19 @@ class Job:
         tolerance = self.options.tolerance or DEFAULT_TOLERANCE
         lamps = [moved(lamp, self.scene.scene_from_splat) for lamp in self.lamps]
         return LampLight(self.relighter, self.appearance, lamps, tolerance, self.captured_factor)
+
+    def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
+        """The lamps beside a light that is shown at an exposure, in the frame of the scene and in display values."""
+        from .lamps.photometry import times
+        from .output.lamps_glb import PlacedLamps
+
+        if self.lamp_light is None:
+            return PlacedLamps()
+        factor = 1.0
+        if self.request.exposure_ev is not None:
+            factor = exposure / self.level_under(light, self._shading(light).radiance)
+        lamps = [times(lamp, factor) for lamp in self.lamp_light.lamps]
+        return PlacedLamps(lamps, [each.name for each in self.asked_lamps])
 
     @property
     def captured_factor(self) -> float:

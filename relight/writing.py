@@ -127,9 +127,11 @@ class Writer:
             wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
             live = LiveFiles(relighter, look, splats[0], others, *wishes, job.mixture, job.level_under)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
-            engines = EngineFiles(relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky)
+            engines = EngineFiles(
+                relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown
+            )
         more = asked.texture_size, seed, asked.sky, live, engines
-        return Results(relighter, look, formats, asked.baked, splats, *more, lambda: job.binding)
+        return Results(relighter, look, formats, asked.baked, splats, *more, lambda: job.binding, job.lamps_shown)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())

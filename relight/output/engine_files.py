@@ -11,6 +11,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.splats.splats import Splats
 
 from .kinds import FILES, FOR_ENGINES, HARMONICS
+from .lamps_glb import NO_LAMPS, PlacedLamps
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -25,7 +26,8 @@ class EngineFiles:
 
     splats: (Splats, paths of their files), None where no kind needs them. harmonics: of `kinds.HARMONICS`, what becomes
     of an albedo splat's colour that depends on the view. sky: of `splats.SKIES`; "keep" keeps the far background of an
-    albedo splat as captured, else it is hidden. Raises InputError for another word.
+    albedo splat as captured, else it is hidden. lamps: function of a light and its exposure: what was put in beside it.
+    Raises InputError for another word.
     """
 
     def __init__(
@@ -37,6 +39,7 @@ class EngineFiles:
         live_mesh: bool = False,
         harmonics: str = "zero",
         sky: str = "new",
+        lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
     ) -> None:
         if harmonics not in HARMONICS:
             raise InputError(f"`harmonics` {harmonics!r}: expected one of {', '.join(HARMONICS)}")
@@ -44,7 +47,7 @@ class EngineFiles:
         self._kinds = [kind for kind in FOR_ENGINES if kind in kinds]
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
-        self._harmonics, self._sky = harmonics, sky
+        self._harmonics, self._sky, self._lamps = harmonics, sky, lamps
         self._scene, self._stages = relighter.scene, relighter.stages
         self._nine: Any = None
         self._bare: Any = None
@@ -61,9 +64,11 @@ class EngineFiles:
         exposure: float,  # display value per unit of radiance
         relit: Splats | None,  # the splats in that light, where they are wanted
         bound: Callable[[], Any],  # the Binding of the splats
+        scale: float = 1.0,  # on the light itself
     ) -> list[str]:
         """Fill a folder that exists with the files of one light; returns their names."""
-        names: list[str] = self._write_live(folder, light, exposure) if self._live_mesh else []
+        placed = self._lamps(light, exposure)
+        names: list[str] = self._write_live(folder, light, exposure * scale, placed) if self._live_mesh else []
         if "albedo-splat" in self._kinds:
             names += self._write_albedo(folder, bound)
         if relit is None:
@@ -81,7 +86,7 @@ class EngineFiles:
                 looks = {"relit": relit}
                 if "albedo-splat" in self._kinds:
                     looks["albedo"] = self._albedo(bound)[0]
-                names += write_usd(folder, looks, self._scene, self._surface, light, exposure)
+                names += write_usd(folder, looks, self._scene, self._surface, light, exposure * scale, placed)
         return names
 
     @property
@@ -90,7 +95,7 @@ class EngineFiles:
         look = self._appearance
         return np.ones_like(look.captured) if look.albedo is None else look.albedo
 
-    def _write_live(self, folder: Path, light: "Environment", exposure: float) -> list[str]:
+    def _write_live(self, folder: Path, light: "Environment", exposure: float, placed: PlacedLamps) -> list[str]:
         from ..engine.nine import nine_coefficients
         from .live_glb import FILE, write_live_glb
 
@@ -99,7 +104,7 @@ class EngineFiles:
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)
         with self._stages.stage("write"):
             grey, tint = self._nine
-            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure)
+            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure, placed)
         return [FILE]
 
     def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:

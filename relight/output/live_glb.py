@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from splat2mesh.scene.glb import Glb, matt_white
 
 from ..transfer.nine import COUNT
+from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
@@ -38,11 +39,13 @@ def write_live_glb(
     tint: NDArray[np.float32],  # (V, 3)
     light: "Environment",  # turned as the loaders start
     exposure: float,  # display value per unit of radiance
+    placed: PlacedLamps = NO_LAMPS,  # beside that light
 ) -> None:
     """Write binary glTF 2.0: a mesh per chunk with COLOR_0, _TRANSFER_0 to _TRANSFER_2, and the same as _CUSTOM0 to 2.
 
     COLOR_0 is linear float32 albedo. The twelve normalised 16-bit integers of the transfer are grey 0-3, 4-7, and 8
     with the tint. `extras` hold nine radiance coefficients of the light, not turned, its angle, and the exposure.
+    Placed lamps are KHR_lights_punctual, for what else is lit: the transfer knows the environment alone.
     """
     count = len(scene.vertices)
     albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0).astype(np.float32)
@@ -62,6 +65,7 @@ def write_live_glb(
             attributes |= {f"_TRANSFER_{part}": accessor, f"_CUSTOM{part}": accessor}
         faces = file.indices(chunk.faces, len(chunk.vertices))
         file.mesh(f"chunk_{index:04d}", attributes, indices=faces, material=0)
+    add_lamps(file, placed)
     file.save(path, {KEY: described(light, exposure)})
 
 

@@ -17,6 +17,8 @@ from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 
+from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
+
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
@@ -27,6 +29,7 @@ def write_glb(
     radiance: NDArray,  # (V, 3) linear radiance
     exposure: float,  # display value per unit of radiance
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
+    placed: PlacedLamps = NO_LAMPS,  # whose light is in the colours, for what else is lit
 ) -> int:
     """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per chunk.
 
@@ -50,6 +53,7 @@ def write_glb(
         }
         faces = file.indices(chunk.faces, len(chunk.vertices))
         file.mesh(f"chunk_{index:04d}", attributes, indices=faces, material=0)
+    add_lamps(file, placed)
     file.save(path, {"exposure": float(exposure), "clipped_vertices": clipped, **(extras or {})})
     return clipped
 

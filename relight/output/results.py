@@ -14,11 +14,13 @@ from ..light.captured import CapturedLight
 from . import mesh_files
 from .engine_files import EngineFiles
 from .kinds import FILES, FOR_ENGINES, SHEET
+from .lamps_glb import NO_LAMPS, PlacedLamps
 from .live_files import LiveFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter, Shaded, Shading
+    from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
 
@@ -35,7 +37,8 @@ class Results:
     kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
-    binding: returns the Binding of the splats; called where splats are.
+    binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
+    what was put in beside it.
     """
 
     def __init__(
@@ -51,8 +54,9 @@ class Results:
         live: LiveFiles | None = None,
         engines: EngineFiles | None = None,
         binding: Callable[[], Any] = lambda: None,
+        lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
     ) -> None:
-        self._live, self._engines = live, engines
+        self._live, self._engines, self._lamps = live, engines, lamps
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
@@ -76,7 +80,8 @@ class Results:
         with self._stages.stage("write"):
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
-                clipped = mesh_files.write_glb(folder / FILES["glb"], self._scene, radiance, exposure, extras)
+                placed = self._lamps(light, exposure)
+                clipped = mesh_files.write_glb(folder / FILES["glb"], self._scene, radiance, exposure, extras, placed)
                 told["clipped_vertices"] = clipped
             if "ply" in self._kinds:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
@@ -89,7 +94,7 @@ class Results:
         if self._baked:
             names += self._write_textures(folder, shaded, told)
         if self._engines is not None:
-            names += self._engines.write(folder, light, exposure, relit, self._bound)
+            names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._live is not None:
             written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
             names += written

@@ -16,6 +16,8 @@ from splat2mesh.base.outputs import staged_file
 from splat2mesh.splats.placing import placed
 from splat2mesh.splats.splats import Splats
 
+from ..lamps.export import define_lamps
+from .lamps_glb import NO_LAMPS, PlacedLamps
 from .splat_glb import showable
 from .textured_files import _write_exr
 
@@ -42,13 +44,15 @@ def write_usd(
     albedo: NDArray[np.float32],  # (V, 3) linear, shown on the proxy
     light: "Environment",  # turned
     exposure: float,  # display value per unit of radiance
+    beside: PlacedLamps = NO_LAMPS,  # placed lamps
 ) -> list[str]:
     """Write FILE, and LIGHT beside it, which FILE refers to. Returns their names.
 
     /World/Splat is a ParticleField3DGaussianSplat in the scene frame, y up; of several looks a variant set `look`
     chooses. /World/Proxy is the mesh of the scene with the purpose `proxy`, which renderers leave out unless asked.
     /World/Light is a DomeLight whose intensity is the exposure: the sky that the splats were lit by, and for a renderer
-    that lights the look `albedo` the light itself. Raises InputError without usd-core of 26.03 or later.
+    that lights the look `albedo` the light itself. /World/Lamps has placed lamps, in the same
+    display values. Raises InputError without usd-core of 26.03 or later.
     """
     pxr = library()
     first = next(iter(looks.values()))
@@ -68,6 +72,7 @@ def write_usd(
         dome.CreateTextureFileAttr(pxr.Sdf.AssetPath(f"./{LIGHT}"))
         dome.CreateTextureFormatAttr(pxr.UsdLux.Tokens.latlong)  # OpenEXR's layout, as ours: the centre looks at +z
         dome.AddRotateYOp().Set(float(light.rotation_deg))
+        define_lamps(stage, beside.lamps, beside.names)
         stage.GetRootLayer().Save()
         if named != staging:
             os.replace(named, staging)

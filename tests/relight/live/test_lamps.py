@@ -15,6 +15,7 @@ from live_scene import TILT, scene_and_splats
 from relight import LightingOptions
 from relight.job import Job
 from relight.lamps.shapes import SphereLamp, SpotLamp
+from relight.light.captured import CapturedLight
 from relight.live.terms import Source, as_white, term_of
 from relight.request import RelightRequest
 from relight.splats import Binding
@@ -204,3 +205,12 @@ def test_sliders_of_the_page_dim_and_colour_lamp_by_lamp(page):
     night = moved(page, slide(0, 0))
     assert (off - night).mean() > 0.01
     assert page.said == []
+
+
+def test_engines_get_the_lamps_in_the_frame_of_the_scene_and_as_bright_as_they_are_shown(scene):
+    (bulb,) = job_of(scene, BULB).lamps_shown(CapturedLight(), 1.0).lamps
+    assert bulb.position == pytest.approx((1.0, 0.9, 0.6)) and bulb.radiance == BULB.radiance
+    lighting = LightingOptions(placed=(BULB,))
+    request = RelightRequest(scene, "captured", lighting, albedo="captured", exposure_ev=1.0, caching="none")
+    (bulb,) = Job(request).lamps_shown(CapturedLight(), 2.0).lamps
+    assert bulb.radiance == pytest.approx(np.multiply(2.0, BULB.radiance))

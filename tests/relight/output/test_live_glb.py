@@ -10,7 +10,13 @@ from lit_ball import TILT, ball_scene
 
 from relight import Environment, Relighter
 from relight.engine.nine import nine_coefficients
+from relight.lamps.asked import LampScale, resolve
+from relight.lamps.files import read_lamps
+from relight.lamps.photometry import flux
+from relight.lamps.shapes import SphereLamp, SpotLamp
+from relight.output.lamps_glb import PlacedLamps
 from relight.output.live_glb import KEY, SNORM, write_live_glb
+from relight.output.mesh_files import write_glb
 from relight.output.proxy import PLAYCANVAS_FROM_SPLAT, write_proxy_glb
 from splat2mesh.base.errors import InputError
 
@@ -104,6 +110,28 @@ def test_the_proxy_stands_in_the_frame_of_the_splat(written, tmp_path):
     _, (bare,) = read(tmp_path / "bare.glb")
     assert set(bare["accessors"]) == {"POSITION"}
     np.testing.assert_array_equal(bare["POSITION"], proxy["POSITION"] * np.float32([-1, -1, 1]))
+
+
+BULB = SphereLamp((0.5, 2.0, -1.0), 0.1, radiance=(70.0, 55.0, 38.0))
+SPOT = SpotLamp((-1.0, 2.0, 0.0), (0.0, 0.0, 0.0), (9.0, 9.0, 3.0), 25.0, 20.0)
+
+
+@pytest.mark.parametrize("kind", ["live", "relit"])
+def test_placed_lamps_are_lights_that_the_validator_and_we_read(written, tmp_path, kind):
+    path, scene, albedo, _, light = written
+    placed = PlacedLamps([BULB, SPOT], ["by the door", ""])
+    if kind == "live":
+        grey, tint = nine_coefficients(Relighter(scene), albedo)
+        write_live_glb(tmp_path / "lamps.glb", scene, albedo, grey, tint, light, 0.5, placed)
+        assert len(read(tmp_path / "lamps.glb")[1]) == len(scene.chunks)
+    else:
+        write_glb(tmp_path / "lamps.glb", scene, albedo, 1.0, placed=placed)
+    assert validator_issues(tmp_path / "lamps.glb")["messages"] == []
+    asked = read_lamps(tmp_path / "lamps.glb")
+    assert [each.name for each in asked] == ["by the door", "Lamp 2"]
+    bulb, spot = (resolve(each, LampScale(1.0, 1.0, 1.0)) for each in asked)
+    assert bulb.position == pytest.approx(BULB.position) and flux(bulb) == pytest.approx(flux(BULB))
+    assert spot.position == pytest.approx(SPOT.position) and spot.intensity == pytest.approx(SPOT.intensity)
 
 
 def test_lamps_have_no_transfer():

@@ -1,0 +1,33 @@
+"""Placed lamps in glTF files, so that what an engine puts beside a relit scene is lit by the same lamps."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from splat2mesh.scene.glb import Glb
+
+from ..lamps.export import khr_lights
+from ..lamps.gltf_lights import PUNCTUAL
+from ..lamps.shapes import Lamp
+
+
+class PlacedLamps(NamedTuple):
+    """lamps: in the frame of the scene; radiance 1 shows as white. names: of each, "" for none."""
+
+    lamps: Sequence[Lamp] = ()
+    names: Sequence[str] = ()
+
+
+NO_LAMPS = PlacedLamps()
+
+
+def add_lamps(file: Glb, placed: PlacedLamps) -> None:
+    """Add lamps to a document whose nodes stand in the frame of the scene; nothing where there are none."""
+    if not placed.lamps:
+        return
+    import pygltflib as gltf
+
+    extension, nodes = khr_lights(placed.lamps, placed.names)
+    document = file.document
+    document.extensionsUsed.append(PUNCTUAL)
+    document.extensions[PUNCTUAL] = extension
+    document.nodes += [gltf.Node(**node) for node in nodes]
