@@ -4,10 +4,12 @@
 //   app.root.addChild(light.entity);
 //   light.angle = 45;                   // degrees about the scene's vertical, counter-clockwise from above
 //   await light.choose(1);              // another light of the bundle
+//   light.beside.lamps[0].ev = 1;       // a placed lamp, brighter by a stop
+//   light.show();
 //
 // Colours above 1 need app.scene.gsplat.dataFormat = pc.GSPLATDATA_LARGE before the first splat is loaded.
 
-import { GLSL, lightTable, lightVector, readBundle, skyOf } from "./relight_live.mjs";
+import { Beside, GLSL, lightTable, lightVector, readBundle, skyOf } from "./relight_live.mjs";
 
 const glsl = (weights) => `
 uniform highp sampler2D relightTable;
@@ -21,7 +23,7 @@ uniform float relightExposure;
 ${GLSL(weights)}
 void modifySplatCenter(inout vec3 center) {}
 void modifySplatRotationScale(vec3 original, vec3 modified, inout vec4 rotation, inout vec3 scale) {}
-void modifySplatColor(vec3 center, inout vec4 color) { color.rgb = relightColor(color.rgb, loadRelightRow(), center); }`;
+void modifySplatColor(vec3 center, inout vec4 color) { color.rgb = relightColor(color.rgb, loadRelightRow(), loadRelightBeside().x, center); }`;
 
 // The same in the language of WebGPU.
 const wgsl = (weights) => `
@@ -41,17 +43,18 @@ fn relightShown(given: vec3f) -> vec3f {
     }
     return select(1.055 * pow(max(c, vec3f(1e-6)), vec3f(1.0 / 2.4)) - 0.055, 12.92 * c, c <= vec3f(0.0031308));
 }
-fn relightColor(color: vec3f, row: vec4u, center: vec3f) -> vec3f {
+fn relightColor(color: vec3f, row: vec4u, beside: u32, center: vec3f) -> vec3f {
     let kind = (row.x >> 14u) & 3u;
     if (uniform.relightIsOn < 0.5 || kind == 0u) { return color; }
-    if (kind == 2u) {
+    let added = vec3f((vec3u(beside) >> vec3u(0u, 9u, 18u)) & vec3u(511u)) * exp2(f32(beside >> 27u) - 24.0);
+    if (kind == 2u && beside == 0u) {
         let d = normalize(uniform.relightFrame * (center - uniform.relightMiddle));
         let u = fract(0.5 - (atan2(d.x, d.z) - uniform.relightTurn) / 6.28318531);
         let v = clamp(0.5 - asin(clamp(d.y, -1.0, 1.0)) / 3.14159265, 0.0, 0.9999);
         return relightShown(textureLoad(relightSky, vec2i(i32(u * 128.0), i32(v * 64.0)), 0).rgb * uniform.relightExposure);
     }
     let cluster = i32(row.x & 0x3fffu);
-    var k = textureLoad(relightTable, vec2i(0, cluster), 0).rgb;
+    var k = added + textureLoad(relightTable, vec2i(0, cluster), 0).rgb;
     for (var w: i32 = 0; w < ${weights}; w = w + 1) {
         let weight = bitcast<i32>(row[(w + 2) / 4] << u32(24 - 8 * ((w + 2) % 4))) >> 24u;
         k = k + f32(weight) * textureLoad(relightTable, vec2i(1 + w, cluster), 0).rgb;
@@ -68,7 +71,7 @@ fn relightColor(color: vec3f, row: vec4u, center: vec3f) -> vec3f {
 fn modifySplatCenter(center: ptr<function, vec3f>) {}
 fn modifySplatRotationScale(original: vec3f, modified: vec3f, rotation: ptr<function, vec4f>, scale: ptr<function, vec3f>) {}
 fn modifySplatColor(center: vec3f, color: ptr<function, vec4f>) {
-    *color = vec4f(relightColor((*color).rgb, loadRelightRow(), center), (*color).a);
+    *color = vec4f(relightColor((*color).rgb, loadRelightRow(), loadRelightBeside().x, center), (*color).a);
 }`;
 
 export class RelightSplat {
@@ -96,8 +99,10 @@ export class RelightSplat {
         this.lights = meta.lights;
         this._pc = pc;
         this._angle = 0;
+        this.beside = new Beside(bundle);
         const format = { 1: pc.PIXELFORMAT_R32U, 2: pc.PIXELFORMAT_RG32U, 4: pc.PIXELFORMAT_RGBA32U }[words];
-        resource.format.addExtraStreams([{ name: "relightRow", format }]);
+        resource.format.addExtraStreams([{ name: "relightRow", format }, { name: "relightBeside", format: pc.PIXELFORMAT_R32U }]);
+        this._streamBeside = resource.getTexture("relightBeside");
         const stream = resource.getTexture("relightRow");
         stream.lock().set(rows);
         stream.unlock();
@@ -130,14 +135,23 @@ export class RelightSplat {
         this.light = this.lights[number];
         this._fill(this._sky, await skyOf(this.bundle, this.light));
         this._exposure = this.light.exposure;
-        this._update();
+        this.beside.choose(this.light);
+        this.show();
     }
 
     get angle() { return this._angle; }
     set angle(degrees) { this._angle = degrees; this._update(); }
 
     get exposure() { return this._exposure; }
-    set exposure(value) { this._exposure = value; this._update(); }
+    set exposure(value) { this._exposure = value; this.show(); }
+
+    // Show what was changed of `beside`: its `captured`, and `ev`, `on` and `color` of its `lamps`.
+    show() {
+        const stream = this._streamBeside;
+        stream.lock().set(this.beside.packed(this.light, this._exposure));
+        stream.unlock();
+        this._update();
+    }
 
     // Off, the splat looks as it was captured.
     set on(value) { this._component.setParameter("relightIsOn", value ? 1 : 0); }

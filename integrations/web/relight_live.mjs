@@ -4,10 +4,11 @@
 // Suns are kept in the harmonics here, so that their shadows are soft: 10 bands resolve about 18 degrees.
 
 export const FORMAT = "relight-live";
-export const VERSION = 1;
+export const VERSION = 2;
+const LEAST = 2 ** -20;  // change that is told to shaders: no display shows it
 const SKY = 2;  // kind of far background, which shows the light itself; 1 is lit, 0 stays as captured
 
-// A bundle: { meta, count, clusters, weights, rows (Uint32Array, words a splat), words, basis, splat: { file, bytes } }.
+// A bundle: { meta, count, clusters, weights, rows (Uint32Array, words a splat), words, basis, terms, splat: { file, bytes } }.
 // folder: its address. splat: which of its files is shown. Throws, in one line, for what is not of this bundle.
 export async function readBundle(folder, splat = "splat.compressed.ply", get = fetched) {
     const meta = JSON.parse(new TextDecoder().decode(await get(`${folder}/live.json`)));
@@ -20,8 +21,78 @@ export async function readBundle(folder, splat = "splat.compressed.ply", get = f
     const { clusters, weights } = meta.basis, basis = basisOf(await get(`${folder}/basis.bin`), meta.basis);
     const words = (2 + weights) / 4;
     const rows = packed(await get(`${folder}/transfer.bin`), await get(`${folder}/surface.bin`), meta.count, 2 + weights);
-    return { meta, count: meta.count, clusters, weights, words, rows, basis, folder, splat: { file: splat, bytes } };
+    const terms = meta.terms?.length ? termsOf(meta.terms, await get(`${folder}/terms.bin`)) : [];
+    return { meta, count: meta.count, clusters, weights, words, rows, basis, terms, folder, splat: { file: splat, bytes } };
 }
+
+// Light beside the environment, of terms.bin: runs of rows, and what their bytes are, of each. Without runs it is 1.
+function termsOf(entries, bytes) {
+    let at = 0;
+    const take = (size) => {
+        if (at + size > bytes.length) throw new Error("terms.bin is cut short");
+        at += size;
+        return bytes.slice(at - size, at);
+    };
+    return entries.map(({ kind, name, color, mean, runs, rows, peak, steps }) => ({
+        kind, name, color, mean,
+        runs: runs === null ? null : new Uint32Array(take(8 * runs).buffer),
+        rows: runs === null ? null : take(3 * rows),
+        values: peak.map((most) => Float32Array.from({ length: 256 }, (_, byte) => byte && most * 2 ** ((byte - 255) / steps))),
+    }));
+}
+
+// What is beside the environment: `captured`, how much of the captured light there is, and `lamps`, of each its name, its
+// colour (linear, luminance 1), `ev`, and whether it is on. Without terms there is nothing of either.
+export class Beside {
+    constructor(bundle) {
+        this._bundle = bundle;
+        this.captured = 0;
+        this.lamps = bundle.terms.filter(({ kind }) => kind === "lamp").map(({ name, color }) => ({ name, color: [...color], ev: 0, on: true }));
+    }
+
+    // Begin as the bundle says, under a light of it.
+    choose(light) {
+        this.captured = light.captured ?? 0;
+    }
+
+    // Linear change that it adds to every splat under a light, 3 floats each. Under the light of the capture far background
+    // is dimmed with it.
+    changes(light, exposure = light.exposure) {
+        const { count, terms, rows: words, words: size } = this._bundle, result = new Float32Array(3 * count);
+        const unit = (light.unit ?? 1) * exposure / light.exposure;
+        let lamp = 0;
+        for (const { kind, color, runs, rows, values } of terms) {
+            const own = kind === "captured", { on, ev, color: tint } = own ? { on: true, ev: 0, color } : this.lamps[lamp++];
+            const factor = tint.map((value) => on ? value * unit * (own ? this.captured : 2 ** ev) : 0);
+            if (!runs) for (let i = 0; i < 3 * count; i++) result[i] += factor[i % 3];
+            else {
+                for (let run = 0, at = 0; run < runs.length; run += 2) {
+                    for (let i = 3 * runs[run], end = i + 3 * runs[run + 1]; i < end; i++, at++) result[i] += factor[i % 3] * values[i % 3][rows[at]];
+                }
+            }
+        }
+        const dimmed = this.captured * unit;
+        for (let i = 0; i < count; i++) {
+            if ((words[i * size] >>> 14 & 3) === SKY) result.fill(light.sky === "captured" ? Math.max(dimmed, LEAST) : 0, 3 * i, 3 * i + 3);
+        }
+        return result;
+    }
+
+    // The same as shaders take it: a word a splat, three mantissas of 9 bits and an exponent, as RGB9E5.
+    packed(light, exposure) {
+        const changes = this.changes(light, exposure), result = new Uint32Array(changes.length / 3);
+        for (let i = 0; i < result.length; i++) {
+            const most = Math.min(Math.max(changes[3 * i], changes[3 * i + 1], changes[3 * i + 2]), 65000);
+            if (!(most >= LEAST)) continue;
+            const exponent = Math.max(Math.floor(Math.log2(most)) + 1, -15), step = 2 ** (exponent - 9);
+            let word = exponent + 15 << 27;
+            for (let k = 0; k < 3; k++) word |= Math.min(Math.round(Math.min(changes[3 * i + k], most) / step), 511) << 9 * k;
+            result[i] = word;
+        }
+        return result;
+    }
+}
+
 
 // basis.bin: the directions in which responses differ, of which clusters have means and components.
 function basisOf(bytes, { clusters, weights, directions, direct, spread, lamps }) {
@@ -122,7 +193,8 @@ export function lightTable({ clusters, weights, basis }, vector) {
 }
 
 // The change of light of every splat, linear, 3 floats each. The shaders do the same; this is for engines without one.
-export function changes(bundle, table) {
+// beside: of Beside.changes, added to it.
+export function changes(bundle, table, beside = null) {
     const { count, weights, words, rows } = bundle, result = new Float32Array(3 * count);
     const bytes = new Int8Array(rows.buffer);
     for (let i = 0; i < count; i++) {
@@ -138,6 +210,7 @@ export function changes(bundle, table) {
         result[3 * i + 1] = green;
         result[3 * i + 2] = blue;
     }
+    beside?.forEach((value, i) => { result[i] += value; });
     return result;
 }
 
@@ -173,17 +246,18 @@ vec3 relightShown(vec3 c) {
     }
     return mix(1.055 * pow(max(c, vec3(1e-6)), vec3(1.0 / 2.4)) - 0.055, 12.92 * c, lessThanEqual(c, vec3(0.0031308)));
 }
-vec3 relightColor(vec3 color, uvec4 row, vec3 center) {
+vec3 relightColor(vec3 color, uvec4 row, uint beside, vec3 center) {
     uint kind = (row.x >> 14u) & 3u;
     if (!relightOn || kind == 0u) return color;
-    if (kind == ${SKY}u) {
+    vec3 added = vec3(uvec3(beside, beside >> 9u, beside >> 18u) & 511u) * exp2(float(beside >> 27u) - 24.0);
+    if (kind == ${SKY}u && beside == 0u) {
         vec3 d = normalize(relightFrame * (center - relightMiddle));
         float u = fract(0.5 - (atan(d.x, d.z) - relightTurn) / 6.28318531);
         ivec2 texel = ivec2(u * 128.0, clamp(0.5 - asin(clamp(d.y, -1.0, 1.0)) / 3.14159265, 0.0, 0.9999) * 64.0);
         return relightShown(texelFetch(relightSky, texel, 0).rgb * relightExposure);
     }
     int cluster = int(row.x & 0x3fffu);
-    vec3 k = texelFetch(relightTable, ivec2(0, cluster), 0).rgb;
+    vec3 k = added + texelFetch(relightTable, ivec2(0, cluster), 0).rgb;
     for (int w = 0; w < ${weights}; w++) {
         int shift = 8 * ((w + 2) % 4);
         int weight = int(row[(w + 2) / 4] << uint(24 - shift)) >> 24;

@@ -36,6 +36,28 @@ def test_the_change_of_light_is_that_of_the_documented_reader(tmp_path, weights,
     np.testing.assert_array_equal(found["kinds"], kinds)
 
 
+@pytest.mark.parametrize("light", [0, 1])
+def test_lamps_and_captured_light_are_added_as_documented(tmp_path, light):
+    meta, _, kinds = make_bundle(tmp_path, lamps=True)
+    done = ran("bundle", tmp_path, "splat.ply", light, 0.0)
+    assert done.returncode == 0, done.stderr
+    found, names, lit = json.loads(done.stdout), reader(), kinds == 1
+    bundle, chosen = names["read"](tmp_path), meta["lights"][light]
+    expected = names["change"](bundle, chosen)
+    assert found["names"] == ["Lamp 1", "Lamp 2"]
+    np.testing.assert_allclose(np.reshape(found["changes"], (-1, 3))[lit], expected[lit], rtol=1e-4, atol=1e-5)
+    alone = names["table"](bundle, chosen)[bundle[1]]
+    alone = alone[:, 0] + np.einsum("nw,nwx->nx", bundle[2], alone[:, 1:])
+    added, packed = np.reshape(found["added"], (-1, 3)), np.array(found["packed"], np.uint32)
+    np.testing.assert_allclose(added[lit], 2.0 * (expected - alone)[lit], rtol=1e-4, atol=1e-5)
+    shown = (packed[:, None] >> np.uint32([0, 9, 18]) & 511) * 2.0 ** ((packed[:, None] >> 27) - 24.0)
+    assert (np.abs(shown - added) <= added.max(axis=1, keepdims=True) / 500).all()
+    sky = added[kinds == 2]
+    assert len(sky) and (sky == (0.0 if light == 0 else np.float32(0.3))).all()
+    first = 0.5 * np.array([0.0, 2.0, 0.0]) * bundle[5][1] + 0.5 * 0.3
+    np.testing.assert_allclose(np.reshape(found["other"], (-1, 3))[lit], first[lit], rtol=1e-4)
+
+
 def test_a_display_value_changes_as_documented_and_the_sky_is_read(tmp_path):
     make_bundle(tmp_path)
     found = json.loads(ran("bundle", tmp_path, "splat.ply", 0, 0).stdout)
@@ -61,13 +83,13 @@ def test_what_is_not_of_the_bundle_is_refused_in_one_line(tmp_path, change):
     if change == "count":
         meta["count"] += 1
     if change == "version":
-        meta["version"] = 2
+        meta["version"] = 3
     if change == "format":
         meta["format"] = "other"
     (tmp_path / "live.json").write_text(json.dumps(meta))
     done = ran("bundle", tmp_path, "splat.ply", 0, 0)
     assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
-    expected = {"version": "version 2", "format": "not a bundle"}
+    expected = {"version": "version 3", "format": "not a bundle"}
     assert expected.get(change, "is not the splat of this bundle (its SHA-256 or count differs)") in done.stderr
 
 

@@ -25,8 +25,9 @@ def reader():
     return names
 
 
-def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
-    """A bundle in a folder that exists. Most splats are lit, some stay as captured, some are sky."""
+def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None, lamps=False):
+    """A bundle in a folder that exists. Most splats are lit, some stay as captured, some are sky. lamps: whether it has
+    captured light and two lamps as terms, and as its second light that of the capture."""
     rng = np.random.default_rng(seed)
     splats = make_splats(count, 1, seed) if splats is None else splats
     entries = []
@@ -90,8 +91,31 @@ def make_bundle(folder, count=60, clusters=5, weights=6, seed=0, splats=None):
         "lamps": 0.2,
         "lights": lights,
     }
+    if lamps:
+        meta |= {"version": 2, "terms": _terms(folder, count, kinds)}
+        for light, sky in zip(lights, ("own", "captured"), strict=True):
+            light |= {"captured": 0.3, "unit": 0.5, "sky": sky}
+        nothing = np.zeros((DIRECT, 3)).tolist()
+        lights[1] |= {"rest": nothing, "whole": nothing[:SPREAD], "suns": [], "lamps": 0.0}
     (folder / "live.json").write_text(json.dumps(meta), encoding="utf-8")
     return meta, splats, kinds
+
+
+def _terms(folder, count, kinds):
+    """The terms of a bundle, whose file is written: no splat but a lit one is in their runs."""
+    rng, content = np.random.default_rng(4), b""
+    even = {"kind": "captured", "name": "Captured light", "color": [1.0, 1.0, 1.0], "runs": None, "rows": None}
+    terms = [even | {"peak": [1.0, 1.0, 1.0], "steps": 1.0, "mean": [1.0, 1.0, 1.0]}]
+    for number, shining in enumerate((np.arange(count) < count // 2, np.arange(count) % 7 > 1)):
+        edges = np.diff(np.r_[0, (shining & (kinds == 1)).astype(int), 0])
+        first, end = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+        runs, rows = np.stack([first, end - first], axis=1), rng.integers(0, 256, ((end - first).sum(), 3))
+        content += runs.astype("<u4").tobytes() + rows.astype(np.uint8).tobytes()
+        term = {"kind": "lamp", "name": f"Lamp {number + 1}", "color": [2.0 - number, 0.8, 0.1 + number]}
+        term |= {"runs": len(runs), "rows": len(rows), "peak": [3.0, 2.0, 1.5], "steps": 20.0, "mean": [0.2, 0.1, 0.1]}
+        terms.append(term)
+    (folder / "terms.bin").write_bytes(content)
+    return terms
 
 
 def soft_suns(light):

@@ -14,9 +14,15 @@ if (what === "bundle") {
         const bundle = await live.readBundle(folder, splat, get);
         const chosen = bundle.meta.lights[Number(light)];
         const vector = live.lightVector(bundle, chosen, Number(angle));
-        const changes = live.changes(bundle, live.lightTable(bundle, vector));
+        const beside = new live.Beside(bundle);
+        beside.choose(chosen);
+        const changes = live.changes(bundle, live.lightTable(bundle, vector), beside.changes(chosen));
+        const packed = [...beside.packed(chosen, 2 * chosen.exposure)], added = [...beside.changes(chosen, 2 * chosen.exposure)];
+        if (beside.lamps.length) Object.assign(beside.lamps[0], { ev: 1, color: [0, 1, 0] });
+        if (beside.lamps.length) beside.lamps[1].on = false;
         const colors = [-0.1, 0.02, 0.3, 0.7, 0.95, 1.2], ks = [0.01, 0.5, 1, 3];
         console.log(JSON.stringify({
+            packed, added, other: [...beside.changes(chosen)], names: beside.lamps.map(({ name }) => name),
             count: bundle.count, vector: [...vector], changes: [...changes],
             kinds: Array.from({ length: bundle.count }, (_, i) => bundle.rows[i * bundle.words] >>> 14 & 3),
             relit: colors.map((c) => ks.map((k) => live.relit(c, k))),
