@@ -14,18 +14,37 @@ namespace Relight
     public sealed class Light
     {
         public string Name;
-        public float Exposure, Lamps;
+        public float Exposure, Lamps, Captured, Unit = 1;
         public double[][] Rest, Whole, SunDirections, SunWeights;
+    }
+
+    // Light beside the environment: what was captured, or a placed lamp. Without runs it is 1 everywhere.
+    public sealed class Term
+    {
+        public string Name;
+        public bool IsCaptured;
+        public double[] Color, Mean;
+        internal uint[] Runs;
+        internal byte[] Rows;
+        internal float[][] Values;
+
+        // How strong it is under a light: lamps so many stops brighter than they were asked for, captured light by a factor.
+        public double[] Strength(Light light, float exposure, float captured, float stops)
+        {
+            double unit = light.Unit * exposure / light.Exposure * (IsCaptured ? captured : Math.Pow(2, stops));
+            return Array.ConvertAll(Color, each => each * unit);
+        }
     }
 
     public sealed class Bundle
     {
         public const string Format = "relight-live";
-        public const int Version = 1;
+        public const int Version = 2;
         const double C0 = 0.28209479177387814;
 
         public readonly int Count, Clusters, Weights, Direct, Spread, Numbers, Directions;
         public readonly List<Light> Lights = new List<Light>();
+        public readonly List<Term> Terms = new List<Term>();
         public readonly byte[] Rows, Kinds;
         readonly float[] basis, directions;
         readonly double[][] mean;
@@ -60,6 +79,7 @@ namespace Relight
             directions = ReadDirections(data);
             basis = ReadBasis(data, (int)start);
             mean = Json.Rows(meta["mean"]);
+            if (meta.TryGetValue("terms", out var terms)) ReadTerms((List<object>)terms, Path.Combine(folder, "terms.bin"));
             foreach (Dictionary<string, object> each in (List<object>)meta["lights"])
             {
                 var suns = (List<object>)each["suns"];
@@ -68,6 +88,8 @@ namespace Relight
                     Name = (string)each["name"],
                     Exposure = (float)(double)each["exposure"],
                     Lamps = (float)(double)each["lamps"],
+                    Captured = each.TryGetValue("captured", out var captured) ? (float)(double)captured : 0,
+                    Unit = each.TryGetValue("unit", out var unit) ? (float)(double)unit : 1,
                     Rest = Json.Rows(each["rest"]),
                     Whole = Json.Rows(each["whole"]),
                     SunDirections = suns.ConvertAll(s => Json.Row(((Dictionary<string, object>)s)["direction"])).ToArray(),
@@ -92,6 +114,52 @@ namespace Relight
                     $"{name} is not the splat of this bundle (its SHA-256 or count differs): export it again");
             }
             throw new InvalidDataException($"{name}: the bundle does not name this splat");
+        }
+
+        void ReadTerms(List<object> entries, string path)
+        {
+            byte[] data = entries.Count > 0 ? File.ReadAllBytes(path) : new byte[0];
+            int at = 0;
+            foreach (Dictionary<string, object> each in entries)
+            {
+                var term = new Term { Name = (string)each["name"], IsCaptured = (string)each["kind"] == "captured" };
+                term.Color = Json.Row(each["color"]);
+                term.Mean = Json.Row(each["mean"]);
+                Terms.Add(term);
+                if (each["runs"] == null) continue;
+                long runs = (long)(double)each["runs"], rows = (long)(double)each["rows"];
+                if (at + 8 * runs + 3 * rows > data.Length) throw new InvalidDataException("terms.bin is cut short");
+                term.Runs = new uint[2 * runs];
+                term.Rows = new byte[3 * rows];
+                Buffer.BlockCopy(data, at, term.Runs, 0, (int)(8 * runs));
+                Buffer.BlockCopy(data, at + (int)(8 * runs), term.Rows, 0, (int)(3 * rows));
+                at += (int)(8 * runs + 3 * rows);
+                double steps = (double)each["steps"];
+                term.Values = Array.ConvertAll(Json.Row(each["peak"]), peak =>
+                {
+                    var table = new float[256];
+                    for (int i = 1; i < 256; i++) table[i] = (float)(peak * Math.Pow(2, (i - 255) / steps));
+                    return table;
+                });
+            }
+        }
+
+        // What terms add to the change of light, 3 numbers a splat, by the strength (3) of each; null where there are none.
+        public float[] Beside(IList<double[]> strengths)
+        {
+            if (Terms.Count == 0) return null;
+            var result = new float[3 * Count];
+            for (int t = 0; t < Terms.Count; t++)
+            {
+                var term = Terms[t];
+                if (term.Runs == null)
+                    for (int i = 0; i < result.Length; i++) result[i] += (float)strengths[t][i % 3];
+                else
+                    for (int run = 0, at = 0; run < term.Runs.Length; run += 2)
+                        for (long i = 3L * term.Runs[run], end = i + 3L * term.Runs[run + 1]; i < end; i++, at++)
+                            result[i] += (float)strengths[t][i % 3] * term.Values[i % 3][term.Rows[at]];
+            }
+            return result;
         }
 
         // The mean of all responses and the directions in which they differ, colours last.
@@ -192,11 +260,11 @@ namespace Relight
             return table;
         }
 
-        // The change of light of one splat, linear: three numbers into `change`.
-        public void Change(float[] table, int splat, float[] change)
+        // The change of light of one splat, linear: three numbers into `change`. beside: of `Beside`.
+        public void Change(float[] table, int splat, float[] change, float[] beside = null)
         {
             int row = splat * (2 + Weights), first = 3 * (1 + Weights) * (Rows[row] | Rows[row + 1] << 8);
-            for (int i = 0; i < 3; i++) change[i] = table[first + i];
+            for (int i = 0; i < 3; i++) change[i] = table[first + i] + (beside == null ? 0 : beside[3 * splat + i]);
             for (int w = 0; w < Weights; w++)
                 for (int i = 0; i < 3; i++) change[i] += (sbyte)Rows[row + 2 + w] * table[first + 3 * (1 + w) + i];
         }
@@ -218,9 +286,11 @@ namespace Relight
         }
 
         // The largest gain of what depends on the view: that of the scene as a whole, and at least 1.
-        public float[] MeanGain(float[] vector)
+        public float[] MeanGain(float[] vector, IList<double[]> strengths = null)
         {
             var k = new double[3];
+            for (int t = 0; t < Terms.Count && strengths != null; t++)
+                for (int i = 0; i < 3; i++) k[i] += Terms[t].Mean[i] * strengths[t][i];
             for (int j = 0; j < mean.Length; j++) for (int i = 0; i < 3; i++) k[i] += mean[j][i] * vector[3 * (Direct + j) + i];
             return Array.ConvertAll(k, each => (float)Math.Pow(Math.Max(each, 1), 1 / 2.4));
         }

@@ -16,6 +16,8 @@ namespace Relight
         // dc: constant coefficients of the splats as captured, (N, 3), f_dc of the bundle's splat.ply.
         public RelightInference(ModelAsset model, Bundle bundle, float[] dc, BackendType backend = BackendType.GPUCompute)
         {
+            if (bundle.Terms.Count > 0)
+                throw new NotSupportedException("this model shows no placed lamps and no captured light: use RelightSplat");
             this.bundle = bundle;
             int size = 2 + bundle.Weights;
             var clusters = new int[bundle.Count];

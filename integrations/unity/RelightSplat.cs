@@ -15,12 +15,15 @@ namespace Relight
         [Range(0, 360), Tooltip("Light turned about the vertical, degrees")] public float Angle;
         [Tooltip("Which light of the bundle")] public int Number;
         [Tooltip("Stops brighter than the bundle says")] public float Exposure;
+        [Tooltip("How much of the captured light is beside it; below 0 as the bundle says")] public float Captured = -1;
+        [Tooltip("Stops brighter, lamp by lamp, in the order of the bundle; -100 is off")] public float[] Lamps = new float[0];
 
         Bundle bundle;
         GsplatAssetUncompressed asset;
         Vector4[] colors;
         Vector3[] harmonics;
-        (float, int, float) shown = (float.NaN, -1, 0);
+        (float, int, float, float) shown = (float.NaN, -1, 0, 0);
+        float[] lampsShown = new float[0];
 
         void OnEnable()
         {
@@ -33,7 +36,7 @@ namespace Relight
                     throw new InvalidDataException("the splat has another count than the bundle: import its splat.ply again");
                 colors = (Vector4[])asset.Colors.Clone();
                 harmonics = asset.SHs == null ? null : (Vector3[])asset.SHs.Clone();
-                shown = (float.NaN, -1, 0);
+                shown = (float.NaN, -1, 0, 0);
             }
             catch (Exception error)
             {
@@ -46,11 +49,19 @@ namespace Relight
         {
             var renderer = GetComponent<GsplatRenderer>();
             if (!(renderer.GsplatResource is GsplatResourceUncompressed resource)) return;
-            if (resource.UploadedCount != bundle.Count || shown.Equals((Angle, Number, Exposure))) return;
-            shown = (Angle, Number, Exposure);
+            if (resource.UploadedCount != bundle.Count || Same()) return;
+            shown = (Angle, Number, Exposure, Captured);
+            lampsShown = (float[])Lamps.Clone();
             Light();
             resource.ColorBuffer.SetData(colors);
             if (harmonics != null && resource.SHBuffer != null) resource.SHBuffer.SetData(harmonics);
+        }
+
+        bool Same()
+        {
+            if (!shown.Equals((Angle, Number, Exposure, Captured)) || lampsShown.Length != Lamps.Length) return false;
+            for (int i = 0; i < Lamps.Length; i++) if (lampsShown[i] != Lamps[i]) return false;
+            return true;
         }
 
         void OnDisable()
@@ -66,13 +77,17 @@ namespace Relight
         {
             const float C0 = 0.28209479f;
             var light = bundle.Lights[Mathf.Clamp(Number, 0, bundle.Lights.Count - 1)];
-            var vector = bundle.Vector(light, Angle, light.Exposure * Mathf.Pow(2, Exposure));
-            float[] table = bundle.Table(vector), most = bundle.MeanGain(vector), k = new float[3], gain = new float[3];
+            float exposure = light.Exposure * Mathf.Pow(2, Exposure), captured = Captured < 0 ? light.Captured : Captured;
+            var vector = bundle.Vector(light, Angle, exposure);
+            int lamp = 0;
+            var strengths = bundle.Terms.ConvertAll(term => term.Strength(
+                light, exposure, captured, term.IsCaptured ? 0 : lamp++ < Lamps.Length ? Lamps[lamp - 1] : 0));
+            float[] table = bundle.Table(vector), most = bundle.MeanGain(vector, strengths), beside = bundle.Beside(strengths), k = new float[3], gain = new float[3];
             int rest = harmonics == null ? 0 : harmonics.Length / bundle.Count;
             for (int n = 0; n < bundle.Count; n++)
             {
                 if (bundle.Kinds[n] != 1) continue;  // far background and damaged splats stay as captured
-                bundle.Change(table, n, k);
+                bundle.Change(table, n, k, beside);
                 var from = asset.Colors[n];
                 for (int i = 0; i < 3; i++) gain[i] = Bundle.Gain(from[i] * C0 + 0.5f, k[i]);
                 colors[n] = new Vector4(Bundle.Coefficient(from.x, gain[0]), Bundle.Coefficient(from.y, gain[1]),

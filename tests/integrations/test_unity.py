@@ -64,6 +64,25 @@ def test_the_buffers_hold_the_splat_in_the_new_light(program, tmp_path):
     np.testing.assert_allclose(harmonics, expected, rtol=5e-3)
 
 
+def test_the_buffers_hold_the_light_of_lamps(program, tmp_path):
+    meta, splats, kinds = make_bundle(tmp_path, lamps=True)
+    done = ran(program, tmp_path, 1, 30.0, 0.5, 3, 0.0, 1.5)
+    assert done.returncode == 0, done.stderr
+    found, harmonics = (rows(line, width) for line, width in zip(done.stdout.strip().split("\n"), (4, 3), strict=True))
+    names, light, lit = reader(), meta["lights"][1], kinds == 1
+    light |= {"exposure": light["exposure"] * 2**0.5, "unit": light["unit"] * 2**0.5}
+    strengths = np.array([0.3, 1.0, 2**1.5])
+    change = names["change"](names["read"](tmp_path), light, np.radians(30.0), strengths)
+    number = np.arange(len(splats))
+    dc = np.stack([0.01 * number, -0.01 * number, np.full(len(splats), 0.5)], axis=1)
+    gains = gain(SH_C0 * dc + 0.5, change)
+    expected = (gains * (SH_C0 * dc + 0.555) - 0.555) / SH_C0
+    np.testing.assert_allclose(found[lit, :3], expected[lit], atol=2e-3 * np.abs(expected).max())
+    mean = [light["unit"] * s * np.array(t["color"]) * t["mean"] for s, t in zip(strengths, meta["terms"], strict=True)]
+    factor = np.minimum(gains, np.maximum(np.sum(mean, axis=0), 1.0) ** (1 / 2.4))
+    np.testing.assert_allclose(harmonics.reshape(-1, 3, 3)[lit, 0], (factor * [0.1, 0.2, 0.3])[lit], rtol=5e-3)
+
+
 @pytest.mark.parametrize("change", ["byte", "count"])
 def test_a_splat_that_is_not_the_bundles_is_refused_in_one_line(program, tmp_path, change):
     meta, *_ = make_bundle(tmp_path)

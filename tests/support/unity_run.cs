@@ -1,4 +1,5 @@
-// Runs the loaders on a bundle and a live.glb and prints numbers. Arguments: folder, splat, light, angle, exposure; or
+// Runs the loaders on a bundle and a live.glb and prints numbers. Arguments: folder, light, angle, exposure, harmonics a
+// splat, and stops of lamps; or
 // "mesh", folder, file, angle; or "harmonics", x, y, z.
 
 using System;
@@ -35,6 +36,7 @@ public static class Run
             GsplatRenderer.Resource.SHBuffer = new GraphicsBuffer();
             var shown = new RelightSplat { Folder = "", Number = int.Parse(arguments[1]), Angle = (float)Number(arguments[2]) };
             shown.Exposure = (float)Number(arguments[3]);
+            shown.Lamps = arguments.Skip(5).Select(each => (float)Number(each)).ToArray();
             Call(shown, "OnEnable");
             if (Debug.Said != null) { Console.Error.WriteLine(Debug.Said); return 2; }
             Call(shown, "LateUpdate");
