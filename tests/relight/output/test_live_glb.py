@@ -83,7 +83,7 @@ def test_custom_attributes_are_the_same_accessors_and_the_mesh_is_the_scenes(wri
 
 
 def test_the_same_scene_gives_the_same_bytes(written, tmp_path):
-    path, scene, albedo, _, light = written
+    _, scene, albedo, _, light = written
     grey, tint = nine_coefficients(Relighter(scene), albedo)
     write_live_glb(tmp_path / "again.glb", scene, albedo, grey, tint, light, 0.5)
     assert (tmp_path / "again.glb").read_bytes() == path.read_bytes()
@@ -118,7 +118,7 @@ SPOT = SpotLamp((-1.0, 2.0, 0.0), (0.0, 0.0, 0.0), (9.0, 9.0, 3.0), 25.0, 20.0)
 
 @pytest.mark.parametrize("kind", ["live", "relit"])
 def test_placed_lamps_are_lights_that_the_validator_and_we_read(written, tmp_path, kind):
-    path, scene, albedo, _, light = written
+    _, scene, albedo, _, light = written
     placed = PlacedLamps([BULB, SPOT], ["by the door", ""])
     if kind == "live":
         grey, tint = nine_coefficients(Relighter(scene), albedo)
