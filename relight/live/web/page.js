@@ -237,7 +237,9 @@ class Session {
       row.querySelector("output").textContent = own ? `x ${state.captured.toFixed(2)}` : `${ev < 0 ? "\u2212" : "+"}${Math.abs(ev).toFixed(1)}`;
       row.classList.toggle("off", !on);
     });
-    element("r-lamps").parentElement.style.display = this.bundle.meta.lamps === null || lights[state.light].sky === "captured" ? "none" : "";
+    const captured = lights[state.light].sky === "captured"; // which cannot be turned, and whose lamps are part of it
+    element("r-lamps").parentElement.style.display = captured || this.bundle.meta.lamps === null ? "none" : "";
+    for (const key of ["turn", "sky"]) element(`r-${key}`).closest("label, button").style.display = captured ? "none" : "";
     for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
     element("r-compare").setAttribute("aria-pressed", state.compare);
     element("r-sky").setAttribute("aria-pressed", state.sky);
