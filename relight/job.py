@@ -415,7 +415,8 @@ class Job:
         colors = room.with_its_own_light() if room and (asked or self.keeps_captured) else None
         names = [each.name for each in self.asked_lamps]
         lamps = self.lamps if placed else []
-        return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors)
+        exposed = self.request.exposure_ev is not None
+        return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors, exposed)
 
     def level_under(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
         """Units of the picture per unit of another light, as `exposure_of` takes it."""

@@ -1,5 +1,6 @@
 """Write what engines take: the mesh with live light, the splat as albedo with its proxy, splats as glTF and USD."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -7,9 +8,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import InputError
+from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.splats import Splats
 
+from ..light.captured import CapturedLight
 from .kinds import FILES, FOR_ENGINES, HARMONICS
 from .lamps_glb import NO_LAMPS, PlacedLamps
 
@@ -99,6 +101,11 @@ class EngineFiles:
         from ..engine.nine import nine_coefficients
         from .live_glb import FILE, write_live_glb
 
+        if placed.lamps or isinstance(light, CapturedLight):
+            told = (
+                "live.glb shows the light of an environment alone, neither captured light nor placed lamps on its mesh"
+            )
+            warnings.warn(f"{told}; lamps are in the file as lights, for other objects", DataWarning, stacklevel=2)
         if self._nine is None:
             with self._stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)

@@ -1,19 +1,18 @@
 """Placed lamps in glTF files, so that what an engine puts beside a relit scene is lit by the same lamps."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from splat2mesh.scene.glb import Glb
 
-from ..lamps.export import khr_lights
-from ..lamps.gltf_lights import PUNCTUAL
-from ..lamps.shapes import Lamp
+if TYPE_CHECKING:
+    from ..lamps.shapes import Lamp
 
 
 class PlacedLamps(NamedTuple):
     """lamps: in the frame of the scene; radiance 1 shows as white. names: of each, "" for none."""
 
-    lamps: Sequence[Lamp] = ()
+    lamps: "Sequence[Lamp]" = ()
     names: Sequence[str] = ()
 
 
@@ -25,6 +24,9 @@ def add_lamps(file: Glb, placed: PlacedLamps) -> None:
     if not placed.lamps:
         return
     import pygltflib as gltf
+
+    from ..lamps.export import khr_lights
+    from ..lamps.gltf_lights import PUNCTUAL
 
     extension, nodes = khr_lights(placed.lamps, placed.names)
     document = file.document

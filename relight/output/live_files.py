@@ -45,7 +45,8 @@ class LiveFiles:
         mixture: Mixture | None = None,
         level_of: "Callable[[Environment, NDArray[np.float32] | None], float]" = lambda light, radiance: 1.0,
     ) -> None:
-        self._relighter, self._appearance, self._splats, self._others = relighter, appearance, splats, others
+        self._relighter, self._appearance, self._splats = relighter, appearance, splats
+        self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
         self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
         self._room = room
         self._mixture, self._level_of = mixture or Mixture(), level_of
@@ -116,6 +117,8 @@ class LiveFiles:
         found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
         if not self._mixes(light):
             return found
+        if not self._mixture.exposed:
+            return self._beside(found, light)
         known = self._room is not None and self._room.exposure is not None
         radiance = None if known else self._lit.shading(light, self._appearance.albedo).radiance
         return self._beside(found, light, exposure / self._level_of(light, radiance))

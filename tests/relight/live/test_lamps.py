@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from lit_rooms import room
 from live_scene import TILT, scene_and_splats
 
 from relight import LightingOptions
 from relight.job import Job
+from relight.lamps.files import read_lamps
 from relight.lamps.shapes import SphereLamp, SpotLamp
 from relight.light.captured import CapturedLight
 from relight.live.terms import Source, as_white, term_of
@@ -21,9 +23,11 @@ from relight.request import RelightRequest
 from relight.splats import Binding
 from relight.splats.light_ratio import CURVE_POWER
 from relight.writing import Writer
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import read_splats, write_splats
-from splat2mesh.splats.splats import SH_C0
+from splat2mesh.splats.splats import SH_C0, Splats
 
 ROOT = Path(__file__).parents[3]
 
@@ -108,6 +112,39 @@ def test_the_bundle_has_the_light_of_the_relit_splat_lamp_by_lamp(reader, scene,
     found = reader["change"](bundle, light, strengths=strengths)[order]
     stated = max(term["error"] for term in bundle[0]["terms"])
     assert apart(found, expected) < stated + 0.02  # relit splats blend logarithms between vertices
+
+
+@pytest.mark.parametrize(
+    ("env", "captured", "more"),
+    [
+        ("captured", 0.3, {}),
+        ("captured", 1.0, {"lamps": 0.2}),
+        ("noon", None, {"lamps": 0.5}),
+        ("overcast", 0.2, {"lamps": 0.3, "opened": "ceiling", "env_scale": 0.4}),
+    ],
+    ids=["as captured", "own lamp dimmed", "no sky gets in", "without ceiling"],
+)
+@pytest.mark.filterwarnings("ignore:this is a closed room")
+def test_lamps_in_a_closed_room(reader, tmp_path, env, captured, more):
+    found = room()[0]
+    places = found.vertices[::2]
+    sh = ((found.colors_srgb[::2, None] / 255.0 - 0.5) / SH_C0).astype(np.float32)
+    quats, size = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1)), np.full((len(places), 3), 0.03)
+    splats = Splats(places, size, quats, np.full(len(places), 0.8), sh)
+    write_splats(tmp_path / "room.ply", splats)
+    scene = replace(found, source=describe(tmp_path / "room.ply"))
+    bulb = SphereLamp(tuple(scene.bounds.mean(axis=0).tolist()), 0.1, radiance=(60.0, 30.0, 15.0))
+    lighting = LightingOptions(tolerance=0.1, placed=(bulb,), captured=captured, **more)
+    job = Job(RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",), caching="none"))
+    Writer(job).write(next(iter(job.shaded())), tmp_path / "out")
+    bundle = reader["read"](tmp_path / "out/live")
+    change = reader["change"](bundle, bundle[0]["lights"][0])[np.lexsort(reader_means(tmp_path / "out").T)]
+    order = np.lexsort(splats.means.T)
+    expected = expected_change(job, splats)[order]
+    shown = expected * linear_from_srgb(found.colors_srgb[::2] / np.float32(255.0))[order] < 0.75
+    assert shown.mean() > 0.6 and (bundle[4][:, 7] & 3 == 1).all()
+    off = (change - expected)[shown]
+    assert np.sqrt(np.mean(off**2)) < 0.025 * np.sqrt(np.mean(expected[shown] ** 2))
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
@@ -214,3 +251,24 @@ def test_engines_get_the_lamps_in_the_frame_of_the_scene_and_as_bright_as_they_a
     request = RelightRequest(scene, "captured", lighting, albedo="captured", exposure_ev=1.0, caching="none")
     (bulb,) = Job(request).lamps_shown(CapturedLight(), 2.0).lamps
     assert bulb.radiance == pytest.approx(np.multiply(2.0, BULB.radiance))
+
+
+def test_of_many_lamps_the_last_share_a_term(scene):
+    lamps = [replace(BULB, position=in_splat((0.02 * number, 0.5, 1.2))) for number in range(40)]
+    job = job_of(scene, *lamps)
+    sources = job.mixture.sources(job.appearance)
+    assert [each.name for each in sources[1:]] == [*(f"Lamp {n + 1}" for n in range(31)), "9 more lamps"]
+    together = sum(source.color * source.received for source in sources[1:])
+    everything = job.lamp_light.placed.received
+    assert np.sqrt(np.mean((together - everything) ** 2)) < 0.02 * np.sqrt(np.mean(everything**2))
+
+
+def test_a_live_mesh_says_that_lamps_are_not_on_it(scene, tmp_path):
+    request = RelightRequest(
+        scene, "captured", LightingOptions(placed=(BULB,)), albedo="captured", formats=("glb",), live_mesh=True
+    )
+    job = Job(request)
+    with pytest.warns(DataWarning, match="live.glb shows the light of an environment alone"):
+        Writer(job).write(next(iter(job.shaded())), tmp_path / "out")
+    for name in ("live.glb", "relit.glb"):
+        assert len(read_lamps(tmp_path / "out" / name)) == 1
