@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
     from .splats import Binding
+    from .viewer.mixture import Mixture
     from .viewer.splats import SplatSource
 
 DEFAULT_FORMATS = ("glb", "png")
@@ -219,21 +220,43 @@ class Job:
         albedo, by_lamps = (look.albedo, None) if room is None else room.session()
         exposure = room.exposure if room and exposure is None else exposure
         opened = self.options.opened is not None
+        albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
+        mixture = self._mixture_of_session() if self.mixes else None
+        if mixture is not None:  # what lamps light is known for one albedo
+            albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
+            by_lamps = None if self.keeps_captured or self.steady else by_lamps
         return {
             "scene": room.lit.scene if room and opened else self.scene,
             "environment": self.lights[0],
             "options": replace(self.options, budget_s=None).planned(),  # a session has a tolerance
-            "albedos": {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}},
+            "albedos": albedos,
             "environments_folder": lights.parent if lights.is_file() else None,
             "exposure": exposure,
             "cache": None if opened else self.relighter.cache,
             "lamps": {} if by_lamps is None else {chosen: by_lamps},
             "lamps_known": bool(room and room.lamps_found),
             "state": {"lamps": self.options.lamp_factor},
-            "splats": None if opened or self.splats is None else self._splats_of_session(chosen),
+            "splats": None if opened or self.splats is None else self._splats_of_session(chosen, mixture),
+            "mixture": mixture,
         }
 
-    def _splats_of_session(self, chosen: str) -> "SplatSource":
+    def _mixture_of_session(self) -> "Mixture":
+        """What the light has beside an environment, as `shaded` mixes it."""
+        from .viewer.mixture import Mixture
+
+        options, alone, factor = self.options, self.keeps_captured or self.steady, self.captured_factor
+        nothing = Shading(np.zeros_like(self.appearance.captured), 0, [], options.unplanned)
+        measured = alone or self._brightness is not None or bool(self.room and self.room.exposure is not None)
+        first = nothing if measured else self._shading(self.lights[0])
+        level = self._level_of_mixture(Shaded(self.lights[0], first, 1.0))
+        rest = self._mixed(Shaded(self.lights[0], nothing, 1.0), level)
+        assert rest.shading.received is not None  # of a mixture it is known
+        scale = 0.0 if self.steady else options.env_scale
+        backdrop = factor if alone else options.env_scale
+        parts = rest.shading.radiance, rest.shading.received
+        return Mixture(*parts, scale, level, backdrop, self.keeps_captured)
+
+    def _splats_of_session(self, chosen: str, mixture: "Mixture | None" = None) -> "SplatSource":
         """The splats as a session shows them: by its own albedo, or by the captured colours."""
         from .splats import shown_as_sky
         from .viewer.splats import SplatLook, SplatSource
@@ -253,13 +276,13 @@ class Job:
                 received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
             return self.binding
 
-        looks = {chosen: SplatLook(look.irradiance, received)}
-        if chosen != "captured" and room is None:
+        looks = {chosen: SplatLook(look.irradiance, received if mixture is None else mixture.receives(received))}
+        if mixture is None and chosen != "captured" and room is None:
             least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
             looks["captured"] = SplatLook(
                 np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
             )
-        level = self._brightness if look.kept else None
+        level = self._brightness if look.kept and mixture is None else None
         return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look), level)
 
     @cached_property
@@ -384,14 +407,14 @@ class Job:
         place = "room" if self.from_inside else "scene"
         return [f"{in_brief(lamp)}: {in_words(lamp, self.lamp_scale, place)}" for lamp in self.lamps]
 
-    def _mixed(self, shaded: Shaded) -> Shaded:
-        """The same light with all its other parts."""
+    def _mixed(self, shaded: Shaded, level: float | None = None) -> Shaded:
+        """The same light with all its other parts. level: as of `_level_of_mixture`, where it is known."""
         if not self.mixes:
             return shaded
         options, alone, captured = self.options, self.keeps_captured or self.steady, self.captured_factor
         own = self.room.with_its_own_light() if self.room and captured else self.appearance.captured
         placed = None if self.lamp_light is None else self.lamp_light.placed
-        level, shading = self._level_of_mixture(shaded), shaded.shading
+        level, shading = self._level_of_mixture(shaded) if level is None else level, shaded.shading
         if alone:  # the shading of a room that no environment changes is what was captured
             shading = shading._replace(radiance=np.zeros_like(own))
         shading = mixed(self.appearance, shading, options.env_scale, CapturedPart(own, captured), placed, level)

@@ -23,6 +23,7 @@ from ..options import LightingOptions
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..transfer.store import Cache
+    from .mixture import Mixture
     from .session import Session
     from .splats import SplatSource
 
@@ -44,6 +45,7 @@ def view(
     cache: "Cache | None" = None,  # as of Relighter
     lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
     lamps_known: bool = True,  # whether those can be told from other light, and dimmed
+    mixture: "Mixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
@@ -63,7 +65,7 @@ def view(
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     if screenshot and not panel:
         session.change(panel=False)  # which leaves the whole of the picture to the scene
@@ -101,6 +103,7 @@ def serve(
     cache: "Cache | None" = None,
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
+    mixture: "Mixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -113,7 +116,7 @@ def serve(
 
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
@@ -138,6 +141,7 @@ def record_turntable(
     cache: "Cache | None" = None,
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
+    mixture: "Mixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -153,7 +157,7 @@ def record_turntable(
     check_film(path, frames, what, overwrite)
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats}
+    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
     session = _session(scene, environment, options, albedos, None, exposure, state, **more)
     try:
         window = Window(session, size, off_screen=True)

@@ -100,7 +100,7 @@ def vertex_errors(session: "Session") -> NDArray | None:
     if reference is None or shown is None:
         return None
     return session.remembered(
-        "errors", (id(reference), id(shown)), lambda: _relative(shown, session.beside_lamps(reference.radiance))
+        "errors", (id(reference), id(shown)), lambda: _relative(shown, session.with_all_parts(reference.radiance))
     )
 
 

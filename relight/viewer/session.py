@@ -21,6 +21,7 @@ from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, check_albedos, keys
+from .mixture import Mixture
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
 from .splats import RelitSplats, SplatSource
@@ -79,6 +80,7 @@ class Session:
         clock: Callable[[], float] = time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
         splats: SplatSource | None = None,  # SplatSource: what the scene was made of, shown in place of the mesh
         lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
+        mixture: Mixture | None = None,  # what is shown beside the environment: captured light, placed lamps
         **wishes: Any,  # fields of LightingOptions, such as tolerance
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -88,6 +90,7 @@ class Session:
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
         self.lamps, self.has_lamps = dict(lamps or {}), bool(lamps) and lamps_known
+        self.mixture = mixture
         self.splats = None if splats is None else RelitSplats(splats)
         self.environments = dict(environments)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
@@ -245,7 +248,14 @@ class Session:
         return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
 
     def radiance(self) -> NDArray | None:
-        """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light.
+        """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light."""
+        alone, mixture = self.environment_radiance(), self.mixture
+        if alone is None or mixture is None:
+            return alone
+        return self.remembered("mixed", id(alone), lambda: mixture.with_environment(alone))
+
+    def environment_radiance(self) -> NDArray | None:
+        """The same without what a mixture adds.
 
         With all effects once they are there, before that by spherical harmonics alone.
         """
@@ -270,6 +280,10 @@ class Session:
                 self._exposures[key] = auto_exposure(self.quick_radiance(angle))
         base = self._given_exposure if self._given_exposure is not None else self._exposures[key]
         return base * 2.0**self.state.exposure_ev
+
+    def sky_exposure(self) -> float:
+        """Display value per unit of radiance of the light itself, seen behind the scene."""
+        return self.exposure() * (1.0 if self.mixture is None else self.mixture.backdrop)
 
     def colors(self) -> NDArray:
         """What the present mode colours the surface by: (V, 3) uint8 sRGB."""
@@ -342,6 +356,11 @@ class Session:
         """Radiance (V, 3) with what the lamps of a room add to it."""
         lamps = self.lamps.get(self.state.albedo)
         return radiance if lamps is None else radiance + np.float32(self.state.lamps) * lamps
+
+    def with_all_parts(self, radiance: NDArray) -> NDArray:
+        """Radiance (V, 3) of an environment with what all lamps and the captured light add to it."""
+        found = self.beside_lamps(radiance)
+        return found if self.mixture is None else self.mixture.with_environment(found)
 
     @property
     def shows_splats(self) -> bool:

@@ -106,7 +106,7 @@ class RelitSplats:
         if wait:
             self._bound.exception()
             self.poll()
-        radiance = session.radiance()
+        radiance, mixture = session.environment_radiance(), session.mixture
         if radiance is None or not self._bound.done() or self._bound.exception() is not None:
             return self.source.captured
         binding, rows = self._bound.result()
@@ -116,14 +116,22 @@ class RelitSplats:
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
 
+        source, sky_exposure = self.source, session.sky_exposure()
+
         def relit(rounds: int | None) -> Splats:
             look = self.source.looks[wanted.albedo]
             after = look.received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
             found = binding.relit(look.before, after, wanted.exposure, **more)
+            if mixture is not None and mixture.keeps_sky:
+                from ..splats.sky import dimmed
+
+                return dimmed(found, source.captured, session.scene.background_splats, sky_exposure)
             if sky is None or light is None:
                 return found
-            return _under(found, rows, light.sky, wanted, session.scene, self.source.sky_level)
+            return _under(
+                found, rows, light.sky, wanted._replace(exposure=sky_exposure), session.scene, self.source.sky_level
+            )
 
         try:
             if wait:

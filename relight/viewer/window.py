@@ -253,10 +253,10 @@ class Window:
         stage.color(session.colors())
         behind = state.sky and state.mode == "relit" and session.light is not None
         if behind and session.light is not None:
-            painted = id(session.light), session.exposure()
+            painted = id(session.light), session.sky_exposure()
             if painted != self._sky:
                 self._sky = painted
-                stage.paint_sky(session.light.sky, session.exposure())
+                stage.paint_sky(session.light.sky, session.sky_exposure())
         if session.shows_splats:
             glass.SetMultiSamples(MOVING_SAMPLES)
             stage.look(self.orbit)

@@ -1,0 +1,39 @@
+"""What a session shows beside its environment: what stays of the captured light, and lamps that people placed."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Received = Callable[[NDArray[np.float32], float], NDArray[np.floating]]
+
+
+class Mixture(NamedTuple):
+    """New light made of several, as of `engine.mixing`, of which a session changes the environment alone.
+
+    radiance, received: (V, 3) float32, exit radiance and irradiance over pi of all but the environment, in its unit.
+    env_scale: factor on the environment. level: units of the picture per unit of the environment. backdrop: factor on
+    what is seen of the light itself. keeps_sky: whether the sky is that of the capture, and is only dimmed.
+    """
+
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
+    env_scale: float
+    level: float
+    backdrop: float
+    keeps_sky: bool
+
+    def with_environment(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the radiance (V, 3) of all parts for that of the environment."""
+        return np.asarray(self.radiance + np.float32(self.env_scale) * radiance, np.float32)
+
+    def receives(self, received: Received) -> Received:
+        """Return what tells the irradiance of all parts. received: of the environment alone, as of a SplatLook."""
+
+        def mixed(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.floating]:
+            if not (radiance.any() and self.env_scale > 0.0):
+                return self.received
+            return self.received + np.float32(self.env_scale) * received(radiance, self.level)
+
+        return mixed

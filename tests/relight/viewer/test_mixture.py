@@ -1,0 +1,36 @@
+"""Placed lamps and captured light in a session: the same light as a relight of the same request writes."""
+
+import numpy as np
+import pytest
+from viewer_scenes import ball_on_plate
+
+from relight import LightingOptions, RelightRequest
+from relight.job import Job
+from relight.viewer.session import Session
+from relight.viewer.state import choices_of
+from relight.viewer.worker import InlineWorker
+
+LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"
+
+
+@pytest.mark.parametrize(
+    ("env", "wishes"),
+    [
+        ("captured", {"captured": 0.1, "placed": (LAMP,)}),
+        ("noon", {"env_scale": 0.05, "placed": (LAMP,)}),
+        ("overcast", {"captured": 0.5}),
+    ],
+)
+def test_a_session_shows_what_a_relight_gives(env, wishes):
+    options = LightingOptions(tolerance=0.05, **wishes)
+    job = Job(RelightRequest(ball_on_plate(), env, options, angles_deg=(0.0,), caching="none"))
+    expected = next(iter(job.shaded()))
+    told = job.session()
+    scene, environment, own = told.pop("scene"), told.pop("environment"), told.pop("options")
+    told.pop("state"), told.pop("environments_folder")
+    session = Session(scene, choices_of(environment), own, worker=InlineWorker, **told)
+    session.finish()
+    shown, wanted = session.radiance() * session.exposure(), expected.shading.radiance * expected.exposure
+    # Sums of a few float32 terms, in two orders.
+    assert np.allclose(shown, wanted, rtol=1e-5, atol=1e-6 * wanted.max())
+    assert wanted.max() > 0.0 and session.sky_exposure() == pytest.approx(expected.exposure * expected.backdrop)
