@@ -1,0 +1,270 @@
+"""The light of a date and a place: the sky's model as an environment, north where the scene has it.
+
+    request = DaylightRequest.parse("2026-06-21T19:30+02:00", "48.85,2.35", north_deg=20)
+    environment = request.environment()
+
+One scale for all: radiance 1 is the mean luminance of a clear noon in June at 48 degrees, as the built-in sky `noon`
+has it, so that dawn, dusk and night are as dark beside it as they are.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta, timezone
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from splat2mesh.base.errors import InputError
+
+from .sun_position import check_place, check_time, parse_place, parse_time, sun_position
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from .environment import Environment
+    from .sky_model import ClearSky
+
+HEIGHT, WIDTH = 256, 512
+"""Texels of the image, as of the built-in skies: 0.7 degrees."""
+
+MOST_STEPS = 3600
+"""Most times in a day: one in 24 seconds."""
+
+TURBIDITY, GROUND_ALBEDO = 3.0, 0.3
+"""A clear day; dry grass, soil and stone mixed."""
+
+_REFERENCE_ELEVATION_DEG = 65.4  # of the sun at noon of the longest day at 48 degrees: 90 - 48 + 23.4
+
+_PARTS = 2  # a side of each texel, over which the sky is averaged
+
+_DAY = re.compile(r"\s*(\d{1,2}):(\d\d)\s*-\s*(\d{1,2}):(\d\d)\s*/\s*(\d+(?:\.\d+)?)\s*(s|min|h)\s*")
+
+_SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+@dataclass(frozen=True)
+class DaylightRequest:
+    """What a person asks for: a date, a place, where north is, and the air.
+
+    time: with a zone.
+    latitude_deg, longitude_deg: north and east positive.
+    north_deg: by how much north is turned about +y from -z, counter-clockwise seen from above.
+    turbidity: haze, from 1 to 10. ground_albedo: from 0 to 1.
+    """
+
+    time: datetime
+    latitude_deg: float
+    longitude_deg: float
+    north_deg: float = 0.0
+    turbidity: float = TURBIDITY
+    ground_albedo: float = GROUND_ALBEDO
+
+    def __post_init__(self) -> None:
+        """Raise InputError for what is no time, place, angle or air."""
+        check_time(self.time)
+        check_place(self.latitude_deg, self.longitude_deg)
+        if not abs(self.north_deg) < float("inf"):
+            raise InputError(f"`north_deg` must be a finite number of degrees, found {self.north_deg}")
+        if not 1.0 <= self.turbidity <= 10.0:
+            raise InputError(f"`turbidity` must be from 1 (pure air) to 10 (dense haze), found {self.turbidity:g}")
+        if not 0.0 <= self.ground_albedo <= 1.0:
+            raise InputError(f"`ground_albedo` must be from 0 to 1, found {self.ground_albedo:g}")
+
+    @classmethod
+    def parse(cls, sun: str, at: str, north_deg: float = 0.0) -> "DaylightRequest":
+        """Make it of what a person types.
+
+        Parameters
+        ----------
+        sun : str
+            Date, time and zone, such as 2026-06-21T19:30+02:00.
+        at : str
+            Latitude and longitude, such as 48.85,2.35.
+        north_deg : float
+            As of the class.
+
+        Returns
+        -------
+        DaylightRequest
+            In clear air.
+
+        Raises
+        ------
+        InputError
+            For anything else, in one line.
+        """
+        return cls(parse_time(sun), *parse_place(at), north_deg)
+
+    @property
+    def name(self) -> str:
+        """For file names and reports, such as sun-2026-06-21T1930; with seconds where there are any."""
+        return self.time.strftime("sun-%Y-%m-%dT%H%M%S" if self.time.second else "sun-%Y-%m-%dT%H%M")
+
+    def at_time(self, time: datetime) -> "DaylightRequest":
+        """Return the same place and air at another time, such as one of `day_times`."""
+        return replace(self, time=time)
+
+    def environment(self) -> "Environment":
+        """Return the light, as `daylight` does."""
+        return daylight(
+            self.time, self.latitude_deg, self.longitude_deg, self.north_deg, self.turbidity, self.ground_albedo
+        )
+
+
+def daylight(
+    time: datetime,
+    latitude_deg: float,
+    longitude_deg: float,
+    north_deg: float = 0.0,
+    turbidity: float = TURBIDITY,
+    ground_albedo: float = GROUND_ALBEDO,
+) -> "Environment":
+    """Return the light of a clear sky at a date and a place.
+
+    Parameters
+    ----------
+    time : datetime
+        With a zone.
+    latitude_deg, longitude_deg : float
+        North and east positive.
+    north_deg : float
+        By how much north is turned about +y from -z, counter-clockwise seen from above, as `Environment.rotated`
+        turns. At 0 north is -z, east +x, south +z.
+    turbidity : float
+        Haze, from 1 (pure air) to 10 (dense haze).
+    ground_albedo : float
+        From 0 to 1, grey.
+
+    Returns
+    -------
+    Environment
+        (HEIGHT, WIDTH, 3) float32, turned by `north_deg`. In units of `reference_luminance`.
+
+    Raises
+    ------
+    InputError
+        For a time without a zone, a place that is not on the Earth, and air that is none.
+    """
+    request = DaylightRequest(time, latitude_deg, longitude_deg, north_deg, turbidity, ground_albedo)
+    from .environment import Environment
+
+    image = sky_image(sky_of(request)) / reference_luminance()
+    return Environment(image, request.name).rotated(north_deg)
+
+
+def sky_of(request: DaylightRequest) -> "ClearSky":
+    """Return the sky's model at a date and a place, in cd/m^2, with north at -z."""
+    from .sky_model import ClearSky
+
+    position = sun_position(request.time, request.latitude_deg, request.longitude_deg)
+    toward = _direction(position.azimuth_deg, position.elevation_deg)
+    return ClearSky(toward, request.turbidity, request.ground_albedo)
+
+
+@lru_cache(1)
+def reference_luminance() -> float:
+    """Return the luminance, cd/m^2, that radiance 1 of every `daylight` stands for.
+
+    Returns
+    -------
+    float
+        The mean over the sphere at a clear noon in June at 48 degrees: turbidity 3, ground albedo .3, the sun 65.4
+        degrees up. Expose a whole day by one number: what shows light of mean luminance 1 well shows that noon well.
+    """
+    from .sky_model import ClearSky
+
+    return ClearSky(_direction(180.0, _REFERENCE_ELEVATION_DEG), TURBIDITY, GROUND_ALBEDO).mean_luminance
+
+
+def sky_image(sky: "ClearSky") -> "NDArray[np.float64]":
+    """Return a sky with its sun and its ground as a lat-long image.
+
+    Parameters
+    ----------
+    sky : ClearSky
+        The model.
+
+    Returns
+    -------
+    ndarray of float64, (HEIGHT, WIDTH, 3)
+        cd/m^2, canonical lat-long. The disc's parts are shared among the four texels whose middles are around them,
+        by bilinear weights, which keeps energy and centroid; none goes below the horizon.
+    """
+    import numpy as np
+
+    from .projections import row_solid_angles, texel_directions
+
+    fine = texel_directions(HEIGHT * _PARTS, WIDTH * _PARTS, slice(0, HEIGHT * _PARTS // 2))
+    values = sky.radiance(fine).reshape(HEIGHT // 2, _PARTS, WIDTH, _PARTS, 3)
+    weights = row_solid_angles(HEIGHT * _PARTS, WIDTH * _PARTS)[: HEIGHT * _PARTS // 2].reshape(-1, _PARTS)
+    weights = weights / weights.sum(axis=1, keepdims=True) / _PARTS
+    image = np.empty((HEIGHT, WIDTH, 3))
+    image[: HEIGHT // 2] = np.einsum("rpcqk,rp->rck", values, weights)
+    image[HEIGHT // 2 :] = sky.ground_radiance
+    toward, energy = sky.disc()
+    column = (0.5 - np.arctan2(toward[:, 0], toward[:, 2]) / (2.0 * np.pi)) * WIDTH - 0.5
+    row = (0.5 - np.arctan2(toward[:, 1], np.hypot(toward[:, 0], toward[:, 2])) / np.pi) * HEIGHT - 0.5
+    row = np.clip(row, 0.0, HEIGHT // 2 - 1.0)
+    left, above = np.floor(column), np.floor(row)
+    received = np.zeros((HEIGHT, WIDTH, 3))
+    for down in (0, 1):
+        for right in (0, 1):
+            share = np.abs(1 - down - (row - above)) * np.abs(1 - right - (column - left))
+            texel = np.minimum(above + down, HEIGHT // 2 - 1).astype(int), (left + right).astype(int) % WIDTH
+            np.add.at(received, texel, energy * share[:, None])
+    return image + received / row_solid_angles(HEIGHT, WIDTH)[..., None]
+
+
+def day_times(text: str, day: datetime) -> list[datetime]:
+    """Return the times of a day, such as those of 05:00-21:30/15min.
+
+    Parameters
+    ----------
+    text : str
+        First and last time as hours and minutes, up to 24:00, and the step in s, min or h.
+    day : datetime
+        Any time of the day, with the zone that the text is in.
+
+    Returns
+    -------
+    list of datetime
+        In the zone of `day`, from the first on; the last too, where the steps meet it.
+
+    Raises
+    ------
+    InputError
+        For another form, an end that is not after the start, a step below a second, and more than `MOST_STEPS` steps.
+    """
+    check_time(day)
+    found = _DAY.fullmatch(text)
+    if found is None:
+        raise InputError(f"{text!r} is not a part of a day: write it as 05:00-21:30/15min, in s, min or h")
+    first, last = (_clock(day, text, *found.group(at, at + 1)) for at in (1, 3))
+    step = float(found[5]) * _SECONDS[found[6]]
+    seconds = (last - first).total_seconds()
+    if seconds <= 0.0:
+        raise InputError(f"{text!r} ends before it begins: write the earlier time first, such as 05:00-21:30/15min")
+    if step < 1.0:
+        raise InputError(f"{text!r} has a step below a second: write such as 15min")
+    count = int(seconds / step + 1e-9) + 1
+    if count > MOST_STEPS:
+        raise InputError(f"{text!r} has {count} steps: at most {MOST_STEPS} are made; take a longer step")
+    return [(first + timedelta(seconds=step * each)).astimezone(day.tzinfo) for each in range(count)]
+
+
+def _clock(day: datetime, text: str, hour: str, minute: str) -> datetime:
+    """A time of the day in universal time, in which steps are as long as they are where clocks change."""
+    if int(minute) > 59 or int(hour) * 60 + int(minute) > 24 * 60:
+        raise InputError(f"{text!r} holds {hour}:{minute}, which is no time of a day")
+    midnight = day.replace(hour=0, minute=0, second=0, microsecond=0)
+    at = midnight + timedelta(hours=int(hour), minutes=int(minute))
+    return at.astimezone(timezone.utc)
+
+
+def _direction(azimuth_deg: float, elevation_deg: float) -> "NDArray[np.float64]":
+    """Unit vector (3,), +y up, north -z, east +x."""
+    import numpy as np
+
+    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
+    level = np.cos(elevation)
+    return np.array([np.sin(azimuth) * level, np.sin(elevation), -np.cos(azimuth) * level])
