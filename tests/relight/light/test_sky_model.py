@@ -40,6 +40,7 @@ def sunsky(variant, elevation_deg, turbidity, albedo, sun_scale=0.0, sky_scale=1
             "albedo": albedo,
             "sun_scale": sun_scale,
             "sky_scale": sky_scale,
+            "complex_sun": variant == "scalar_spectral",  # the disc by its parts, not from a coarse table
         }
     )
 
@@ -62,17 +63,18 @@ def test_the_sky_is_mitsubas(elevation_deg, turbidity, albedo):
     directions = directions[directions[:, 1] > 0.0]
     expected = np.array([oracle(direction) for direction in directions]) * FROM_MITSUBA
     found = ClearSky(sun_at(elevation_deg), turbidity, albedo).radiance(directions)
+    expected = np.maximum(expected, 0.0)  # where the fit falls below, Mitsuba leaves it
     error = np.abs(found - expected) / np.maximum(expected, 1e-3 * expected.mean())
     # The same tables and equations; float32 in Mitsuba, whose angle to the sun loses most.
     assert np.median(error) < 1e-5
     assert error.max() < 1e-3
 
 
-@pytest.mark.parametrize("elevation_deg", [2.0, 10.0, 45.0])
+@pytest.mark.parametrize("elevation_deg", [1.0, 10.0, 45.0])
 @pytest.mark.parametrize("turbidity", [2.0, 3.5, 8.0])
 def test_sun_and_sky_stand_in_the_ratio_of_mitsubas_spectra(elevation_deg, turbidity):
     """Spectral Mitsuba holds sun and sky in the same watts; here both go through the CIE curves as one."""
-    wavelengths = np.arange(320.0, 721.0, 5.0)
+    wavelengths = np.arange(320.0, 720.0, 5.0)  # at 720 Mitsuba reads past its table
     curves = np.array([np.array(mi.cie1931_xyz(float(each))).ravel()[:3] for each in wavelengths]) @ RGB_FROM_XYZ.T
     step, toward = 5.0 * sky_model.LUMINOUS_EFFICACY, sun_at(elevation_deg)
     model = ClearSky(toward, turbidity, 0.3)
@@ -80,12 +82,13 @@ def test_sun_and_sky_stand_in_the_ratio_of_mitsubas_spectra(elevation_deg, turbi
     def color(radiance, direction):
         return np.array([radiance(direction, float(each))[0] for each in wavelengths]) @ curves * step
 
-    sun = color(sunsky("scalar_spectral", elevation_deg, turbidity, 0.3, 1.0, 0.0), toward)
+    disc = sunsky("scalar_spectral", elevation_deg, turbidity, 0.3, 1.0, 0.0)
+    sun = np.mean([color(disc, part) for part in model.disc()[0][::17]], axis=0)  # every ring, all around
     cap = 2.0 * np.pi * (1.0 - np.cos(np.radians(sky_model.SUN_RADIUS_DEG)))
-    # Mitsuba's mean over the disc comes from a table of 30 elevations; ours from the pieces themselves.
     found = model.sun_irradiance / cap
+    # Parts are a sample, and wavelengths 5 nm apart. Colours of low suns beyond red are cut off at 0, on both sides.
     assert luminance(found) == pytest.approx(luminance(np.maximum(sun, 0.0)), rel=0.02)
-    np.testing.assert_allclose(found, np.maximum(sun, 0.0), atol=0.03 * luminance(sun))
+    np.testing.assert_allclose(found, np.maximum(sun, 0.0), rtol=0.02, atol=0.01 * luminance(sun))
     sky = sunsky("scalar_spectral", elevation_deg, turbidity, 0.3)
     directions = fibonacci_sphere(40)
     directions = directions[directions[:, 1] > 0.0]
