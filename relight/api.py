@@ -34,6 +34,7 @@ from .light.tonemap import tone_map
 from .options import LightingOptions
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
+from .showing import session_of
 from .splats import write_relit_ply
 from .writing import Writer, report_of
 
@@ -236,8 +237,8 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         return RelightPlan(None, note + "Light is planned once that is done.")
     job = Job(planned.under(lights_of(planned)[0]), stages)
     lamps, count, picture = None, 0, None
-    if job.lamp_light is not None:
-        lamps, count = job.lamp_light.plan, len(job.lamps)
+    if job.asked_lamps and job.beside.lamp_light is not None:
+        lamps, count = job.beside.lamp_light.plan, len(job.asked_lamps)
     if job.from_inside and job.room is not None and job.room.lamps_found:
         from .output.lamps_picture import lamps_picture
 
@@ -301,7 +302,7 @@ def _session(request: RelightRequest, stages: Stages) -> dict[str, Any]:
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a session has one angle")
     request, _ = meshed_request(request, stages)
-    session = Job(request.under(lights_of(request)[0]), stages).session()
+    session = session_of(Job(request.under(lights_of(request)[0]), stages))
     stages.close()
     return session
 

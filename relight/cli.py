@@ -189,14 +189,14 @@ def _lamps(job: "Job") -> list[str]:
     """What the summary says of lamps that were put in, and of what their brightness is measured by."""
     if not job.mixes:
         return []
-    lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.lamps_in_words, 1)]
+    lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.beside.in_words, 1)]
     if lines:
-        how = "as high as cameras are held" if job.lamp_scale_known else "of an object of 1 m"
-        lines.append(f"  1 m is taken for {job.lamp_scale.metre:.2g} units of the splat, {how}")
-        lux = job.lamp_scale.irradiance / (job.lamp_scale.candela or 1.0)
+        how = "as high as cameras are held" if job.beside.scale_known else "of an object of 1 m"
+        lines.append(f"  1 m is taken for {job.beside.scale.metre:.2g} units of the splat, {how}")
+        lux = job.beside.scale.irradiance / (job.beside.scale.candela or 1.0)
         lines.append(f"  the captured light is taken for {lux:,.0f} lx, by which lumens are told")
-    if job.captured_factor != 1.0:
-        lines.append(f"  {job.captured_factor:.0%} of the captured light stays; exposed as the capture was")
+    if job.beside.captured_factor != 1.0:
+        lines.append(f"  {job.beside.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
 
 

@@ -8,7 +8,6 @@ job.shaded()            shade
 import os
 import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,9 +23,8 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from .engine.appearance import CHOICES, LEAST_ALBEDO, Appearance, albedo_kept, appearance_of
+from .engine.appearance import Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
-from .engine.mixing import CapturedPart, mixed
 from .engine.relighter import Relighter, Shaded, Shading
 from .light import CAPTURED
 from .light.captured import CapturedLight
@@ -38,21 +36,17 @@ from .request import AnyLight, RelightRequest
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
-    from .engine.placed import LampLight
+    from .beside import Beside
     from .engine.relit_room import RelitRoom
-    from .lamps.asked import AskedLamp, LampScale
-    from .lamps.shapes import Lamp
-    from .live.mixture import Mixture
+    from .lamps.asked import AskedLamp
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
     from .splats import Binding
-    from .viewer.mixture import Mixture
-    from .viewer.splats import SplatSource
 
 DEFAULT_FORMATS = ("glb", "png")
 """What is written where nobody says; with a splat, that too."""
 
-OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room"})
+OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 """Stages of a Job that another light does not share."""
 
 
@@ -201,89 +195,14 @@ class Job:
         self.require("plan")  # for all the angles
         lights = self.lights
         # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
-        first = self._shading(lights[0])
+        first = self.shading(lights[0])
         if not first.radiance.any() and lights[0].radiance.any() and not self.mixes:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
             warnings.warn(message, DataWarning, stacklevel=2)
         exposure = self._exposure(first)
-        yield self._mixed(Shaded(lights[0], first, exposure))
+        yield self._with_others(Shaded(lights[0], first, exposure))
         for light in lights[1:]:
-            yield self._mixed(Shaded(light, self._shading(light), exposure))
-
-    def session(self) -> dict[str, Any]:
-        """Keyword arguments of `viewer.view` for this job: its albedo first, and the lights beside its own."""
-        look, room = self.appearance, self.room
-        others = {"captured": look.captured, "white": None}
-        chosen = self.choice_name if self.choice_name in CHOICES else Path(self.choice_name).stem
-        lights = Path(self.light_name)
-        exposure = None if self.request.exposure_ev is None else 2.0**self.request.exposure_ev
-        albedo, by_lamps = (look.albedo, None) if room is None else room.session()
-        exposure = room.exposure if room and exposure is None else exposure
-        opened = self.options.opened is not None
-        albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
-        mixture = self._mixture_of_session() if self.mixes else None
-        if mixture is not None:  # what lamps light is known for one albedo
-            albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
-            by_lamps = None if self.keeps_captured or self.steady else by_lamps
-        return {
-            "scene": room.lit.scene if room and opened else self.scene,
-            "environment": self.lights[0],
-            "options": replace(self.options, budget_s=None).planned(),  # a session has a tolerance
-            "albedos": albedos,
-            "environments_folder": lights.parent if lights.is_file() else None,
-            "exposure": exposure,
-            "cache": None if opened else self.relighter.cache,
-            "lamps": {} if by_lamps is None else {chosen: by_lamps},
-            "lamps_known": bool(room and room.lamps_found),
-            "state": {"lamps": self.options.lamp_factor},
-            "splats": None if opened or self.splats is None else self._splats_of_session(chosen, mixture),
-            "mixture": mixture,
-        }
-
-    def _mixture_of_session(self) -> "Mixture":
-        """What the light has beside an environment, as `shaded` mixes it."""
-        from .viewer.mixture import Mixture
-
-        options, alone, factor = self.options, self.keeps_captured or self.steady, self.captured_factor
-        nothing = Shading(np.zeros_like(self.appearance.captured), 0, [], options.unplanned)
-        measured = alone or self._brightness is not None or bool(self.room and self.room.exposure is not None)
-        first = nothing if measured else self._shading(self.lights[0])
-        level = self._level_of_mixture(Shaded(self.lights[0], first, 1.0))
-        rest = self._mixed(Shaded(self.lights[0], nothing, 1.0), level)
-        assert rest.shading.received is not None  # of a mixture it is known
-        scale = 0.0 if self.steady else options.env_scale
-        backdrop = factor if alone else options.env_scale
-        parts = rest.shading.radiance, rest.shading.received
-        return Mixture(*parts, scale, level, backdrop, self.keeps_captured)
-
-    def _splats_of_session(self, chosen: str, mixture: "Mixture | None" = None) -> "SplatSource":
-        """The splats as a session shows them: by its own albedo, or by the captured colours."""
-        from .splats import shown_as_sky
-        from .viewer.splats import SplatLook, SplatSource
-
-        look, room, splats = self.appearance, self.room, self.splats
-        assert splats is not None
-
-        def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-            if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
-                return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
-            if room and look.room is not None:
-                radiance = room.as_captured(radiance, self.options.unplanned)
-            return np.asarray(look.received(radiance, exposure), np.float32)
-
-        def binding() -> "Binding":
-            if not look.kept:
-                received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
-            return self.binding
-
-        looks = {chosen: SplatLook(look.irradiance, received if mixture is None else mixture.receives(received))}
-        if mixture is None and chosen != "captured" and room is None:
-            least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
-            looks["captured"] = SplatLook(
-                np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
-            )
-        level = self._brightness if look.kept and mixture is None else None
-        return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], self.scene, look), level)
+            yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     @cached_property
     def room(self) -> "RelitRoom | None":
@@ -310,13 +229,14 @@ class Job:
         return bool(self.room and self.room.steady)
 
     @property
-    def _brightness(self) -> float | None:
+    def brightness(self) -> float | None:
+        """Mean luminance of the light of the capture, in captured units; None where it is not known."""
         return self.appearance.capture["brightness"] if self.appearance.capture else None
 
     @property
     def _level(self) -> float:
         """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
-        return level_of(self._brightness, self.environment)
+        return level_of(self.brightness, self.environment)
 
     @property
     def keeps_captured(self) -> bool:
@@ -342,25 +262,6 @@ class Job:
         return others or self.keeps_captured
 
     @cached_property
-    def lamp_scale(self) -> "LampScale":
-        """How long a metre is here, and how bright the captured light, for what is asked of lamps."""
-        from .engine.lamp_scale import lamp_scale
-
-        return lamp_scale(self.scene, self.appearance, self.relighter.occluder)
-
-    @property
-    def lamp_scale_known(self) -> bool:
-        """Whether the capture tells how long a metre is."""
-        return bool(self.scene.capture.get("eyes"))
-
-    @cached_property
-    def lamps(self) -> "list[Lamp]":
-        """The lamps that are put in, in the frame of the splat and in units of the picture."""
-        from .lamps.asked import resolve
-
-        return [resolve(each, self.lamp_scale) for each in self.asked_lamps]
-
-    @cached_property
     def asked_lamps(self) -> "list[AskedLamp]":
         """The lamps that are put in, as they are asked for."""
         from .lamps.placing import asked_lamps
@@ -368,88 +269,24 @@ class Job:
         return asked_lamps(self.request.lighting.placed)
 
     @cached_property
-    def lamp_light(self) -> "LampLight | None":
-        """The light of the lamps that are put in, or None."""
-        if not self.options.placed:
-            return None
-        from .engine.placed import LampLight
-        from .lamps.moving import moved
+    def beside(self) -> "Beside":
+        """What the light has beside an environment."""
+        from .beside import Beside
 
-        tolerance = self.options.tolerance or DEFAULT_TOLERANCE
-        lamps = [moved(lamp, self.scene.scene_from_splat) for lamp in self.lamps]
-        return LampLight(self.relighter, self.appearance, lamps, tolerance, self.captured_factor)
+        asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev
+        return Beside(*asked, self.relighter, self.appearance, self.room)
 
     def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
         """The lamps beside a light that is shown at an exposure, in the frame of the scene and in display values."""
-        from .lamps.photometry import times
-        from .output.lamps_glb import PlacedLamps
+        known = not self.asked_lamps or self.request.exposure_ev is None
+        radiance = self.appearance.captured if known else self.shading(light).radiance
+        return self.beside.lamps_shown(light, radiance, exposure)
 
-        if self.lamp_light is None:
-            return PlacedLamps()
-        factor = 1.0
-        if self.request.exposure_ev is not None:
-            factor = exposure / self.level_under(light, self._shading(light).radiance)
-        lamps = [times(lamp, factor) for lamp in self.lamp_light.lamps]
-        return PlacedLamps(lamps, [each.name for each in self.asked_lamps])
+    def _with_others(self, shaded: Shaded) -> Shaded:
+        return self.beside.mixed(shaded) if self.mixes else shaded
 
-    @property
-    def captured_factor(self) -> float:
-        """How much of the captured light stays, where the light is a mixture."""
-        given = self.options.captured
-        return float(self.keeps_captured or self.steady) if given is None else given
-
-    @property
-    def lamps_in_words(self) -> list[str]:
-        """A line on each lamp that is put in: where it is, and how bright."""
-        from .lamps.asked import in_words
-        from .lamps.placing import in_brief
-
-        place = "room" if self.from_inside else "scene"
-        return [f"{in_brief(lamp)}: {in_words(lamp, self.lamp_scale, place)}" for lamp in self.lamps]
-
-    def _mixed(self, shaded: Shaded, level: float | None = None) -> Shaded:
-        """The same light with all its other parts. level: as of `_level_of_mixture`, where it is known."""
-        if not self.mixes:
-            return shaded
-        options, alone, captured = self.options, self.keeps_captured or self.steady, self.captured_factor
-        own = self.room.with_its_own_light() if self.room and captured else self.appearance.captured
-        placed = None if self.lamp_light is None else self.lamp_light.placed
-        level, shading = self._level_of_mixture(shaded) if level is None else level, shaded.shading
-        if alone:  # the shading of a room that no environment changes is what was captured
-            shading = shading._replace(radiance=np.zeros_like(own))
-        shading = mixed(self.appearance, shading, options.env_scale, CapturedPart(own, captured), placed, level)
-        return Shaded(shaded.light, shading, shaded.exposure, captured if alone else options.env_scale)
-
-    def _level_of_mixture(self, shaded: Shaded) -> float:
-        """Units of the picture per unit of the environment."""
-        if self.keeps_captured or self.steady:
-            return 1.0
-        if self.room and self.room.exposure is not None:
-            return self.room.exposure
-        return self._level if self._brightness is not None else auto_exposure(shaded.shading.radiance)
-
-    @property
-    def mixture(self) -> "Mixture":
-        """What is beside the environment, for what is live."""
-        from .live.mixture import Mixture
-
-        options, placed, room = self.options, self.lamp_light is not None, self.room
-        asked = placed or options.captured is not None or options.env_scale != 1.0
-        colors = room.with_its_own_light() if room and (asked or self.keeps_captured) else None
-        names = [each.name for each in self.asked_lamps]
-        lamps = self.lamps if placed else []
-        exposed = self.request.exposure_ev is not None
-        return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors, exposed)
-
-    def level_under(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
-        """Units of the picture per unit of another light, as `exposure_of` takes it."""
-        if isinstance(light, CapturedLight) or self.steady:
-            return 1.0
-        if self._brightness is None and radiance is not None:
-            return auto_exposure(radiance)
-        return level_of(self._brightness, light)
-
-    def _shading(self, light: Environment) -> Shading:
+    def shading(self, light: Environment) -> Shading:
+        """The scene in the light of an environment alone; black for that of the capture."""
         if isinstance(light, CapturedLight):
             return Shading(np.zeros_like(self.appearance.captured), 0, [], self.options.unplanned)
         if self.room:
@@ -522,20 +359,20 @@ class Job:
         if self.request.exposure_ev is not None:
             return 2.0**self.request.exposure_ev
         if self.mixes:  # lamps are told in units of the picture
-            return self._level_of_mixture(Shaded(self.environment, first, 1.0))
+            return self.beside.level(first.radiance)
         if self.room and self.room.exposure is not None:
             return self.room.exposure
-        others = (self._shading(light).radiance for light in self.lights[1:])
+        others = (self.shading(light).radiance for light in self.lights[1:])
         least = min([auto_exposure(first.radiance), *map(auto_exposure, others)])
-        return exposure_as_captured(self._brightness, self.appearance.captured, self.environment, least)
+        return exposure_as_captured(self.brightness, self.appearance.captured, self.environment, least)
 
     def exposure_of(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
         """The same for one other light. radiance: None in a room whose exposure is known."""
         if self.request.exposure_ev is not None:
             return 2.0**self.request.exposure_ev
         if radiance is None:
-            return level_of(self._brightness, light)
-        return exposure_as_captured(self._brightness, self.appearance.captured, light, auto_exposure(radiance))
+            return level_of(self.brightness, light)
+        return exposure_as_captured(self.brightness, self.appearance.captured, light, auto_exposure(radiance))
 
 
 def light_of(source: AnyLight) -> Environment:

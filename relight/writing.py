@@ -125,7 +125,7 @@ class Writer:
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
             wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
-            live = LiveFiles(relighter, look, splats[0], others, *wishes, job.mixture, job.level_under)
+            live = LiveFiles(relighter, look, splats[0], others, *wishes, job.beside.live(), job.beside.level_under)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
             engines = EngineFiles(
                 relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown
@@ -151,8 +151,8 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
         "angle_deg": light.rotation_deg,
         "lamps": job.options.lamps if isinstance(job.options.lamps, tuple) else job.options.lamp_factor,
-        "placed": job.lamps_in_words,
-        "captured": job.captured_factor if job.mixes else None,
+        "placed": job.beside.in_words,
+        "captured": job.beside.captured_factor if job.mixes else None,
         "env_scale": job.options.env_scale,
         "open": job.options.opened,
         "albedo": job.choice_name,
@@ -165,7 +165,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "bounces": [round(share, 6) for share in shading.bounces],
         "seed": job.request.lighting.seed,
         "plan": None if job.plan is None else job.plan.as_dict(),
-        "lamp_plan": None if job.lamp_light is None else job.lamp_light.plan.as_dict(),
+        "lamp_plan": None if job.beside.lamp_light is None else job.beside.lamp_light.plan.as_dict(),
         "rays_traced": job.relighter.rays_traced,
         "exposure": exposure,
         "files": [],

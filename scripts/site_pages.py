@@ -30,7 +30,16 @@ REFERENCE = {
     ),
     "relight": (
         *("relight_splat", "relight_scene", "relight_files", "plan_relight", "estimate_albedo"),
-        *("RelightRequest", "LightingOptions", "Environment", "Relighter", "Shading", "Plan", "Appearance"),
+        *(
+            "RelightRequest",
+            "LightingOptions",
+            "Environment",
+            "Relighter",
+            "Shading",
+            "Plan",
+            "RelightPlan",
+            "Appearance",
+        ),
         *("RelitScene", "RelitSplat", "RelitFiles"),
         *("view", "view_request", "serve", "serve_request", "record_turntable"),
     ),

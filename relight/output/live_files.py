@@ -140,7 +140,7 @@ class LiveFiles:
         return found._replace(captured=captured, unit=unit).times(captured if steady else self._mixture.env_scale)
 
     def _captured(self, light: "Environment") -> float:
-        """How much of the captured light is beside a light, as `Job.captured_factor` has it."""
+        """How much of the captured light is beside a light, as `Beside.captured_factor` has it."""
         steady = self._room is not None and self._room.steady
         given = self._mixture.captured
         return float(isinstance(light, CapturedLight) or steady) if given is None else given

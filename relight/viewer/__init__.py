@@ -23,7 +23,7 @@ from ..options import LightingOptions
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..transfer.store import Cache
-    from .mixture import Mixture
+    from .mixture import SessionMixture
     from .session import Session
     from .splats import SplatSource
 
@@ -45,7 +45,7 @@ def view(
     cache: "Cache | None" = None,  # as of Relighter
     lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
     lamps_known: bool = True,  # whether those can be told from other light, and dimmed
-    mixture: "Mixture | None" = None,  # captured light and placed lamps
+    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
@@ -103,7 +103,7 @@ def serve(
     cache: "Cache | None" = None,
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
-    mixture: "Mixture | None" = None,  # captured light and placed lamps
+    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -141,7 +141,7 @@ def record_turntable(
     cache: "Cache | None" = None,
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
-    mixture: "Mixture | None" = None,  # captured light and placed lamps
+    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:

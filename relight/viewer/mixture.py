@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Received = Callable[[NDArray[np.float32], float], NDArray[np.floating]]
 
 
-class Mixture(NamedTuple):
+class SessionMixture(NamedTuple):
     """New light made of several, as of `engine.mixing`, of which a session changes the environment alone.
 
     radiance, received: (V, 3) float32, exit radiance and irradiance over pi of all but the environment, in its unit.

@@ -21,7 +21,7 @@ from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
 from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
 from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, check_albedos, keys
-from .mixture import Mixture
+from .mixture import SessionMixture
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
 from .splats import RelitSplats, SplatSource
@@ -80,7 +80,7 @@ class Session:
         clock: Callable[[], float] = time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
         splats: SplatSource | None = None,  # SplatSource: what the scene was made of, shown in place of the mesh
         lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
-        mixture: Mixture | None = None,  # what is shown beside the environment: captured light, placed lamps
+        mixture: SessionMixture | None = None,  # what is shown beside the environment: captured light, placed lamps
         **wishes: Any,  # fields of LightingOptions, such as tolerance
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""

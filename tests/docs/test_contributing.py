@@ -77,7 +77,7 @@ def test_no_arrow_runs_back(package, forbidden):
 ORDER = {
     "splat2mesh": "base options splats scene render views surface tiles proxy pipeline layout summary api cli",
     "relight": "sh light transfer lamps options planning albedo rooms engine splats live texture output animation "
-    "request earlier tiles viewer job writing meshing folders api arguments cli",
+    "request earlier tiles viewer beside job showing writing meshing folders api arguments cli",
 }
 """Rooms and top-level modules of each package: a module imports what stands before it, or its own room."""
 

@@ -121,7 +121,7 @@ def test_a_lamp_alone_keeps_the_captured_light_and_its_exposure():
     job = job_of(hollow_ball(), placed=[SphereLamp((0, 0, 0), 0.1, (1, 1, 1))])
     shaded = next(job.shaded())
     assert isinstance(shaded.light, CapturedLight) and shaded.exposure == 1.0 and job.plan is None
-    placed = job.lamp_light.placed
+    placed = job.beside.lamp_light.placed
     np.testing.assert_allclose(shaded.shading.radiance, job.appearance.captured + placed.radiance, rtol=1e-5)
 
 

@@ -256,10 +256,10 @@ def test_engines_get_the_lamps_in_the_frame_of_the_scene_and_as_bright_as_they_a
 def test_of_many_lamps_the_last_share_a_term(scene):
     lamps = [replace(BULB, position=in_splat((0.02 * number, 0.5, 1.2))) for number in range(40)]
     job = job_of(scene, *lamps)
-    sources = job.mixture.sources(job.appearance)
+    sources = job.beside.live().sources(job.appearance)
     assert [each.name for each in sources[1:]] == [*(f"Lamp {n + 1}" for n in range(31)), "9 more lamps"]
     together = sum(source.color * source.received for source in sources[1:])
-    everything = job.lamp_light.placed.received
+    everything = job.beside.lamp_light.placed.received
     assert np.sqrt(np.mean((together - everything) ** 2)) < 0.02 * np.sqrt(np.mean(everything**2))
 
 

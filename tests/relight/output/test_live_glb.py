@@ -83,7 +83,7 @@ def test_custom_attributes_are_the_same_accessors_and_the_mesh_is_the_scenes(wri
 
 
 def test_the_same_scene_gives_the_same_bytes(written, tmp_path):
-    _, scene, albedo, _, light = written
+    path, scene, albedo, _, light = written
     grey, tint = nine_coefficients(Relighter(scene), albedo)
     write_live_glb(tmp_path / "again.glb", scene, albedo, grey, tint, light, 0.5)
     assert (tmp_path / "again.glb").read_bytes() == path.read_bytes()

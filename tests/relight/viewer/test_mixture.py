@@ -6,6 +6,7 @@ from viewer_scenes import ball_on_plate
 
 from relight import LightingOptions, RelightRequest
 from relight.job import Job
+from relight.showing import session_of
 from relight.viewer.session import Session
 from relight.viewer.state import choices_of
 from relight.viewer.worker import InlineWorker
@@ -25,7 +26,7 @@ def test_a_session_shows_what_a_relight_gives(env, wishes):
     options = LightingOptions(tolerance=0.05, **wishes)
     job = Job(RelightRequest(ball_on_plate(), env, options, angles_deg=(0.0,), caching="none"))
     expected = next(iter(job.shaded()))
-    told = job.session()
+    told = session_of(job)
     scene, environment, own = told.pop("scene"), told.pop("environment"), told.pop("options")
     told.pop("state"), told.pop("environments_folder")
     session = Session(scene, choices_of(environment), own, worker=InlineWorker, **told)

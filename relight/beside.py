@@ -1,0 +1,169 @@
+"""What a new light has beside an environment: what stays of the captured light, and lamps that people placed."""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .engine.appearance import Appearance
+from .engine.exposure import level_of
+from .engine.mixing import CapturedPart, mixed
+from .engine.relighter import Relighter, Shaded, Shading
+from .light.captured import CapturedLight
+from .light.environment import Environment
+from .light.tonemap import auto_exposure
+from .options import DEFAULT_TOLERANCE, LightingOptions
+
+if TYPE_CHECKING:
+    from .engine.placed import LampLight
+    from .engine.relit_room import RelitRoom
+    from .lamps.asked import AskedLamp, LampScale
+    from .lamps.shapes import Lamp
+    from .live.mixture import Mixture
+    from .output.lamps_glb import PlacedLamps
+    from .viewer.mixture import SessionMixture
+
+
+class Beside:
+    """Of one light on one scene, all but its environment; computed where it is asked for.
+
+    options: LightingOptions. asked_lamps: the lamps as asked for. environment: Environment, not turned.
+    exposure_ev: as asked for, or None. relighter, look, room: of the scene; room is None where it is no closed one.
+    """
+
+    def __init__(
+        self,
+        options: LightingOptions,
+        asked_lamps: Sequence["AskedLamp"],
+        environment: Environment,
+        exposure_ev: float | None,
+        relighter: Relighter,
+        look: Appearance,
+        room: "RelitRoom | None",
+    ) -> None:
+        self._options, self.asked_lamps, self._environment = options, list(asked_lamps), environment
+        self._exposed, self._relighter, self._look, self._room = exposure_ev is not None, relighter, look, room
+        self._steady = bool(room and room.steady)
+        self._brightness: float | None = look.capture["brightness"] if look.capture else None
+
+    @property
+    def alone(self) -> bool:
+        """Whether no environment takes part: it is the light of the capture, or does not get in."""
+        return isinstance(self._environment, CapturedLight) or self._steady
+
+    @property
+    def captured_factor(self) -> float:
+        """How much of the captured light stays."""
+        given = self._options.captured
+        return float(self.alone) if given is None else given
+
+    @cached_property
+    def scale(self) -> "LampScale":
+        """How long a metre is here, and how bright the captured light, for what is asked of lamps."""
+        from .engine.lamp_scale import lamp_scale
+
+        return lamp_scale(self._relighter.scene, self._look, self._relighter.occluder)
+
+    @property
+    def scale_known(self) -> bool:
+        """Whether the capture tells how long a metre is."""
+        return bool(self._relighter.scene.capture.get("eyes"))
+
+    @cached_property
+    def lamps(self) -> "list[Lamp]":
+        """The lamps that are put in, in the frame of the splat and in units of the picture."""
+        from .lamps.asked import resolve
+
+        return [resolve(each, self.scale) for each in self.asked_lamps]
+
+    @cached_property
+    def lamp_light(self) -> "LampLight | None":
+        """The light of the lamps that are put in, or None."""
+        if not self.asked_lamps:
+            return None
+        from .engine.placed import LampLight
+        from .lamps.moving import moved
+
+        tolerance = self._options.tolerance or DEFAULT_TOLERANCE
+        lamps = [moved(lamp, self._relighter.scene.scene_from_splat) for lamp in self.lamps]
+        return LampLight(self._relighter, self._look, lamps, tolerance, self.captured_factor)
+
+    @property
+    def in_words(self) -> list[str]:
+        """A line on each lamp that is put in: where it is, and how bright."""
+        from .lamps.asked import in_words
+        from .lamps.placing import in_brief
+
+        place = "room" if self._relighter.scene.capture.get("from") == "inside" else "scene"
+        return [f"{in_brief(lamp)}: {in_words(lamp, self.scale, place)}" for lamp in self.lamps]
+
+    def lamps_shown(self, light: Environment, radiance: NDArray[np.float32], exposure: float) -> "PlacedLamps":
+        """The lamps beside a light that gives a radiance (V, 3) and is shown at an exposure, in the frame of the scene
+        and in display values."""
+        from .lamps.photometry import times
+        from .output.lamps_glb import PlacedLamps
+
+        if self.lamp_light is None:
+            return PlacedLamps()
+        factor = exposure / self.level_under(light, radiance) if self._exposed else 1.0
+        lamps = [times(lamp, factor) for lamp in self.lamp_light.lamps]
+        return PlacedLamps(lamps, [each.name for each in self.asked_lamps])
+
+    def mixed(self, shaded: Shaded, level: float | None = None) -> Shaded:
+        """The same light with all its other parts. level: as of `level_of`, where it is known."""
+        captured = self.captured_factor
+        own = self._look.captured
+        if self._room and captured:
+            own = self._room.with_its_own_light()
+        placed = None if self.lamp_light is None else self.lamp_light.placed
+        level, shading = self.level(shaded.shading.radiance) if level is None else level, shaded.shading
+        if self.alone:  # the shading of a room that no environment changes is what was captured
+            shading = shading._replace(radiance=np.zeros_like(own))
+        part = CapturedPart(own, captured)
+        shading = mixed(self._look, shading, self._options.env_scale, part, placed, level)
+        return Shaded(shaded.light, shading, shaded.exposure, captured if self.alone else self._options.env_scale)
+
+    def level(self, radiance: NDArray[np.float32]) -> float:
+        """Units of the picture per unit of the environment, which gives a radiance (V, 3)."""
+        if self.alone:
+            return 1.0
+        if self._room and self._room.exposure is not None:
+            return self._room.exposure
+        if self._brightness is None:
+            return auto_exposure(radiance)
+        return level_of(self._brightness, self._environment)
+
+    def level_under(self, light: Environment, radiance: NDArray[np.float32] | None) -> float:
+        """The same under another light; radiance: None in a room whose exposure is known."""
+        if isinstance(light, CapturedLight) or self._steady:
+            return 1.0
+        if self._brightness is None and radiance is not None:
+            return auto_exposure(radiance)
+        return level_of(self._brightness, light)
+
+    def live(self) -> "Mixture":
+        """It for what is live."""
+        from .live.mixture import Mixture
+
+        options, room = self._options, self._room
+        asked = bool(self.asked_lamps) or options.captured is not None or options.env_scale != 1.0
+        changes = asked or isinstance(self._environment, CapturedLight)
+        colors = room.with_its_own_light() if room and changes else None
+        names, lamps = [each.name for each in self.asked_lamps], self.lamps if self.asked_lamps else []
+        return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors, self._exposed)
+
+    def of_session(self, light: Environment, radiance: NDArray[np.float32]) -> "SessionMixture":
+        """It for a session that begins under a light, which gives a radiance (V, 3)."""
+        from .viewer.mixture import SessionMixture
+
+        options = self._options
+        nothing = Shading(np.zeros_like(self._look.captured), 0, [], options.unplanned)
+        level = self.level(radiance)
+        rest = self.mixed(Shaded(light, nothing, 1.0), level)
+        assert rest.shading.received is not None  # of a mixture it is known
+        scale = 0.0 if self._steady else options.env_scale
+        backdrop = self.captured_factor if self.alone else options.env_scale
+        parts = rest.shading.radiance, rest.shading.received
+        return SessionMixture(*parts, scale, level, backdrop, isinstance(self._environment, CapturedLight))

@@ -1,0 +1,84 @@
+"""A job as a session shows it: the keyword arguments of `viewer.view`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .engine.appearance import CHOICES, LEAST_ALBEDO
+from .job import Job
+
+if TYPE_CHECKING:
+    from .splats import Binding
+    from .viewer.mixture import SessionMixture
+    from .viewer.splats import SplatSource
+
+
+def session_of(job: Job) -> dict[str, Any]:
+    """Keyword arguments of `viewer.view` for a job: its albedo first, and the lights beside its own."""
+    look, room = job.appearance, job.room
+    others = {"captured": look.captured, "white": None}
+    chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
+    lights = Path(job.light_name)
+    exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
+    albedo, by_lamps = (look.albedo, None) if room is None else room.session()
+    exposure = room.exposure if room and exposure is None else exposure
+    opened = job.options.opened is not None
+    albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
+    mixture = _mixture(job) if job.mixes else None
+    if mixture is not None:  # what lamps light is known for one albedo
+        albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
+        by_lamps = None if job.keeps_captured or job.steady else by_lamps
+    return {
+        "scene": room.lit.scene if room and opened else job.scene,
+        "environment": job.lights[0],
+        "options": replace(job.options, budget_s=None).planned(),  # a session has a tolerance
+        "albedos": albedos,
+        "environments_folder": lights.parent if lights.is_file() else None,
+        "exposure": exposure,
+        "cache": None if opened else job.relighter.cache,
+        "lamps": {} if by_lamps is None else {chosen: by_lamps},
+        "lamps_known": bool(room and room.lamps_found),
+        "state": {"lamps": job.options.lamp_factor},
+        "splats": None if opened or job.splats is None else _splats(job, chosen, mixture),
+        "mixture": mixture,
+    }
+
+
+def _mixture(job: Job) -> "SessionMixture":
+    """What the light has beside an environment, as `Job.shaded` mixes it."""
+    room, light = job.room, job.lights[0]
+    known = job.beside.alone or job.brightness is not None or (room is not None and room.exposure is not None)
+    return job.beside.of_session(light, job.appearance.captured if known else job.shading(light).radiance)
+
+
+def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
+    """The splats as a session shows them: by its own albedo, or by the captured colours."""
+    from .splats import shown_as_sky
+    from .viewer.splats import SplatLook, SplatSource
+
+    look, room, splats = job.appearance, job.room, job.splats
+    assert splats is not None
+
+    def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
+        if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
+            return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
+        if room and look.room is not None:
+            radiance = room.as_captured(radiance, job.options.unplanned)
+        return np.asarray(look.received(radiance, exposure), np.float32)
+
+    def binding() -> "Binding":
+        if not look.kept:
+            received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
+        return job.binding
+
+    looks = {chosen: SplatLook(look.irradiance, received if mixture is None else mixture.receives(received))}
+    if mixture is None and chosen != "captured" and room is None:
+        least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
+        looks["captured"] = SplatLook(
+            np.ones_like(look.captured), lambda radiance, _: np.asarray(radiance / least, np.float32)
+        )
+    level = job.brightness if look.kept and mixture is None else None
+    return SplatSource(splats[0], binding, looks, lambda: shown_as_sky(splats[0], job.scene, look), level)
