@@ -30,6 +30,7 @@ from .engine.relighter import Relighter, Shaded
 from .folders import lights_of, meshed_request, planned_request
 from .job import Job
 from .light.environment import Environment
+from .light.loading import light_of
 from .light.tonemap import tone_map
 from .options import LightingOptions
 from .planning.plan import Plan
@@ -287,7 +288,7 @@ def estimate_albedo(
     """
     relighter = scene if isinstance(scene, Relighter) else Relighter(scene, seed=seed)
     if capture_env is not None and not isinstance(capture_env, Environment):
-        capture_env = Environment.load(capture_env)
+        capture_env = light_of(capture_env)
     return appearance_of("estimated", capture_env, relighter)
 
 

@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed, parser.signed_words = ("--rotate", "--up", "--eye"), ("--lamp",)
+    parser.signed, parser.signed_words = ("--rotate", "--up", "--eye", "--at", "--north"), ("--lamp",)
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
@@ -58,6 +58,12 @@ def parser() -> argparse.ArgumentParser:
     add("--lamp", dest="placed", nargs="+", action="append", metavar="SPEC|FILE", help=lamp)
     captured = "how much of the captured light stays, 0 for night (default: 1 beside lamps, 0 under another light)"
     add("--captured", type=float, metavar="FACTOR", help=captured)
+    sun = "instead of --env the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
+    add("--sun", metavar="TIME", help=sun)
+    add("--at", metavar="LAT,LON", help="latitude and longitude of --sun (48.85,2.35)")
+    add("--north", dest="north_deg", type=float, metavar="DEG", help="turn north from -z, counter-clockwise from above")
+    day = "times of the day of --sun (05:00-21:30/15min): a folder for each, at one exposure, and with ffmpeg a film"
+    add("--day", metavar="A-B/STEP", help=day)
     add("--env-scale", type=float, metavar="FACTOR", help="dim or raise the light of --env (default: 1)")
     lamps = "captured lamps of a closed room: keep, off, a factor on their light, or a factor of each by its number "
     lamps += f"(default: {LightingOptions.lamps})"

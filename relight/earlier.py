@@ -22,6 +22,7 @@ from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
 from .lamps.placing import asked_lamps, in_brief
+from .light.daylight import DaylightRequest
 
 if TYPE_CHECKING:
     from .lamps.asked import AskedLamp
@@ -180,6 +181,8 @@ def _described(source: Any) -> Any:
         return None
     if isinstance(source, np.ndarray):
         return {"name": "array", "sha256": _digest([source])}
+    if isinstance(source, DaylightRequest):
+        return {"name": source.name, "sky": [str(getattr(source, each.name)) for each in fields(source)]}
     if hasattr(source, "radiance"):
         return {"name": source.name, "sha256": _digest([source.radiance])}
     path = Path(source)

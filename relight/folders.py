@@ -3,7 +3,10 @@
 What the relight command can do, one call of `relight_files` can do.
 """
 
+import math
 import os
+import shutil
+import tempfile
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -12,19 +15,22 @@ from typing import Any
 
 from splat2mesh.base.console import recorded_warnings
 from splat2mesh.base.errors import InputError
-from splat2mesh.base.outputs import check_output
+from splat2mesh.base.outputs import check_output, staged_file
 from splat2mesh.base.progress import Stages
 
 from .earlier import check_results, is_results, settings_of
 from .job import Job
+from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
-from .output.kinds import SHEET
+from .output.kinds import FILES, SHEET
 from .request import AnyLight, RelightRequest
 from .writing import Writer
 
 CITY = "city.json"
 """In the folder of a city that splat2mesh made in tiles."""
+
+DAY_FILM = "day.mp4"
 
 LIGHTS = (".exr", ".hdr")
 """Endings of the lights that a folder of them holds."""
@@ -35,7 +41,7 @@ class RelitFiles:
     """What `relight_files` wrote.
 
     folders : one for each light and angle. reports : of each, JSON-clean. sheet : path of the sheet of several lights.
-    notes : lines on what happened before or is missing. job : the last Job; None for a city.
+    notes : lines on what happened before or is missing. job : the last Job; None for a city. film : of a day.
     """
 
     folders: list[Path]
@@ -43,13 +49,14 @@ class RelitFiles:
     sheet: Path | None = None
     notes: list[str] = field(default_factory=list)
     job: Job | None = None
+    film: Path | None = None
 
     @property
     def files(self) -> list[Path]:
         """Paths of all files, those of the first light first."""
         pairs = zip(self.folders, self.reports, strict=True)
         found = [folder / name for folder, report in pairs for name in report.get("files", ())]
-        return found + [self.sheet] * (self.sheet is not None)
+        return found + [path for path in (self.sheet, self.film) if path is not None]
 
 
 def relight_files(request: RelightRequest, stages: Stages | None = None) -> RelitFiles:
@@ -102,7 +109,9 @@ def planned_request(request: RelightRequest) -> RelightRequest | None:
 def lights_of(request: RelightRequest) -> list[AnyLight]:
     """Return the lights of a request: itself, or all that its folder holds, by name."""
     env = request.env
-    if isinstance(env, Environment) or not Path(env).is_dir():
+    if request.day:
+        return list(request.times)
+    if isinstance(env, (Environment, DaylightRequest)) or not Path(env).is_dir():
         return [env]
     found: list[AnyLight] = [str(path) for path in sorted(Path(env).iterdir()) if path.suffix.lower() in LIGHTS]
     if not found:
@@ -138,6 +147,9 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
     job = Job(request.under(lights[0]), stages)
     if request.clear_cache:
         job.relighter.cache.clear()
+    if request.day and request.exposure_ev is None:
+        request = replace(request, exposure_ev=_exposure_of_day(request, stages))
+        job = Job(request.under(lights[0]), stages)
     writer = Writer(job, messages)
     if request.animated:
         note, report = writer.film(folders[0], request.fps, request.overwrite)
@@ -147,7 +159,35 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
         writer = writer if light is lights[0] else writer.under(light)
         reports += [writer.write(shaded, next(left), request.overwrite) for shaded in writer.job.shaded()]
     sheet = writer.write_sheet(folders[0].parent) if request.sheet and len(folders) > 1 else None
-    return RelitFiles(folders, reports, sheet, notes, writer.job)
+    film = None
+    if request.day and "png" in writer.job.formats:
+        film, note = _film_of_day(folders, request)
+        notes = notes + [note] * bool(note)
+    return RelitFiles(folders, reports, sheet, notes, writer.job, film)
+
+
+def _exposure_of_day(request: RelightRequest, stages: Stages) -> float:
+    """Stops at which all times of a day are shown: those that its brightest one calls for."""
+    brightest = max(request.times, key=lambda each: each.environment().mean_luminance)
+    return math.log2(next(Job(request.under(brightest), stages).shaded()).exposure)
+
+
+def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
+    """Join the pictures of a day: the film's path, or None and why there is none."""
+    from .animation.film import FILM, encode
+
+    pictures = [folder / FILES["png"] for folder in folders]
+    with tempfile.TemporaryDirectory() as work:
+        for number, picture in enumerate(pictures):
+            shutil.copy(picture, Path(work) / f"{number:04d}.png")
+        note = encode(Path(work), request.fps)
+        if note:
+            return None, note
+        target = folders[0].parent / DAY_FILM
+        check_output(target, request.overwrite or target.exists())
+        with staged_file(target) as staging:
+            shutil.copy(Path(work) / FILM, staging)
+    return target, ""
 
 
 def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:
@@ -173,7 +213,7 @@ def _default_parent(scene: object) -> Path:
 
 def _name(light: AnyLight) -> str:
     """What a light is called in the name of a folder: that of its file, or of the sky that it is, whatever its case."""
-    if isinstance(light, Environment):
+    if isinstance(light, (Environment, DaylightRequest)):
         return light.name
     return Path(light).stem if Path(light).exists() else Path(light).stem.lower()
 

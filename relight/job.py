@@ -26,9 +26,10 @@ from splat2mesh.splats.splats import Splats
 from .engine.appearance import Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shaded, Shading
-from .light import CAPTURED
 from .light.captured import CapturedLight
+from .light.daylight import DaylightRequest
 from .light.environment import Environment
+from .light.loading import light_of
 from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from .output.kinds import FILES, OF_SPLATS
@@ -351,7 +352,7 @@ class Job:
     def light_name(self) -> str:
         """The light as the report names it."""
         env = self.request.env
-        return env.name if isinstance(env, Environment) else str(env)
+        return env.name if isinstance(env, (Environment, DaylightRequest)) else str(env)
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
@@ -373,10 +374,3 @@ class Job:
         if radiance is None:
             return level_of(self.brightness, light)
         return exposure_as_captured(self.brightness, self.appearance.captured, light, auto_exposure(radiance))
-
-
-def light_of(source: AnyLight) -> Environment:
-    """The Environment itself, or what is read of a file or made by name."""
-    if isinstance(source, Environment):
-        return source
-    return CapturedLight() if source == CAPTURED else Environment.load(source)

@@ -13,6 +13,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.options import ConvertOptions, TilingOptions
 
 from .light import CAPTURED, SKIES
+from .light.daylight import DaylightRequest, day_times
 from .options import LightingOptions
 from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS
 
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
     from .light.environment import Environment
 
-AnyLight: TypeAlias = "Environment | str | os.PathLike[str]"
-"""An Environment, a file, or the name of a built-in one."""
+AnyLight: TypeAlias = "Environment | DaylightRequest | str | os.PathLike[str]"
+"""An Environment, the sky of a date, a file, or the name of a built-in one."""
 
 AnyAlbedo: TypeAlias = "str | os.PathLike[str] | NDArray[np.floating]"
 """One of "estimated", "captured" and "white"; a .npy file; or (V, 3) linear."""
@@ -54,6 +55,14 @@ class RelightRequest:
     env : Environment, path or name
         The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
         as it was captured; "auto" is captured where lamps are put in or that light is changed, else studio.
+    sun : str
+        Instead of `env` the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
+    at : str
+        Where that is: latitude and longitude, such as "48.85,2.35".
+    north_deg : float
+        By how much north is turned about +y from -z, counter-clockwise from above.
+    day : str
+        Times of that day, such as "05:00-21:30/15min": a folder for each, at one exposure, and a film of the pictures.
     lighting : LightingOptions
         How exactly the light is computed, and what becomes of captured lamps.
     angles_deg : sequence of float
@@ -107,6 +116,10 @@ class RelightRequest:
     env: AnyLight = AUTO
     lighting: LightingOptions = field(default_factory=LightingOptions)
     angles_deg: Sequence[float] = (0.0,)
+    sun: str = ""
+    at: str = ""
+    north_deg: float = 0.0
+    day: str = ""
     albedo: "AnyAlbedo | None" = None
     capture_env: "AnyLight | None" = None
     exposure_ev: float | None = None
@@ -133,9 +146,11 @@ class RelightRequest:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
+        self._check_sun()
         if self.env == AUTO:
             object.__setattr__(self, "env", CAPTURED if self.lighting.changes_captured_light else "studio")
         self._check_words()
+        _ = self.times  # or an InputError
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
             raise InputError(f"`angles_deg`: {len(self.angles_deg)} angles; expected 1 to {MOST_ANGLES}")
         if self.exposure_ev is not None and not abs(self.exposure_ev) <= MOST_EXPOSURE_EV:
@@ -151,6 +166,30 @@ class RelightRequest:
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
             raise InputError("`angles_deg`: an animation has one angle")
+
+    def _check_sun(self) -> None:
+        """Make the sky of a date the light. Raises InputError for a date without a place, or a place without a date."""
+        if not self.sun:
+            for name in ("at", "north_deg", "day"):
+                if getattr(self, name):
+                    raise InputError(f"`{name}`: it belongs to the `sun` of a date; give that too")
+            return
+        if not isinstance(self.env, DaylightRequest) and self.env != AUTO:
+            raise InputError("`sun`: it takes the place of `env`; give one of them")
+        if not self.at:
+            raise InputError("`sun`: give the latitude and longitude too, as `at`, such as 48.85,2.35")
+        asked = DaylightRequest.parse(self.sun, self.at, self.north_deg)
+        if self.day and self.animated:
+            raise InputError("`day`: an animation has one light")
+        object.__setattr__(self, "env", self.env if isinstance(self.env, DaylightRequest) else asked)
+
+    @property
+    def times(self) -> "list[DaylightRequest]":
+        """The skies of `day`, in order; none without."""
+        if not self.day:
+            return []
+        asked = DaylightRequest.parse(self.sun, self.at, self.north_deg)
+        return [asked.at_time(time) for time in day_times(self.day, asked.time)]
 
     def _check_words(self) -> None:
         check_choice("sky", self.sky, SKIES)
@@ -183,4 +222,4 @@ class RelightRequest:
 
     def under(self, env: AnyLight) -> "RelightRequest":
         """Return the same request under another light."""
-        return replace(self, env=env)
+        return replace(self, env=env, sun="", at="", north_deg=0.0, day="")

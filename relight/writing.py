@@ -23,7 +23,8 @@ from splat2mesh.splats.splats import Splats
 
 from .earlier import REPORT, Earlier, check_results, is_results, settings_of
 from .engine.relighter import Shaded
-from .job import Job, light_of
+from .job import Job
+from .light.loading import light_of
 from .light.skies import BUILTIN
 from .output.engine_files import EngineFiles
 from .output.kinds import FOR_ENGINES

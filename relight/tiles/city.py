@@ -14,7 +14,8 @@ from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Task, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
-from ..light.environment import Environment
+from ..light import CAPTURED
+from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
 from ..request import RelightRequest
@@ -29,7 +30,7 @@ DEFAULT_FORMATS = ("glb", "splat")
 
 KNOWN = (
     *("scene", "env", "lighting", "angles_deg", "albedo", "exposure_ev", "formats", "sky", "tiling", "overwrite"),
-    *("harmonics", "live_mesh", "fps", "texture_size", "clear_cache"),
+    *("sun", "at", "north_deg", "harmonics", "live_mesh", "fps", "texture_size", "clear_cache"),
 )
 """Fields of RelightRequest that a city takes, or that say nothing without another that it does not take."""
 
@@ -79,6 +80,8 @@ def check_city(request: RelightRequest) -> None:
     """Raise InputError for a field that cities do not know."""
     refuse_in_cities(request, KNOWN)
     refuse_in_cities(request.lighting, KNOWN_LIGHTING)
+    if request.env == CAPTURED:
+        raise InputError("`env` captured: a city in tiles takes another light")
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a city in tiles takes one angle at a time")
     if request.albedo is not None and request.albedo not in ALBEDOS:
@@ -95,7 +98,7 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
     albedo, exposure_ev, sky = request.albedo or "estimated", request.exposure_ev, request.sky
     angle_deg = request.angles_deg[0]
     formats = DEFAULT_FORMATS if request.formats is None else tuple(request.formats)
-    light = (env if isinstance(env, Environment) else Environment.load(env)).rotated(angle_deg)
+    light = light_of(env).rotated(angle_deg)
     if not store.exists(CITY):
         raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
     city = store.read_json(CITY)

@@ -125,7 +125,7 @@ class Cache:
             path.unlink(missing_ok=True)
 
     def _files(self) -> list[Path]:
-        return sorted(self.folder.glob("*.npz")) if self.folder and self.folder.is_dir() else []
+        return sorted(self.folder.glob("*.npz")) if self.folder and os.path.isdir(self.folder) else []
 
     def _sweep(self) -> None:
         """Remove, without a word, what runs that were killed had left here, and what older versions kept: it can be
