@@ -1,5 +1,6 @@
 """The light of lamps that people placed, on a scene: direct, and thrown on by its surfaces."""
 
+import copy
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
@@ -17,8 +18,9 @@ from ..lamps.shapes import Lamp
 from ..lamps.tracing import lamplight
 from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..rooms.evenness import Evenness
+from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
-from ..transfer.occluder import Frame
+from ..transfer.occluder import Frame, Occluder
 from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
 from .relit_room import ROUNDS
 
@@ -72,7 +74,7 @@ class LampLight:
         relighter, beside = self._relighter, self._captured * self._look.irradiance
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": relighter.options.seed}
         with relighter.stages.stage("plan"):
-            return plan_lamps(relighter.occluder, self._emitters, beside, self._tolerance, **more)
+            return plan_lamps(self._receivers, self._emitters, beside, self._tolerance, **more)
 
     @cached_property
     def placed(self) -> Placed:
@@ -105,7 +107,24 @@ class LampLight:
     def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
         seed = self._relighter.options.seed
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": seed, "advance": advance}
-        return lamplight(self._relighter.occluder, emitters, self.plan.rays, **more)
+        light = lamplight(self._receivers, emitters, self.plan.rays, **more)
+        return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
+
+    @cached_property
+    def _evenness(self) -> Evenness | None:
+        """Of a closed room: scans of rooms have dented walls, whose normals are noise that lamps would show."""
+        closed = self._look.capture is not None and "room" in self._look.capture
+        return Evenness(self._relighter.occluder) if closed else None
+
+    @cached_property
+    def _receivers(self) -> Occluder:
+        """What hides light, whose vertices receive it by normals that are averaged in a closed room."""
+        occluder = self._relighter.occluder
+        if self._evenness is None:
+            return occluder
+        receivers = copy.copy(occluder)
+        receivers.normals = self._evenness.average_directions(occluder.normals, AVERAGING_ROUNDS)
+        return receivers
 
     @cached_property
     def _leaf(self) -> NDArray[np.float32] | None:
@@ -122,11 +141,10 @@ class LampLight:
         albedo, room = self._look.albedo, self._look.room
         if albedo is None:
             return np.ones_like(self._look.captured)
-        if room is None:
+        if room is None or self._evenness is None:
             return np.asarray(albedo, np.float32)
-        # What few rays and the dents of a scanned wall make of the captured light would be seen as blotches.
-        evenness = Evenness(self._relighter.occluder)
-        light = np.exp(evenness.average(np.log(np.maximum(room.irradiance, LEAST_LIGHT)), ROUNDS))
+        # What few rays and dents make of the captured light would be seen as blotches.
+        light = np.exp(self._evenness.average(np.log(np.maximum(room.irradiance, LEAST_LIGHT)), ROUNDS))
         even = np.clip(self._look.captured / light, 0.0, MOST_ALBEDO).astype(np.float32)
         return np.where(room.glow.any(axis=1, keepdims=True), room.albedo, even)
 
