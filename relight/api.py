@@ -294,7 +294,7 @@ def estimate_albedo(
 
 def _relit(writer: Writer) -> RelitScene:
     shaded = next(writer.job.shaded())
-    light, shading, exposure, _ = shaded
+    light, shading, exposure = shaded[:3]
     report = report_of(writer.job, shaded)
     return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
 

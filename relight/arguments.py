@@ -11,7 +11,7 @@ from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
 from .output.kinds import FILES
 from .request import RelightRequest
 from .transfer import METHODS
-from .transfer.settings import EFFECTS
+from .transfer.settings import EFFECTS, GLOSS
 
 EXAMPLES = """examples:
   relight garden.ply --env sunset                  meshes the splat into the scene folder garden/ first
@@ -85,7 +85,7 @@ def parser() -> argparse.ArgumentParser:
     add("--tolerance", metavar="ERROR", help=tolerance)
     budget = "the most exact light in so much time, instead of a tolerance"
     add("--budget", type=float, dest="budget_s", metavar="SECONDS", help=budget)
-    effects = f"auto (what the scene calls for), none, or some of {','.join(EFFECTS)} "
+    effects = f"auto (what the scene calls for), none, or some of {','.join((*EFFECTS, GLOSS))} "
     effects += f"(default: {LightingOptions.effects})"
     add("--effects", metavar="LIST", help=effects)
     add("--bands", type=int, metavar="1..10", help="SH bands (default: as planned)")

@@ -123,7 +123,9 @@ class Beside:
             shading = shading._replace(radiance=np.zeros_like(own))
         part = CapturedPart(own, captured)
         shading = mixed(self._look, shading, self._options.env_scale, part, placed, level)
-        return Shaded(shaded.light, shading, shaded.exposure, captured if self.alone else self._options.env_scale)
+        scale = 0.0 if self.alone else self._options.env_scale
+        backdrop = captured if self.alone else scale
+        return Shaded(shaded.light, shading, shaded.exposure, backdrop, captured / level, scale)
 
     def level(self, radiance: NDArray[np.float32]) -> float:
         """Units of the picture per unit of the environment, which gives a radiance (V, 3)."""

@@ -39,6 +39,7 @@ from .transfer.store import Cache
 if TYPE_CHECKING:
     from .beside import Beside
     from .engine.relit_room import RelitRoom
+    from .gloss import SceneGloss
     from .lamps.asked import AskedLamp
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
@@ -150,6 +151,20 @@ class Job:
         with self.stages.stage("bind splats"):
             return Binding(self.splats[0], self.scene, seed=self.request.lighting.seed, cache=self.cache)
 
+    @cached_property
+    def gloss(self) -> "SceneGloss | None":
+        """What is glossy, where the light of the capture is estimated and splats tell of it."""
+        if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
+            return None
+        from .gloss import SceneGloss
+
+        seed = self.request.lighting.seed
+        return SceneGloss(self.scene, self.splats[0], lambda: self.binding, self.cache, seed, self.stages)
+
+    @property
+    def _reflected(self) -> NDArray[np.float64] | None:
+        return None if self.gloss is None else self.gloss.shape
+
     # albedo
 
     @cached_property
@@ -158,7 +173,7 @@ class Job:
         relighter = self.relighter
         with self.stages.stage("load"):
             capture_env = self._capture_env()
-        look = appearance_of(self._choice, capture_env, relighter)
+        look = appearance_of(self._choice, capture_env, relighter, self._reflected)
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
         shut = look.room is not None and look.room.told["windows"] is None
@@ -182,9 +197,9 @@ class Job:
         if self.choice_name != "estimated" or "appearance" in self.__dict__:
             return self.plan, ""
         relighter = self.relighter
-        albedo = albedo_kept(
-            None if self.request.capture_env is None else light_of(self.request.capture_env), relighter
-        )
+        light = self._capture_env()
+        known = self.gloss is None or self.gloss.known
+        albedo = None if not known else albedo_kept(light, relighter, self._reflected)
         note = "" if albedo is not None else "the albedo is not estimated yet: planned with the captured colours"
         used = self.scene.colors_linear if albedo is None else albedo
         return relighter.plan_for(self.environment, used, len(self.request.angles_deg)), note

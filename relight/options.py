@@ -15,6 +15,7 @@ from .transfer.settings import (
     BOUNCE_TOLERANCE,
     BOUNCES,
     EFFECTS,
+    GLOSS,
     SHADOWS,
     SUN,
     VOLUME,
@@ -42,8 +43,9 @@ class LightingOptions:
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
         shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
-    effects: "auto", "none", or some of shadows, sun, bounces, volume, as names or as text with commas; kept as "auto"
-        or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never fade.
+    effects: "auto", "none", or some of shadows, sun, bounces, volume, gloss, as names or as text with commas; kept as
+        "auto" or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never
+        fade.
     tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.
@@ -116,13 +118,19 @@ class LightingOptions:
 
     @property
     def chosen_effects(self) -> frozenset[str]:
-        """The effects that may take part: those given, or with "auto" all that the method can do."""
+        """The effects that may take part in the light on the mesh: those given, or with "auto" all that the method can
+        do."""
         return _able(self.method) if self.fixed_effects is None else self.fixed_effects
 
     @property
     def fixed_effects(self) -> frozenset[str] | None:
         """The effects that are given; None where they are to be chosen."""
-        return None if isinstance(self.effects, str) else frozenset(self.effects)
+        return None if isinstance(self.effects, str) else frozenset(self.effects) - {GLOSS}
+
+    @property
+    def wants_gloss(self) -> bool:
+        """Whether reflections may move with the light: they are given, or left to be chosen."""
+        return isinstance(self.effects, str) or GLOSS in self.effects
 
     @property
     def fixed_method(self) -> str | None:
@@ -206,12 +214,12 @@ def _checked_effects(choice: str | Iterable[str], method: str) -> str | frozense
         return "auto"
     effects = frozenset(() if names == ["none"] else names)
     listed = " ".join(sorted(effects))
-    if effects - set(EFFECTS):
-        raise InputError(f"`effects` {listed!r}: expected auto or none alone, or some of {' '.join(EFFECTS)}")
-    if effects - {SHADOWS} and SHADOWS not in effects:
+    if effects - {*EFFECTS, GLOSS}:
+        raise InputError(f"`effects` {listed!r}: expected auto or none alone, or some of {' '.join((*EFFECTS, GLOSS))}")
+    if effects - {SHADOWS, GLOSS} and SHADOWS not in effects:
         raise InputError(f"`effects` {listed}: sun, bounces and volume need shadows too")
-    if effects - _able(method):
+    if effects - _able(method) - {GLOSS}:
         raise InputError(f"`effects` {listed}: the method {method} has none; leave it at auto")
-    if method in SHADOWING and not effects:
+    if method in SHADOWING and not effects - {GLOSS}:
         raise InputError(f"`effects` none: the method {method} has shadows at least; use analytic, or leave it at auto")
     return effects

@@ -132,7 +132,9 @@ class Writer:
                 relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown
             )
         more = asked.texture_size, seed, asked.sky, live, engines
-        return Results(relighter, look, formats, asked.baked, splats, *more, lambda: job.binding, job.lamps_shown)
+        return Results(
+            relighter, look, formats, asked.baked, splats, *more, lambda: job.binding, job.lamps_shown, job.gloss
+        )
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())
@@ -141,7 +143,7 @@ class Writer:
 
 def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
     """What was done and how, JSON-clean, without files and times."""
-    light, shading, exposure, _ = shaded
+    light, shading, exposure = shaded[:3]
     settings = shading.settings
     return {
         "version": VERSION,
@@ -158,6 +160,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "open": job.options.opened,
         "albedo": job.choice_name,
         "capture": job.appearance.capture,
+        "gloss": None if job.gloss is None else job.gloss.as_dict(job.appearance),
         "method": settings.method,
         "bands": settings.bands,
         "rays": settings.rays,

@@ -23,6 +23,7 @@ from . import fit, skylight, sun
 from .captured import HEIGHT, WIDTH, CapturedScene, Estimate
 from .direct import Sunlit
 from .division import Prior, albedo_of
+from .reflected import guided
 from .seen import Looks
 from .under_sky import beside_alone, light_under_sky
 
@@ -56,6 +57,7 @@ def estimate(
     looks: Looks | None = None,  # Looks from where the capture stood: then it is what they show that counts, not area
     volume: Floats | None = None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
     sunlit: Sunlit | None = None,  # Suns -> their light on the white scene, as `direct_light` takes it
+    reflected: Floats | None = None,  # (K,) the shape of the light that gloss shows, of `reflected.guided`
 ) -> Estimate:
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -83,7 +85,11 @@ def estimate(
     start = np.zeros((LIGHT_BANDS**2, 3))
     start[0] = np.log(scene.start()) / fit.UNIT
     prior = fit.prior_of(LIGHT_BANDS)
-    found = scene.fitted(light, start, prior)
+    shown = None if reflected is None else guided(scene, light, start, reflected)
+    if shown is not None:
+        found, prior, start = shown
+    else:
+        found = scene.fitted(light, start, prior)
     evidence = fit.evidence(found, prior, _BRIGHT_DIPOLE)
     if evidence < MIN_EVIDENCE:
         return scene.as_captured("its surfaces face too few ways to tell its light from its colours", evidence)

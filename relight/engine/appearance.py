@@ -29,7 +29,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 8
+WAY = 9
 """Of the way that light and albedo are estimated: goes up when it would give other numbers, for what is kept."""
 
 CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))
@@ -44,7 +44,8 @@ class Appearance(NamedTuple):
     not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
     capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], how much of a change of light is
     applied to each vertex of a splat; all of it without. kept: whether it all stays as captured. room: the Room of a
-    closed room whose lamps and windows were told, or None.
+    closed room whose lamps and windows were told, or None. environment: that of the capture as it was estimated, in the
+    unit of `captured` and the frame of the scene, or None.
     """
 
     albedo: NDArray[np.float32] | None
@@ -55,6 +56,7 @@ class Appearance(NamedTuple):
     trust: NDArray[np.float32] | None = None
     kept: bool = False
     room: "Room | None" = None
+    environment: "Environment | None" = None
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo.
@@ -70,12 +72,16 @@ class Appearance(NamedTuple):
 
 
 def appearance_of(
-    choice: "str | os.PathLike[str] | NDArray[np.floating]", capture_env: "Environment | None", relighter: "Relighter"
+    choice: "str | os.PathLike[str] | NDArray[np.floating]",
+    capture_env: "Environment | None",
+    relighter: "Relighter",
+    reflected: NDArray[np.float64] | None = None,
 ) -> Appearance:
     """The Appearance that an `albedo` names.
 
     choice: one of CHOICES, or linear albedo (V, 3), as an array or a .npy file. capture_env: the Environment of the
-    capture day, or None. The albedo of a light that cannot be told apart is the captured colour, with a DataWarning.
+    capture day, or None. reflected: of `albedo.estimate`, the shape of its light that gloss shows. The albedo of a
+    light that cannot be told apart is the captured colour, with a DataWarning.
     Raises InputError for an albedo that does not fit.
     """
     captured = relighter.scene.colors_linear
@@ -91,7 +97,7 @@ def appearance_of(
         return _given(None, captured)
     if choice != "estimated":
         return _given(_read(choice, len(captured)), captured)
-    return _without_light(captured, capture_env, relighter)
+    return _without_light(captured, capture_env, relighter, reflected)
 
 
 def _given(albedo: NDArray[np.float32] | None, captured: NDArray[np.float32]) -> Appearance:
@@ -100,16 +106,19 @@ def _given(albedo: NDArray[np.float32] | None, captured: NDArray[np.float32]) ->
 
 
 def _without_light(
-    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+    captured: NDArray[np.float32],
+    capture_env: "Environment | None",
+    relighter: "Relighter",
+    reflected: NDArray[np.float64] | None,
 ) -> Appearance:
     from ..albedo import Prior
     from ..rooms.keeping import room_from
 
     cache = relighter.cache
-    key = _key(captured, capture_env, relighter)
+    key = _key(captured, capture_env, relighter, reflected)
     kept = cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     if kept is None:
-        kept = _of_objects(captured, capture_env, relighter)
+        kept = _of_objects(captured, capture_env, relighter, reflected)
         cache.put("albedo", *key, **kept)
     room = room_from(kept)
     if kept["closed"]:
@@ -127,7 +136,12 @@ def _without_light(
     check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
-    return look._replace(kept=described["left_as_captured"], room=room)
+    light = None
+    if kept["separable"] and not kept["closed"]:
+        from ..light.environment import Environment
+
+        light = Environment(kept["light"], described["light"], float(kept["light_turn"]))
+    return look._replace(kept=described["left_as_captured"], room=room, environment=light)
 
 
 def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
@@ -137,25 +151,34 @@ def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str,
     names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
     for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
         kept[name]  # or a KeyError
+    if not kept["closed"]:
+        kept["light"], kept["light_turn"]
     for name in ("albedo", "irradiance"):
         if kept[name].shape != shape or kept[name].dtype.kind != "f" or not np.isfinite(kept[name]).all():
             raise ValueError(f"its {name} does not fit the scene")
     return kept
 
 
-def _key(captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter") -> tuple[str, int]:
+def _key(
+    captured: NDArray[np.float32],
+    capture_env: "Environment | None",
+    relighter: "Relighter",
+    reflected: NDArray[np.float64] | None,
+) -> tuple[str, int]:
     """Under what an estimate is kept."""
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
-    parts += [standing(relighter.scene), np.array(WAY)]
+    parts += [standing(relighter.scene), np.array(WAY)] + ([] if reflected is None else [reflected])
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
 
-def albedo_kept(capture_env: "Environment | None", relighter: "Relighter") -> NDArray[np.float32] | None:
+def albedo_kept(
+    capture_env: "Environment | None", relighter: "Relighter", reflected: NDArray[np.float64] | None = None
+) -> NDArray[np.float32] | None:
     """The albedo that was estimated before and kept, (V, 3), or None: what a plan asks, which estimates nothing."""
     captured = relighter.scene.colors_linear
-    key = _key(captured, capture_env, relighter)
+    key = _key(captured, capture_env, relighter, reflected)
     kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
     return None if kept is None else kept["albedo"]
 
@@ -167,7 +190,10 @@ def _sky_of(scene: Scene) -> CapturedSky | None:
 
 
 def _of_objects(
-    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+    captured: NDArray[np.float32],
+    capture_env: "Environment | None",
+    relighter: "Relighter",
+    reflected: NDArray[np.float64] | None,
 ) -> dict[str, Any]:
     """Dict of arrays of the estimate; of a layout each object by itself, in the light that it alone was captured in.
 
@@ -177,12 +203,12 @@ def _of_objects(
 
     scene, objects = relighter.scene, relighter.scene.source.get("objects")
     if not objects or len(objects) == 1:
-        return _estimated(captured, capture_env, relighter)
+        return _estimated(captured, capture_env, relighter, reflected)
     ends = np.cumsum([0, *(len(chunk.vertices) for chunk in scene.chunks)])
     parts = []
     for first, last in (each["chunks"] for each in objects):
         alone = Relighter(Scene(scene.chunks[first:last]), seed=relighter.seed, stages=relighter.stages)
-        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone))
+        parts.append(_estimated(captured[ends[first] : ends[last]], capture_env, alone, None))
     kept = dict(max(parts, key=lambda part: len(part["albedo"])))
     for name in ("albedo", "irradiance", "trust"):
         kept[name] = np.concatenate([part[name] for part in parts])
@@ -193,7 +219,10 @@ def _of_objects(
 
 
 def _estimated(
-    captured: NDArray[np.float32], capture_env: "Environment | None", relighter: "Relighter"
+    captured: NDArray[np.float32],
+    capture_env: "Environment | None",
+    relighter: "Relighter",
+    reflected: NDArray[np.float64] | None,
 ) -> dict[str, Any]:
     from ..albedo import estimate, with_known_light
     from ..albedo.check import self_relight
@@ -219,7 +248,9 @@ def _estimated(
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)
             asked = relighter.occluder, captured, relighter.seed
-            found = estimate(*asked, **known, sky=sky, hopeless=hopeless, looks=looks, volume=volume)
+            found = estimate(
+                *asked, **known, sky=sky, hopeless=hopeless, looks=looks, volume=volume, reflected=reflected
+            )
         else:
             found = with_known_light(
                 relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
@@ -229,6 +260,8 @@ def _estimated(
         **check,
         "under_sky": np.array(found.under_sky),
         "closed": np.array(part is not None),
+        "light": found.environment.radiance,
+        "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
         "irradiance": found.irradiance,
         **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},

@@ -57,12 +57,15 @@ class Shading(NamedTuple):
 
 class Shaded(NamedTuple):
     """A scene in one light. light: the Environment. exposure: display value per unit of the radiance of `shading`.
-    backdrop: factor on what is seen of the light itself, in the far background."""
+    backdrop: factor on what is seen of the light itself, in the far background. captured: units of the light per unit
+    of that of the capture, as far as that takes part. environment: factor on the light itself."""
 
     light: "Environment"
     shading: Shading
     exposure: float
     backdrop: float = 1.0
+    captured: float = 0.0
+    environment: float = 1.0
 
 
 class Relighter:

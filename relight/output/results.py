@@ -20,6 +20,7 @@ from .live_files import LiveFiles
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter, Shaded, Shading
+    from ..gloss import SceneGloss
     from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
@@ -38,7 +39,7 @@ class Results:
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
-    what was put in beside it.
+    what was put in beside it. gloss: SceneGloss, or None where gloss stays as captured.
     """
 
     def __init__(
@@ -55,7 +56,9 @@ class Results:
         engines: EngineFiles | None = None,
         binding: Callable[[], Any] = lambda: None,
         lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
+        gloss: "SceneGloss | None" = None,
     ) -> None:
+        self._gloss = gloss
         self._live, self._engines, self._lamps = live, engines, lamps
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
@@ -166,7 +169,7 @@ class Results:
         assert self._splats is not None  # else nobody asks
         if self._sky_rows is None:
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
-        light, shading, exposure, backdrop = shaded
+        light, shading, exposure, backdrop = shaded[:4]
         rows, frame = self._sky_rows, self._scene.scene_from_splat
         capture = self._appearance.capture
         if (
@@ -178,6 +181,9 @@ class Results:
         with self._stages.stage("relight splats"):
             received = self._received(shading)
             relit = binding.relit(self._appearance.irradiance, received, exposure)
+        if self._gloss is not None:
+            relit = self._gloss.relit(relit, self._appearance, shaded, received)
+        with self._stages.stage("relight splats"):
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
                 return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
             return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)

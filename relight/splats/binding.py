@@ -107,6 +107,25 @@ class Binding:
         return _diffuse(self.shown, self._drawn)
 
     @property
+    def looks(self) -> Looks | None:
+        """The Looks of the fit, at `drawn`; None where nothing is looked at."""
+        return self._looks
+
+    def looks_at(self, views: Sequence[View]) -> Looks:
+        """Looks at the same from other views, in the frame of the splats."""
+        return Looks.at(self._sketched(), self.surface, views, self._near)
+
+    @property
+    def drawn(self) -> Splats:
+        """The Splats of those pictures, with what depends on the view."""
+        return self.shown.take(np.flatnonzero(self._drawn))
+
+    @property
+    def drawn_rows(self) -> NDArray[np.int64]:
+        """Their rows among all splats."""
+        return np.flatnonzero(self.lit)[self._drawn]
+
+    @property
     def used(self) -> Mask:
         """(V,) bool: the vertices that any splat which is drawn takes light from."""
         return self._taken[self.surface.node]
@@ -138,14 +157,7 @@ class Binding:
         """
         if not (np.isfinite(exposure) and exposure > 0.0):
             raise InputError(f"the exposure must be a positive number, found {exposure}")
-        after = np.asarray(after, np.float64) * exposure
-        if np.shape(before) != self._captured.shape:
-            raise InputError(
-                f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
-            )
-        shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
-        of_vertices, mean = log_gain(self._captured, before, after, shares, usual)
-        of_nodes = self._wide.shared(self.surface.of_vertices(of_vertices))
+        of_nodes, mean = self._log_gains(before, after, exposure, usual)
         logs = self.places.interpolate(of_nodes)
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
@@ -156,6 +168,23 @@ class Binding:
             sh, relit_rows = s.sh.copy(), sh
             sh[self.lit] = relit_rows
         return Splats(s.means, s.scales, s.quats_wxyz, s.opacities, sh)
+
+    def log_gains(self, before: Radiance, after: Radiance, exposure: float = 1.0) -> NDArray[np.float32]:
+        """(M, 3) log gain of the nodes by which `relit` relights."""
+        return self._log_gains(before, after, exposure, None)[0]
+
+    def _log_gains(
+        self, before: Radiance, after: Radiance, exposure: float, usual: Usual | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Log gain of the nodes (M, 3), and its mean over the scene (3,)."""
+        after = np.asarray(after, np.float64) * exposure
+        if np.shape(before) != self._captured.shape:
+            raise InputError(
+                f"the irradiance must be {self._captured.shape}, one for each vertex, found {np.shape(before)}"
+            )
+        shares = (self.surface.areas / np.bincount(self.surface.node))[self.surface.node]
+        of_vertices, mean = log_gain(self._captured, before, after, shares, usual)
+        return self._wide.shared(self.surface.of_vertices(of_vertices)), mean
 
     def spread(self, of_vertices: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit."""

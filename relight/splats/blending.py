@@ -71,6 +71,15 @@ class Blending(NamedTuple):
             raise InputError(f"kept pictures show others than {count} splats")
         return self
 
+    def of_view(self, number: int) -> "Blending":
+        """The Blending of one view alone, without a copy of what is large."""
+        first, last = self.tiles[number : number + 2]
+        runs, items = self.runs[first : last + 1], self.items[first : last + 1]
+        run, item = slice(runs[0], runs[-1]), slice(items[0], items[-1])
+        tiles = np.array([0, last - first], np.int64)
+        lists = self.splats[run], self.counts[run], self.pixels[item], self.shares[item]
+        return Blending(tiles, runs - runs[0], items - items[0], *lists)
+
     def drawn(self, colors: NDArray[np.float32]) -> NDArray[np.float32]:
         """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Faces, Floats, Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_batches
+from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import SH_C0, Splats
 
@@ -35,12 +36,14 @@ _BATCH = 1 << 18
 
 class Looks(NamedTuple):
     """Pictures of N Gaussians. blending: Blending of the pixels that show the mesh. known: (Q,) int64, these pixels.
-    corners: (Q, 3) int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third."""
+    corners: (Q, 3) int32, the nodes around what each shows. uv: (Q, 2) float32, the weights of the second and third.
+    eyes: (L, 3) float64, from where each picture is taken, in the frame of the surface."""
 
     blending: Blending
     known: NDArray[np.int64]
     corners: NDArray[np.int32]
     uv: NDArray[np.float32]
+    eyes: NDArray[np.float64]
 
     @classmethod
     def at(
@@ -62,13 +65,16 @@ class Looks(NamedTuple):
         blending = blending_of(splats, views, near, look)
         known = np.concatenate([in_tiles(each[0]) for each in found])
         corners, uv = (np.concatenate([in_tiles(each[i]) for each in found])[known] for i in (1, 2))
-        return cls(blending, np.flatnonzero(known), corners, uv)
+        eyes = np.array([view.center for view in views], np.float64).reshape(-1, 3)
+        return cls(blending, np.flatnonzero(known), corners, uv, eyes)
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, nodes: int) -> "Looks":
         """Those of so many splats and nodes, from `arrays`. Raises InputError or KeyError for what does not fit."""
         blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
-        known, corners, uv = (arrays[name] for name in ("known", "corners", "uv"))
+        known, corners, uv, eyes = (arrays[name] for name in ("known", "corners", "uv", "eyes"))
+        if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():
+            raise InputError("kept pictures were taken from elsewhere")
         kinds = known.dtype == np.int64 and corners.dtype == np.int32 and uv.dtype == np.float32
         if not kinds or known.ndim != 1 or corners.shape != (len(known), 3) or uv.shape != (len(known), 2):
             raise InputError("kept pictures are of another kind")
@@ -78,11 +84,24 @@ class Looks(NamedTuple):
             raise InputError("kept pictures show another mesh")
         if not np.isfinite(uv).all():
             raise InputError("kept pictures are not finite")
-        return cls(blending, known, corners, uv)
+        return cls(blending, known, corners, uv, eyes)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Dict of the arrays that `restored` takes."""
-        return self.blending._asdict() | {"known": self.known, "corners": self.corners, "uv": self.uv}
+        return self.blending._asdict() | {
+            "known": self.known,
+            "corners": self.corners,
+            "uv": self.uv,
+            "eyes": self.eyes,
+        }
+
+    def of_view(self, number: int) -> "Looks":
+        """The picture of one view alone, without a copy."""
+        first, last = np.searchsorted(self.known, AREA * self.blending.tiles[number : number + 2])
+        rows = slice(first, last)
+        known = self.known[rows] - AREA * self.blending.tiles[number]
+        eyes = self.eyes[number : number + 1]
+        return Looks(self.blending.of_view(number), known, self.corners[rows], self.uv[rows], eyes)
 
     def corrections(
         self, before: NDArray[np.float32], relit: NDArray[np.float32], of_nodes: Floats, rounds: int

@@ -15,6 +15,10 @@ BOUNCE_TOLERANCE = 1e-3
 there in six bounces, an object in three."""
 
 
+GLOSS = "gloss"
+"""Reflections of splats, which move with the light: no part of the light on the mesh, and of no Settings."""
+
+
 class Settings(NamedTuple):
     """One way to light a scene.
 

@@ -1,0 +1,178 @@
+"""What depends on the view, patch by patch: sums of squares that tell any light's fit to the mirrored directions.
+
+In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is what a place sends everywhere, and
+falls out of differences from the place's mean over its views. What is left is linear in F a_l L_lm, so that sums over
+pixels, taken once, tell how well any light and any roughness explain them.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
+from scipy.spatial import cKDTree
+
+from splat2mesh.base.arrays import Floats, Matrix3
+from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.splats.splats import Splats
+
+from ..sh import harmonics
+from ..splats.binding import Binding
+from ..splats.looks import Looks
+from .ggx import fresnel_rise
+from .pixels import SurfacePixels
+
+BANDS = 5
+"""Of the reflected light that is told apart. Harmonics of degree 3 in every Gaussian, turned differently over a curved
+surface, show a little more together than each alone."""
+
+PATCHES = 60
+"""Into which the surface is divided by place and colour; parts of one material are found to be alike afterwards."""
+
+PLACE, COLOR = 10.0, 4.0
+"""Weights of diagonals and of display colours when it is divided."""
+
+LEAST_COSINE = 0.15
+"""Under flatter angles a pixel shows what lies behind, too."""
+
+LEAST_VIEWS, LEAST_PIXELS = 5, 500
+"""Pixels in which a place is seen, and those of a patch, from which it counts."""
+
+NUISANCE_RIDGE = 1e-4
+
+KINDS = 2  # dielectric and metal: with and without Fresnel's rise
+
+
+class PatchFits(NamedTuple):
+    """Sums over the pixels of P patches. K = BANDS^2 - 1: all coefficients but the mean, which no difference shows.
+
+    patch: (M,) int32, the patch of each node. gram: (P, 2, 2, K, K), moments: (P, 2, 2, K, 3) and power: (P, 2, 3), of
+    each patch, each half of its places and, but for power, each kind: dielectric, metal. pixels: (P,) how many. curved:
+    (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
+    """
+
+    patch: NDArray[np.int32]
+    gram: NDArray[np.float64]
+    moments: NDArray[np.float64]
+    power: NDArray[np.float64]
+    pixels: NDArray[np.int64]
+    curved: NDArray[np.float64]
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "PatchFits":
+        """Those that `_asdict` gave. Raises InputError or KeyError for what does not fit."""
+        found = cls(*(np.asarray(arrays[name]) for name in cls._fields))
+        patches, size = len(found.pixels), BANDS**2 - 1
+        shapes: list[tuple[int, ...]] = [(len(found.patch),), (patches, 2, KINDS, size, size)]
+        shapes += [(patches, 2, KINDS, size, 3), (patches, 2, 3), (patches,), (patches,)]
+        if [np.shape(each) for each in found] != shapes:
+            raise InputError("kept reflections are of another surface")
+        if not all(np.isfinite(each).all() for each in found) or found.patch.max(initial=0) >= max(patches, 1):
+            raise InputError("kept reflections are not finite")
+        return found
+
+
+def observed(
+    binding: Binding,
+    looks: Looks | None,  # Looks at the drawn splats of the Binding
+    scene_from_splat: Matrix3,  # rotation
+    colors: Floats,  # (V, 3) captured display colours of the vertices, in [0, 1]
+    seed: int = 0,
+    advance: Callable[[int], None] = lambda count: None,  # called with the number of views looked at
+) -> PatchFits | None:
+    """The PatchFits of a splat whose harmonics show more than one colour; None where nothing depends on the view."""
+    splats = binding.drawn
+    if looks is None or splats.degree == 0:
+        return None
+    patch = _patches(binding, colors, seed)
+    found = [_seen(binding, looks, splats, number, scene_from_splat) for number in range(len(looks.eyes))]
+    advance(len(found))
+    node, color, mirrored, cosine = (np.concatenate([each[i] for each in found]) for i in range(4))
+    count = len(patch)
+    known = np.bincount(node, minlength=count) >= LEAST_VIEWS
+    rows = known[node]
+    node, color, mirrored, cosine = node[rows], color[rows], mirrored[rows], cosine[rows]
+    patches = int(patch.max()) + 1
+    size = BANDS**2 - 1
+    gram, moments = np.zeros((patches, 2, KINDS, size, size)), np.zeros((patches, 2, KINDS, size, 3))
+    power, pixels = np.zeros((patches, 2, 3)), np.zeros(patches, np.int64)
+    of_pixel = patch[node]
+    order = np.argsort(of_pixel, kind="stable")
+    ends = np.searchsorted(of_pixel[order], np.arange(patches + 1))
+    for number in range(patches):
+        mine = order[ends[number] : ends[number + 1]]
+        if len(mine) < LEAST_PIXELS:
+            continue
+        pixels[number] = len(mine)
+        sums = _sums(node[mine], color[mine], mirrored[mine], cosine[mine])
+        gram[number], moments[number], power[number] = sums
+    return PatchFits(patch, gram, moments, power, pixels, _curved(binding, patch, node, patches))
+
+
+def _seen(
+    binding: Binding, looks: Looks, splats: Splats, number: int, scene_from_splat: Matrix3
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Node, linear colour, mirrored direction in the scene and cosine of the pixels of a view that mirror the sky."""
+    pixels = SurfacePixels.of_view(looks, binding.surface, number)
+    shown = linear_from_srgb(pixels.blending.drawn(splats.colors_toward(pixels.eye).astype(np.float32)))[pixels.known]
+    steep = pixels.cosine > LEAST_COSINE
+    pixels, shown = pixels.take(steep), shown[steep]
+    open_sky = ~np.isfinite(pixels.hits(binding.surface, pixels.mirrored).distance)
+    pixels, shown = pixels.take(open_sky), shown[open_sky]
+    return pixels.nodes, shown.astype(np.float64), pixels.mirrored @ scene_from_splat.T, pixels.cosine
+
+
+def _patches(binding: Binding, colors: Floats, seed: int) -> NDArray[np.int32]:
+    """(M,) the patch of each node: k-means of places and colours."""
+    surface = binding.surface
+    shown = surface.of_vertices(np.asarray(colors, np.float64))
+    features = np.concatenate([surface.points / surface.diagonal * PLACE, shown * COLOR], axis=1)
+    rng = np.random.default_rng(seed)
+    used = np.flatnonzero(surface.used)
+    sample = features[rng.choice(used, min(8000, len(used)), replace=False)]
+    centers, _ = kmeans2(sample, min(PATCHES, len(sample)), iter=15, minit="++", rng=rng)
+    return cKDTree(centers).query(features)[1].astype(np.int32)
+
+
+def _sums(
+    node: NDArray[np.int32], color: Floats, mirrored: Floats, cosine: Floats
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """gram (2, 2, K, K), moments (2, 2, K, 3) and power (2, 3) of a patch's pixels."""
+    _, place = np.unique(node, return_inverse=True)
+    size = BANDS**2 - 1
+    gram, moments = np.zeros((2, KINDS, size, size)), np.zeros((2, KINDS, size, 3))
+    power = np.zeros((2, 3))
+    # What changes with the angle alone, as at grazing angles where the splat shows what lies behind, tells nothing.
+    angle = _less_mean(np.stack([cosine, cosine**2, (1.0 - cosine) ** 5], axis=1), place)
+    basis = harmonics.evaluate(mirrored, BANDS)[:, 1:]
+    own = _less_mean(color, place)
+    for kind in range(KINDS):
+        lobe = basis * fresnel_rise(cosine, np.full(len(cosine), bool(kind)))[:, None]
+        both = np.concatenate([_less_mean(lobe, place), own], axis=1)
+        square = angle.T @ angle + NUISANCE_RIDGE * len(angle) * np.eye(3)
+        both -= angle @ np.linalg.solve(square, angle.T @ both)
+        for half in range(2):
+            rows = both[place % 2 == half]
+            gram[half, kind] = rows[:, :size].T @ rows[:, :size]
+            moments[half, kind] = rows[:, :size].T @ rows[:, size:]
+            if kind == 0:
+                power[half] = (rows[:, size:] ** 2).sum(axis=0)
+    return gram, moments, power
+
+
+def _less_mean(values: Floats, place: NDArray[np.integer]) -> Floats:
+    """Values (N, C) less the mean of those of the same place."""
+    counts = np.bincount(place)
+    means = np.stack([np.bincount(place, column) for column in values.T], axis=1) / counts[:, None]
+    return values - means[place]
+
+
+def _curved(binding: Binding, patch: NDArray[np.int32], node: NDArray[np.int32], patches: int) -> NDArray[np.float64]:
+    """(P,) one less the length of the mean normal of the nodes that were seen."""
+    seen = np.unique(node)
+    normals, of = binding.surface.normals[seen], patch[seen]
+    total = np.stack([np.bincount(of, column, patches) for column in normals.T.astype(np.float64)], axis=1)
+    counts = np.maximum(np.bincount(of, minlength=patches), 1)
+    return 1.0 - np.linalg.norm(total, axis=1) / counts

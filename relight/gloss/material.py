@@ -1,0 +1,112 @@
+"""Reflectance and roughness of each patch: what of the captured light's reflection its pixels show."""
+
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Floats
+from splat2mesh.base.calibration import Provenance
+
+from ..sh import harmonics
+from .fits import BANDS, PatchFits
+from .ggx import zonal_factors
+
+ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
+"""GGX roughness that is told apart. Degree 3 shows little between the first two; a noisy normal looks rough."""
+
+DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
+LEAST_CURVED = 0.1
+"""Of a patch that tells a reflection for sure: over a plane, the mirrored direction is the direction of view, and what
+harmonics show where no camera stood looks like one."""
+
+FACTORS = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])
+"""(A, K) factor of each roughness on each coefficient but the mean."""
+
+
+@dataclass(frozen=True)
+class GlossCalibration:
+    """From when on a patch is glossy.
+
+    least_explained: share of what depends on the view that the reflected light explains, both halves of the places
+    asked of the other. sure_explained, sure_patches: share, and number of curved patches that have it, from which on
+    anything in a scene is glossy: matte trained objects had at most one. least_reflectance: at normal incidence; less
+    is shown by no display.
+    """
+
+    provenance: ClassVar = Provenance(
+        script="scripts/calibrate_gloss.py",
+        fitted_on="one trained table of glazed and metal objects",
+        held_out="the largest share of matte patches is in docs/gloss.md",
+    )
+
+    least_explained: float = 0.025
+    sure_explained: float = 0.15
+    sure_patches: int = 2
+    least_reflectance: float = 0.004
+
+
+GLOSS = GlossCalibration()
+
+
+class Gloss(NamedTuple):
+    """What reflects, on M nodes. reflectance: (M, 3) at normal incidence, 0 where nothing does. alpha: (M,) GGX
+    roughness, that of the noise of the normals included. metal: (M,) bool, whether it does not rise at grazing angles.
+    explained: (M,) share of what depends on the view that the reflection explains, its confidence."""
+
+    reflectance: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    metal: NDArray[np.bool_]
+    explained: NDArray[np.float32]
+
+    @property
+    def glossy(self) -> NDArray[np.bool_]:
+        """(M,) bool: whether anything is reflected."""
+        return np.asarray(self.reflectance.any(axis=1))
+
+
+def materials(fits: PatchFits, light: Floats) -> Gloss | None:
+    """The Gloss of a surface under the light of the capture; None where it is matte.
+
+    light: (K, 3) or more, its SH coefficients in the frame of the scene and in the unit of the captured colours.
+    """
+    light = np.asarray(light, np.float64)[1 : BANDS**2]
+    count = len(fits.pixels)
+    reflectance, explained = np.zeros((count, 3)), np.zeros(count)
+    alpha, metal = np.zeros(count), np.zeros(count, bool)
+    for patch in range(count):
+        if not fits.pixels[patch]:
+            continue
+        found = _best(fits, patch, light)
+        explained[patch], reflectance[patch], alpha[patch], metal[patch] = found
+    sure = (explained > GLOSS.sure_explained) & (fits.curved > LEAST_CURVED)
+    if np.count_nonzero(sure) < GLOSS.sure_patches:
+        return None
+    dull = (explained < GLOSS.least_explained) | (reflectance.max(axis=1) < GLOSS.least_reflectance)
+    reflectance[dull] = 0.0
+    of = fits.patch
+    return Gloss(
+        np.minimum(reflectance, 1.0)[of].astype(np.float32),
+        alpha[of].astype(np.float32),
+        metal[of],
+        explained[of].astype(np.float32),
+    )
+
+
+def _best(fits: PatchFits, patch: int, light: Floats) -> tuple[float, NDArray[np.float64], float, bool]:
+    """(explained, reflectance (3,), alpha, metal) of the lobe that explains most of a patch, half by half."""
+    best = -np.inf, np.zeros(3), ALPHAS[0], False
+    total = max(float(fits.power[patch].sum()), 1e-30)
+    for metal in (False, True):
+        gram, moments = fits.gram[patch, :, int(metal)], fits.moments[patch, :, int(metal)]
+        for alpha, factors in zip(ALPHAS, FACTORS, strict=True):
+            shape = factors[:, None] * light
+            along = np.einsum("kc,hkc->hc", shape, moments)
+            square = np.einsum("kc,hkl,lc->hc", shape, gram, shape)
+            each = np.maximum(along / np.maximum(square, 1e-30), 0.0)[::-1]  # of the other half
+            gain = float((2 * each * along - each**2 * square).sum()) / total
+            if gain > best[0]:
+                whole = np.maximum(along.sum(axis=0) / np.maximum(square.sum(axis=0), 1e-30), 0.0)
+                best = gain, whole, alpha, metal
+    return best

@@ -1,0 +1,91 @@
+"""New reflections for relit splats: harmonics of degree 3, fitted to pictures whose pixels mirror the new light.
+
+A single Gaussian's harmonics are noise; together, in a picture, they show the reflection. So the old reflection is
+taken out of pictures and the new one put in, and the harmonics of glossy Gaussians follow by least squares.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Floats, Matrix3
+from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.splats.splats import Splats
+
+from ..splats.binding import Binding
+from ..splats.looks import Looks
+from .harmonicsfit import fitted
+from .material import Gloss
+from .mirrored import MirroredPixels
+from .pixels import SurfacePixels
+
+DEGREE = 3
+"""Of what is written: viewers draw no more."""
+
+LEAST_LEFT = 0.02
+"""Of a pixel's colour without gloss that is left, however much gloss is taken out of it."""
+
+MOSTLY = 0.5
+"""Of what a Gaussian is attached to that must be glossy for it to take part."""
+
+
+class Reflections:
+    """Reflections on the splats of a Binding, whose light may change; what depends on geometry alone is traced once.
+
+    looks: at the splats. gloss: of the nodes. scene: (3, 3) rotation from the frame of the splat into the scene's.
+    """
+
+    def __init__(self, binding: Binding, looks: Looks, gloss: Gloss, scene: Matrix3) -> None:
+        self._binding, self._drawn = binding, binding.drawn
+        seen = (SurfacePixels.of_view(looks, binding.surface, number) for number in range(len(looks.eyes)))
+        self._views = [MirroredPixels.of(pixels, binding.surface, gloss, scene) for pixels in seen]
+        places = binding.places
+        share = np.einsum("nk,nk->n", places.weights, gloss.glossy[places.columns])
+        glossy = (share > MOSTLY) & (places.far < MOSTLY)
+        rows = np.zeros(len(binding.lit), bool)
+        rows[np.flatnonzero(binding.lit)[glossy]] = True
+        self._glossy = np.flatnonzero(rows[binding.drawn_rows])  # among those drawn
+
+    def reflected(self, light: Floats, radiance: Floats) -> list[NDArray[np.float64]]:
+        """What the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance (V, 3) of the
+        vertices."""
+        nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
+        return [view.reflected(light, nodes) for view in self._views]
+
+    def relit(
+        self,
+        splats: Splats,
+        log_gain: NDArray[np.float32],
+        before: Sequence[NDArray[np.float64]],
+        after: Sequence[NDArray[np.float64]],
+    ) -> Splats:
+        """Relit splats with the new reflections in the place of the old ones.
+
+        splats: as `Binding.relit` gives them, all that the file has. log_gain: (M, 3) of the nodes, by which it relit
+        them. before, after: what is mirrored in the light of the capture and in the new one, of `reflected`, in display
+        units. Where both are equal, after that gain, no bit changes.
+        """
+        rows = self._binding.drawn_rows
+        shown = splats.take(rows)
+        errors = []
+        for view, old, new in zip(self._views, before, after, strict=True):
+            picture = view.pixels.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
+            now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
+            ratio = np.exp(2.4 * view.pixels.of_nodes(log_gain))
+            change = new - ratio * old
+            linear = linear_from_srgb(now)
+            wanted = srgb_from_linear(np.maximum(linear + change, LEAST_LEFT * linear))
+            wanted = np.minimum(wanted, np.maximum(now, 1.0))
+            error = np.zeros_like(picture)
+            error[view.pixels.known] = np.where(change == 0.0, 0.0, wanted - now)
+            errors.append(error)
+        if not any(error.any() for error in errors):
+            return splats
+        means = self._drawn.means
+        parts = [(view.pixels.blending, view.pixels.known, view.pixels.eye) for view in self._views]
+        found = fitted(means, self._glossy, parts, errors, DEGREE)
+        sh = np.zeros((len(splats), (DEGREE + 1) ** 2, 3), np.float32)
+        sh[:, : splats.sh.shape[1]] = splats.sh
+        sh[rows[self._glossy]] += found
+        return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)

@@ -1,0 +1,136 @@
+"""The gloss of one scene: observed once, kept with the scene, and shown anew in every light."""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.progress import Stages
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
+
+from ..sh import harmonics
+from ..transfer.store import Cache, array_key
+from .agreement import reflected_light
+from .fits import PatchFits, observed
+from .material import Gloss, materials
+from .reflections import Reflections
+from .views import outer_looks
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Shaded
+    from ..splats.binding import Binding
+    from ..splats.looks import Looks
+
+LEAST_DEGREE = 2
+"""Of the harmonics of a splat: degree 1 shows from which side it is brighter, and no lobe."""
+
+
+class SceneGloss:
+    """What is glossy in a scene that was made from splats.
+
+    splats: as read. binding: returns their Binding. cache: where what was observed is kept, or None.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        splats: Splats,
+        binding: Callable[[], "Binding"],
+        cache: Cache | None,
+        seed: int,
+        stages: Stages,
+    ) -> None:
+        self._scene, self._splats, self._binding = scene, splats, binding
+        self._cache, self._seed, self._stages = cache, seed, stages
+        self._reflections: Reflections | None = None
+
+    @cached_property
+    def fits(self) -> PatchFits | None:
+        """What pictures of the splat show of reflections; None where its harmonics show too little."""
+        if self._splats.degree < LEAST_DEGREE or self._kept is not None:
+            return self._kept
+        colors = self._scene.colors_srgb.astype(np.float64) / 255.0
+        binding, looks = self._binding(), self._looks
+        with self._stages.stage("observe gloss"):
+            found = observed(binding, looks, self._rotation, colors, self._seed)
+        if found is not None and self._cache is not None:
+            self._cache.put("reflections", *self._key, **found._asdict())
+        return found
+
+    @property
+    def known(self) -> bool:
+        """Whether `fits` takes no work."""
+        return self._splats.degree < LEAST_DEGREE or self._kept is not None or "fits" in self.__dict__
+
+    @cached_property
+    def shape(self) -> NDArray[np.float64] | None:
+        """The shape of an object's captured light that reflections show, of `reflected_light`, where enough agree."""
+        if self._scene.is_place or self.fits is None:
+            return None
+        return reflected_light(self.fits)
+
+    def of(self, look: "Appearance") -> Gloss | None:
+        """The Gloss of the scene under the light that it was captured in, or None where nothing is glossy."""
+        if self.fits is None or look.environment is None:
+            return None
+        return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
+
+    def relit(self, relit: Splats, look: "Appearance", shaded: "Shaded", received: NDArray[np.float32]) -> Splats:
+        """Relit splats with the reflections of the new light.
+
+        relit: as `Binding.relit` gives them for the irradiance `received`, (V, 3), in the unit of the radiance.
+        """
+        gloss = self.of(look)
+        looks = None if gloss is None else self._looks
+        if gloss is None or looks is None or look.environment is None:
+            return relit
+        binding = self._binding()
+        if self._reflections is None:
+            with self._stages.stage("trace gloss"):
+                self._reflections = Reflections(binding, looks, gloss, self._rotation)
+        light, shading, exposure = shaded.light, shaded.shading, shaded.exposure
+        own = look.environment.sh(harmonics.MAX_BANDS)
+        new = shaded.environment * light.sh(harmonics.MAX_BANDS) + shaded.captured * own
+        with self._stages.stage("gloss"):
+            before = self._reflections.reflected(own, look.captured)
+            after = self._reflections.reflected(exposure * new, shading.radiance * np.float32(exposure))
+            log_gain = binding.log_gains(look.irradiance, received, exposure)
+            return self._reflections.relit(relit, log_gain, before, after)
+
+    def as_dict(self, look: "Appearance") -> dict[str, Any] | None:
+        """What the report tells, JSON-clean; None where nothing is glossy."""
+        gloss = self.of(look)
+        if gloss is None:
+            return None
+        rows = gloss.glossy
+        return {
+            "share": round(float(rows.mean()), 4),
+            "metal_share": round(float((rows & gloss.metal).mean()), 4),
+            "reflectance": np.median(gloss.reflectance[rows], axis=0).round(4).tolist(),
+            "alpha": round(float(np.median(gloss.alpha[rows])), 3),
+            "light_from_reflections": self.shape is not None,
+        }
+
+    @cached_property
+    def _looks(self) -> "Looks | None":
+        with self._stages.stage("look at gloss"):
+            return outer_looks(self._binding(), self._scene)
+
+    @cached_property
+    def _key(self) -> tuple[str, int]:
+        return array_key(self._splats.means, self._splats.sh, self._scene.colors_srgb), self._seed
+
+    @cached_property
+    def _kept(self) -> PatchFits | None:
+        if self._cache is None or self._splats.degree < LEAST_DEGREE:
+            return None
+        return self._cache.restored(PatchFits.restored, "reflections", *self._key)
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
+        linear = np.asarray(self._scene.scene_from_splat, np.float64)[:3, :3]
+        return linear / np.cbrt(np.linalg.det(linear))
