@@ -1,4 +1,4 @@
-"""What is up, told by the light on a thing where nothing else tells: a hint in words, never a turn."""
+"""What is up, told by the light on a thing where nothing else tells: a hint in words, never a turn by itself."""
 
 import numpy as np
 import pytest
@@ -45,12 +45,17 @@ def thing(request):
     return splats_from(truth, radiance * exposure(radiance), 4000, 0)
 
 
-def test_a_thing_on_its_head_is_not_turned_but_told(thing):
+def test_a_thing_on_its_head_is_told_and_turned_where_pictures_show_it(thing, request):
     matrix, told = upright("auto", [], thing)
     assert told.startswith("the floor") or (
         told.startswith("assumed -y") and told.endswith("times brighter from above")
     )
     turned, doubted = upright("auto", [], placed(thing, OVER))
-    assert "; but" in doubted and "brighter from below, as what stands on its head is" in doubted
     assert brightness_from_above(thing, matrix[1, :3]) > CLEAR
+    if request.node.callspec.params["thing"] == "tabletop":
+        # Its pictures from below are much blurred: no camera stood there, and it is put back on its feet.
+        assert doubted.startswith("the floor")
+        np.testing.assert_allclose(turned[1, :3], -matrix[1, :3], atol=0.02)
+        return
+    assert "; but" in doubted and "brighter from below, as what stands on its head is" in doubted
     np.testing.assert_allclose(turned[1, :3], matrix[1, :3], atol=0.02)  # the side is the usual one, right or wrong
