@@ -1,5 +1,7 @@
 """Loops over the rows of the bounce matrix: made of what rays hit, packed, and multiplied with radiance."""
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -7,63 +9,56 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Integers
 from splat2mesh.base.threads import in_slices
 
+FINENESS = 64
+"""Parts of a face's edge to which the place of a hit is rounded: next to the noise of a few dozen rays that is nothing,
+and a hit in a mesh of up to a million faces takes four bytes."""
 
-def packed(
-    columns: NDArray[np.int32], weights: NDArray[np.float32], used: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]:
-    """The used beginnings of the rows as row starts (N + 1,), columns and weights, end to end."""
-    starts = np.append(0, np.cumsum(used, dtype=np.int64))
-    parts = np.zeros(starts[-1], np.int32), np.zeros(starts[-1], np.float32)
-    in_slices(_pack, len(used), columns, weights, starts, *parts)
-    return starts, *parts
+SIDE = FINENESS + 1
+
+
+def starts_of(used: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Where rows begin that are laid end to end, (N + 1,), of how many numbers each has."""
+    return np.append(0, np.cumsum(used, dtype=np.int64))
+
+
+def packed(rows: NDArray[Any], starts: NDArray[np.int64]) -> NDArray[Any]:
+    """The used beginnings of rows (N, M), end to end."""
+    found = np.empty(starts[-1], rows.dtype)
+    in_slices(_pack, len(starts) - 1, rows, starts, found)
+    return found
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def merge(
     begin: int,
     end: int,
-    rays: NDArray[np.float32],
-    faces: Integers,
-    uv: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    starts: NDArray[np.int64],
+    found: Integers,
     corners: Integers,
-    vertex_normals: NDArray[np.float32],
-    grid: np.float32,
     columns: NDArray[np.int32],
     weights: NDArray[np.float32],
     used: NDArray[np.int32],
-    hits: NDArray[np.int32],
-    behind: NDArray[np.int32],
 ) -> None:
-    """Rows of the matrix, unscaled: the weight of every vertex over all hits of a ray set, by first occurrence.
+    """Rows of the matrix, unscaled: the weight of every vertex over all places of a row, by first occurrence.
+
+    found: (P,), row after row: (face * SIDE + second) * SIDE + third, the weights of the second and the third vertex of
+    a face in whole parts of 1 / FINENESS.
 
     The order of the rays, and so that of the sums, is the vertex's own: renaming vertices changes no bit.
-    Weights are rounded to whole parts of 1 / grid, so coarse that no sum over a row rounds, in whatever order.
+    Weights are whole parts of 1 / FINENESS, so coarse that no sum over a row rounds, in whatever order.
     """
     size = 8
-    while size < 6 * rays.shape[1]:
+    while size < 2 * columns.shape[1]:
         size *= 2
     slots = np.zeros(size, np.int32)  # open addressing, at most half full: entry number + 1, or 0
     for v in range(begin, end):
         slots[:] = 0
         count = 0
-        for i in range(rays.shape[1]):
-            if faces[v, i] < 0:
-                continue
-            hits[v] += 1
-            a, b, c = corners[faces[v, i]]
-            outward, facing = np.float32(0), np.float32(0)
-            for axis in range(3):
-                common = vertex_normals[a, axis] + vertex_normals[b, axis] + vertex_normals[c, axis]
-                outward += normals[v, i, axis] * common
-                facing += normals[v, i, axis] * rays[v, i, 3 + axis]
-            if (facing if outward >= 0 else -facing) >= 0:
-                behind[v] += 1
-                continue
-            # Within rounding: a hit on an edge may come with a weight just below 0.
-            second = np.rint(min(max(uv[v, i, 0], np.float32(0)), np.float32(1)) * grid) / grid
-            third = np.rint(min(max(uv[v, i, 1], np.float32(0)), np.float32(1) - second) * grid) / grid
-            for vertex, weight in ((a, np.float32(1) - second - third), (b, second), (c, third)):
+        for i in range(starts[v], starts[v + 1]):
+            place = np.int64(found[i])
+            third, second = place % SIDE, place // SIDE % SIDE
+            a, b, c = corners[place // (SIDE * SIDE)]
+            for vertex, parts in ((a, FINENESS - second - third), (b, second), (c, third)):
                 slot = (np.int64(vertex) * np.int64(0x9E3779B1) >> 8) & (size - 1)
                 while slots[slot] and columns[v, slots[slot] - 1] != vertex:
                     slot = (slot + 1) & (size - 1)
@@ -71,7 +66,7 @@ def merge(
                     columns[v, count], weights[v, count] = vertex, np.float32(0)
                     count += 1
                     slots[slot] = count
-                weights[v, slots[slot] - 1] += weight
+                weights[v, slots[slot] - 1] += np.float32(parts) / np.float32(FINENESS)
         used[v] = count
 
 
@@ -105,19 +100,10 @@ def join(
 
 
 @njit(cache=True, nogil=True)
-def _pack(
-    begin: int,
-    end: int,
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    starts: NDArray[np.int64],
-    packed_columns: NDArray[np.int32],
-    packed_weights: NDArray[np.float32],
-) -> None:
+def _pack(begin: int, end: int, rows: NDArray[Any], starts: NDArray[np.int64], packed_rows: NDArray[Any]) -> None:
     for v in range(begin, end):
         for i in range(starts[v + 1] - starts[v]):
-            packed_columns[starts[v] + i] = columns[v, i]
-            packed_weights[starts[v] + i] = weights[v, i]
+            packed_rows[starts[v] + i] = rows[v, i]
 
 
 @njit(cache=True, nogil=True)

@@ -13,22 +13,20 @@ surface no vertex knows. Which side is the front, the vertex normals say, not th
 """
 
 import math
-from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Mask, Transfer
+from splat2mesh.base.arrays import Floats, Integers, Transfer
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from . import check_rays, sampling
-from .bounce_rows import gather, gather_rgb, join, merge, packed
+from .bounce_places import BouncePlaces, batch_of
+from .bounce_rows import gather, gather_rgb, join, merge, packed, starts_of
 from .checks import check_shape, checked_albedo
-from .neighbors import ranked_nodes
 from .occluder import Occluder
 from .receivers import Receivers
 from .settings import BOUNCE_TOLERANCE
@@ -43,41 +41,12 @@ DEFAULT_BOUNCE_RAYS = 64
 DEFAULT_MAX_BOUNCES = 16
 """Reached only by bright scenes that are nearly closed."""
 
-BATCH_RAYS = 2**18
-"""Rays in memory at once, 84 bytes each with what they hit and the rows they make; cores share a bounce by batches."""
-
 ROUNDING = 1e-5
 """Fractions may be this far outside [0, 1]: sums of float32."""
 
 BLOCK_COEFFICIENTS = 8
 """Transfer coefficients carried through all bounces at once: in three colours three whole vectors of 8 float32.
 A third of the time of one by one; 16 gain nothing more."""
-
-
-def _check_kept(arrays: Mapping[str, NDArray[Any]], count: int, traced: Mask) -> None:
-    """Raise InputError unless the arrays are of a matrix of the rows `traced`, whose `count` columns are all there."""
-    used, rows, columns = arrays["used"], arrays["block_rows"], arrays["columns"]
-    whole = all(arrays[name].dtype.kind == "i" for name in ("rows", "hits", "copies", "used", "block_rows", "columns"))
-    rows_wanted = np.count_nonzero(traced)
-    sizes = (
-        arrays["hits"].shape == arrays["copies"].shape == traced.shape == (count,)
-        and arrays["rows"].shape == used.shape == (rows_wanted,)
-        and rows.ndim == 1
-    )
-    if not (whole and sizes and arrays["weights"].dtype == np.float32 and arrays["weights"].shape == columns.shape):
-        raise InputError("kept bounces are of another kind")
-    if min(used.min(initial=0), rows.min(initial=0), arrays["copies"].min(initial=1) - 1) < 0:
-        raise InputError("kept bounces hold negative numbers")
-    entries = int(used.sum(dtype=np.int64))
-    last = max(int(columns.max(initial=0)), ~int(columns.min(initial=-1)))  # those of a node are marked by ~column
-    if rows.sum() != rows_wanted or columns.shape != (entries,) or last >= max(count, 1):
-        raise InputError(f"kept bounces do not fit {count} vertices")
-    named = np.zeros(count, bool)
-    named[arrays["rows"]] = True
-    if arrays["rows"].min(initial=0) < 0 or (named != traced).any():
-        raise InputError("kept bounces are of other vertices")
-    if not np.isfinite(arrays["weights"]).all():
-        raise InputError("kept bounces are not finite")
 
 
 class Interreflection:
@@ -107,79 +76,48 @@ class Interreflection:
         Without it, a row sums to the fraction of its own rays that hit. Either way less what they hit from behind.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
-        self.rays, self.receivers = check_rays(rays), receivers
-        azimuths = sampling.fibonacci_azimuths(self.rays)
-        count = len(occluder.origins)
-        batch = max(1, BATCH_RAYS // self.rays)
-        self._blocks: list[Block] = []
-        self.hits = np.zeros(count, np.int32)
-        buffer = np.zeros((min(batch, count), self.rays, 6), np.float32)
-        columns = np.zeros((len(buffer), 3 * self.rays), np.int32)
-        weights = np.zeros(columns.shape, np.float32)
-        order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
-        node, back = np.zeros(count, np.int32), 0
-        node[order] = np.cumsum(new_node) - 1
-        copies = np.bincount(node).astype(np.int32)[node]
-        self.shares = 1.0 / copies
-        grid = np.float32(2.0 ** (24 - math.ceil(math.log2(self.rays))))
-        rows = order if receivers is None or receivers.all else order[receivers.traced[order]]
-        self._rows = rows.astype(np.int32)
-        for start in range(0, len(rows), batch):
-            part = rows[start : start + batch]
-            shot = buffer[: len(part)]
-            sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
-            met, used, behind = np.zeros((3, len(shot)), np.int32)
-            hits = occluder.first_hits(shot)[1:]
-            mesh = occluder.faces, occluder.normals
-            in_slices(merge, len(shot), shot, *hits, *mesh, grid, columns, weights, used, met, behind)
-            in_slices(join, len(shot), used, node, copies, columns, weights)
-            self.hits[part] = met
-            back += int(behind.sum())
-            self._blocks.append(packed(columns, weights, used))
-            advance(len(shot))
-        self.back_hits = back / max(int(self.hits.sum()), 1)
-        self.scale_to(visible)
+        places = BouncePlaces.shot(occluder, rays, seed, advance, receivers)
+        self._make(places, rays, occluder.faces, visible, receivers)
 
     @classmethod
-    def restored(
+    def of_places(
         cls,
+        places: BouncePlaces,
         rays: int,
-        arrays: Mapping[str, NDArray[Any]],
+        faces: Integers,  # (F, 3) of the mesh
         visible: Floats | None = None,
         receivers: Receivers | None = None,
     ) -> "Interreflection":
-        """One of `arrays` that were kept, rows scaled anew. Raises InputError for what does not fit: loops trust it."""
+        """The same of rays that were traced before."""
         self = cls.__new__(cls)
-        count = len(arrays["hits"]) if visible is None else len(visible)
-        self.receivers = receivers
-        _check_kept(arrays, count, np.ones(count, bool) if receivers is None else receivers.traced)
-        self._rows = arrays["rows"]
-        self.rays, self.hits, self.back_hits = rays, arrays["hits"], float(arrays["back_hits"])
-        copies, sizes = arrays["copies"], arrays["block_rows"]
-        self.shares = 1.0 / copies
-        self._blocks = []
-        row, entry = 0, 0
-        for size in sizes:
-            starts = np.append(0, np.cumsum(arrays["used"][row : row + size], dtype=np.int64))
-            part = slice(entry, entry + starts[-1])
-            self._blocks.append((starts, arrays["columns"][part], arrays["weights"][part]))
-            row, entry = row + size, part.stop
-        self.scale_to(visible)
+        self._make(places, rays, faces, visible, receivers)
         return self
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Dict of the arrays that `restored` takes: all but the scaling of the rows."""
-        starts, columns, weights = zip(*self._blocks, strict=True)
-        return {
-            "rows": self._rows,
-            "hits": self.hits,
-            "back_hits": np.array(self.back_hits),
-            "copies": np.rint(1.0 / self.shares).astype(np.int32),
-            "block_rows": np.array([len(each) - 1 for each in starts]),
-            "used": np.concatenate([np.diff(each) for each in starts]).astype(np.int32),
-            "columns": np.concatenate(columns),
-            "weights": np.concatenate(weights),
-        }
+    def _make(
+        self, places: BouncePlaces, rays: int, faces: Integers, visible: Floats | None, receivers: Receivers | None
+    ) -> None:
+        self.rays, self.receivers = rays, receivers
+        self._rows, self.hits = places.rows, places.hits
+        met = int(self.hits.sum())
+        self.back_hits = (met - len(places.places)) / max(met, 1)
+        copies = np.bincount(places.node).astype(np.int32)[places.node]
+        self.shares = 1.0 / copies
+        faces = read_only(faces, np.uint32)
+        batch = batch_of(rays)
+        self._blocks: list[Block] = []
+        columns = np.zeros((min(batch, len(places.rows)), 3 * rays), np.int32)
+        weights = np.zeros(columns.shape, np.float32)
+        at = 0
+        for start in range(0, len(places.rows), batch):
+            counts = places.used[start : start + batch]
+            starts = at + starts_of(counts)
+            used = np.zeros(len(counts), np.int32)
+            in_slices(merge, len(used), starts, places.places, faces, columns, weights, used)
+            in_slices(join, len(used), used, places.node, copies, columns, weights)
+            begins = starts_of(used)
+            self._blocks.append((begins, packed(columns, begins), packed(weights, begins)))
+            at = starts[-1]
+        self.scale_to(visible)
 
     @property
     def entries(self) -> int:

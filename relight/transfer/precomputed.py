@@ -11,6 +11,7 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
 
 from .analytic import analytic
+from .bounce_places import BouncePlaces
 from .bounces import Interreflection, visible_fraction
 from .receivers import Receivers
 from .settings import Settings
@@ -159,22 +160,25 @@ class Precomputed:
         return matrix
 
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:
-        """The Interreflection, kept from before or computed."""
+        """The Interreflection of places that were kept from before, or are found now."""
         receivers = self.receivers
+        faces = self.scene.faces
+
+        def restored(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
+            places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
+            return Interreflection.of_places(places, rays, faces, visible, receivers)
+
         with self._stages.stage("bounce rays kept"):
-            kept = self.cache.restored(
-                lambda arrays: Interreflection.restored(rays, arrays, visible, receivers),
-                *("bounces", rays, self.seed, receivers.key),
-            )
-        if kept is not None:
-            return kept
+            found = self.cache.restored(restored, "bounces", rays, self.seed, receivers.key)
+        if found is not None:
+            return found
         occluder = self.occluder
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
-            found = Interreflection(occluder, rays, self.seed, visible, advance, receivers)
+            places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
+            found = Interreflection.of_places(places, rays, faces, visible, receivers)
         self.rays_traced += rays * len(receivers.rows)
-        if self.cache.keeps:  # its arrays are a copy of the matrix
-            with self._stages.stage("keep"):
-                self.cache.put("bounces", rays, self.seed, receivers.key, **found.arrays())
+        with self._stages.stage("keep"):
+            self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())
         return found
 
     def _kept(self, settings: Settings) -> tuple[Key, Transfer] | None:

@@ -27,7 +27,7 @@ from splat2mesh.base.outputs import staged_file
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
-VERSION = 2
+VERSION = 3
 """Of what is kept: goes up whenever files change, or the same geometry and settings would give other numbers."""
 
 FOLDER = "cache"

@@ -15,8 +15,8 @@ from benchmarks.harness import medians, relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, Shape, shape
 from relight import Environment
 from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, sampling
+from relight.transfer.bounce_places import BATCH_RAYS
 from relight.transfer.bounces import (
-    BATCH_RAYS,
     DEFAULT_BOUNCE_RAYS,
     Interreflection,
     transfer_with_bounces,

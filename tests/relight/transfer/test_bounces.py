@@ -7,6 +7,7 @@ import open3d as o3d
 import pytest
 
 from relight.transfer import sampling
+from relight.transfer.bounce_rows import FINENESS
 from relight.transfer.bounces import (
     DEFAULT_MAX_BOUNCES,
     Interreflection,
@@ -155,7 +156,9 @@ def test_rows_are_what_the_rays_meet(lit):
     _, faces, uv, normals = occluder.first_hits(rays)
     vertex, ray = np.nonzero(faces >= 0)
     corners = occluder.faces[faces[vertex, ray]]
-    shares = np.stack([1 - uv[vertex, ray].sum(axis=-1), *uv[vertex, ray].T], axis=1)
+    exact = np.clip(np.stack([1 - uv[vertex, ray].sum(axis=-1), *uv[vertex, ray].T], axis=1), 0.0, 1.0) * FINENESS
+    left = FINENESS - np.floor(exact).sum(axis=1, keepdims=True)  # of whole parts, for the largest rests
+    shares = (np.floor(exact) + (np.argsort(np.argsort(np.floor(exact) - exact, axis=1), axis=1) < left)) / FINENESS
     assert ((normals[vertex, ray] * rays[vertex, ray, 3:]).sum(axis=1) < 0).all()  # nothing here shows its back
     expected = np.zeros((count, count))
     np.add.at(expected, (vertex[:, None], corners), shares / 48)
@@ -328,7 +331,7 @@ def test_threads_and_batches_change_no_bit(lit, monkeypatch):
     expected = Interreflection(occluder, 32, visible=visible_fraction(transfer)).bounce(albedo)
     for cores in (1, 5):
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
-        monkeypatch.setattr("relight.transfer.bounces.BATCH_RAYS", 32 * 100)
+        monkeypatch.setattr("relight.transfer.bounce_places.BATCH_RAYS", 32 * 100)
         found = Interreflection(occluder, 32, visible=visible_fraction(transfer))
         assert len(found._blocks) > 4
         np.testing.assert_array_equal(found.bounce(albedo), expected)

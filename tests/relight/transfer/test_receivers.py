@@ -5,6 +5,8 @@ import pytest
 from plan_scenes import mesh_of, occluder_of, sphere_on_plane, square
 
 from relight import Environment, Relighter
+from relight.transfer.bounce_places import BouncePlaces
+from relight.transfer.bounce_rows import FINENESS, SIDE
 from relight.transfer.bounces import Interreflection
 from relight.transfer.receivers import SPARSE, Receivers
 from relight.transfer.store import Cache
@@ -96,17 +98,47 @@ def test_kept_receivers_and_bounces_are_found_again(tmp_path):
 
 
 def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
-    """Columns of vertices that stand twice are marked by negative numbers, which are no damage."""
-    made = Interreflection(occluder_of(scene), 16)
-    arrays = made.arrays()
-    assert arrays["columns"].min() < 0
+    """Vertices that stand twice are columns of their own, side by side."""
+    occluder = occluder_of(scene)
+    made, places = Interreflection(occluder, 16), BouncePlaces.shot(occluder, 16, 0, lambda count: None)
+    assert made.shares.min() < 1.0
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
-    np.testing.assert_array_equal(Interreflection.restored(16, arrays).bounce(light), made.bounce(light))
-    for wrong in (len(scene.vertices), ~len(scene.vertices)):
-        broken = arrays["columns"].copy()
-        broken[0] = wrong
-        with pytest.raises(InputError, match="do not fit"):
-            Interreflection.restored(16, arrays | {"columns": broken})
+    faces, traced = occluder.faces, np.ones(len(scene.vertices), bool)
+    kept = BouncePlaces.restored(places._asdict(), 16, len(faces), traced)
+    again = Interreflection.of_places(kept, 16, faces)
+    np.testing.assert_array_equal(again.bounce(light), made.bounce(light))
+    assert (again.entries, again.back_hits, again.rays) == (made.entries, made.back_hits, 16)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "reason"),
+    [
+        ("places", lambda a: np.full_like(a, 1_000_000 * SIDE**2), "faces"),
+        ("places", lambda a: a - a % SIDE**2 + FINENESS * SIDE + 1, "faces"),  # beside its face
+        ("places", lambda a: a[1:], "rays"),
+        ("places", lambda a: a.astype(np.int64), "kind"),
+        ("places", lambda a: a.astype(np.float32), "kind"),
+        ("used", lambda a: np.full_like(a, 17), "rays"),
+        ("used", lambda a: a - 17, "negative"),
+        ("used", lambda a: a[1:], "kind"),
+        ("hits", lambda a: a + 17, "rays"),
+        ("hits", lambda a: a[1:], "kind"),
+        ("rows", lambda a: a - 1, "negative"),
+        ("rows", lambda a: a + 1, "other vertices"),
+        ("rows", lambda a: np.zeros_like(a), "other vertices"),
+        ("rows", lambda a: a.astype(np.int64), "kind"),
+        ("node", lambda a: a + 1, "other vertices"),
+        ("node", lambda a: a - 1, "negative"),
+    ],
+)
+def test_kept_bounces_that_do_not_fit_are_refused(scene, name, change, reason):
+    occluder = occluder_of(scene)
+    arrays = BouncePlaces.shot(occluder, 16, 0, lambda count: None)._asdict()
+    arrays["node"] = np.arange(len(scene.vertices), dtype=np.int32)  # of a scene without seams: the last is the highest
+    with pytest.raises(InputError, match=f"kept bounces .*{reason}"):
+        BouncePlaces.restored(
+            arrays | {name: change(arrays[name])}, 16, len(occluder.faces), np.ones(len(scene.vertices), bool)
+        )
 
 
 def test_more_bounce_rays_serve_for_fewer(scene):

@@ -10,9 +10,9 @@ from plan_scenes import corner, difference, occluder_of, turned
 
 from relight import Environment, Relighter
 from relight.transfer import store
+from relight.transfer.bounce_places import BouncePlaces
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.store import MOST_OF_A_KIND, Cache, array_key, geometry_key
-from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
@@ -361,17 +361,14 @@ def test_twice_the_rays_trace_the_new_half(folder, noon):
 def test_interreflection_comes_back_to_the_bit(folder, noon):
     scene = Scene.load(folder)
     visible = np.random.default_rng(0).random(len(scene.vertices))
-    made = Interreflection(occluder_of(scene), 24, seed=4)
+    occluder = occluder_of(scene)
     kept = Cache.of_scene(scene)
-    kept.put("bounces", 24, **made.arrays())
-    arrays = kept.get("bounces", 24)
-    for rows in (np.zeros_like(arrays["rows"]), arrays["rows"] - 1, arrays["rows"][:-1]):
-        with pytest.raises(InputError, match="kept bounces"):
-            Interreflection.restored(24, arrays | {"rows": rows})
+    kept.put("bounces", 24, **BouncePlaces.shot(occluder, 24, 4, lambda count: None)._asdict())
+    places = BouncePlaces.restored(kept.get("bounces", 24), 24, len(occluder.faces), np.ones(len(scene.vertices), bool))
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     for each in (None, visible):
-        fresh = Interreflection(occluder_of(scene), 24, 4, each)
-        restored = Interreflection.restored(24, arrays, each)
+        fresh = Interreflection(occluder, 24, 4, each)
+        restored = Interreflection.of_places(places, 24, scene.faces, each)
         np.testing.assert_array_equal(restored.bounce(light), fresh.bounce(light))
         assert (restored.entries, restored.back_hits, restored.rays) == (fresh.entries, fresh.back_hits, 24)
         for name in ("hits", "shares"):

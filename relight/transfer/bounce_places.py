@@ -1,0 +1,152 @@
+"""Where the rays of bounces meet surfaces: what is traced, and kept, and from which the matrix of bounces follows.
+
+A place is one number: the face, and where on it to a part of its edge. That takes a sixth of the rows that are made of
+places, in which every hit has three vertices, and to make them anew takes less time than to read them.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Integers, Mask
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Advance
+from splat2mesh.base.threads import in_slices
+
+from . import check_rays, sampling
+from .bounce_rows import FINENESS, SIDE, packed, starts_of
+from .facing import is_front
+from .neighbors import ranked_nodes
+from .occluder import Occluder
+from .receivers import Receivers
+
+BATCH_RAYS = 2**18
+"""Rays in memory at once, 84 bytes each with what they hit and the rows they make; cores share a bounce by batches."""
+
+
+class BouncePlaces(NamedTuple):
+    """What R cosine-distributed rays from each of M vertices meet first, in a mesh of V.
+
+    rows: (M,) int32, the vertices that rays start from, along a curve. hits: (V,) int32, how many of each vertex's met
+    something. used: (M,) int32, how many of those met the front of a face. places: (P,) uint32 or uint64, where, row
+    after row, as `bounce_rows.merge` takes it. node: (V,) int32, alike for vertices that agree in place and normal.
+    """
+
+    rows: NDArray[np.int32]
+    hits: NDArray[np.int32]
+    used: NDArray[np.int32]
+    places: NDArray[np.unsignedinteger[Any]]
+    node: NDArray[np.int32]
+
+    @classmethod
+    def shot(
+        cls, occluder: Occluder, rays: int, seed: int, advance: Advance, receivers: Receivers | None = None
+    ) -> "BouncePlaces":
+        """Trace them, from all vertices or those that Receivers name. A row depends on its vertex, the seed and the
+        scene, not on vertex order or threads. Raises InputError for rays outside 1..65536."""
+        azimuths = sampling.fibonacci_azimuths(check_rays(rays))
+        count, batch = len(occluder.origins), batch_of(rays)
+        order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
+        node, hits = np.zeros((2, count), np.int32)
+        node[order] = np.cumsum(new_node) - 1
+        rows = order if receivers is None or receivers.all else order[receivers.traced[order]]
+        kind = np.uint32 if len(occluder.faces) * SIDE**2 < 2**32 else np.uint64
+        buffer = np.zeros((min(batch, len(rows)), rays, 6), np.float32)
+        places, used, found = np.zeros(buffer.shape[:2], np.int64), np.zeros(len(rows), np.int32), []
+        for start in range(0, len(rows), batch):
+            part = rows[start : start + batch]
+            some, shot, met = used[start : start + batch], buffer[: len(part)], np.zeros(len(part), np.int32)
+            sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
+            told = occluder.first_hits(shot)[1:]
+            in_slices(_meet, len(part), shot, *told, occluder.faces, occluder.normals, places, some, met)
+            hits[part] = met
+            found.append(packed(places, starts_of(some)).astype(kind))
+            advance(len(part))
+        return cls(rows.astype(np.int32), hits, used, np.concatenate([np.zeros(0, kind), *found]), node)
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], rays: int, faces: int, traced: Mask) -> "BouncePlaces":
+        """Those that were kept of the vertices `traced`, (V,), in a mesh of so many faces.
+
+        Raises InputError or KeyError for what does not fit: loops trust it.
+        """
+        self = cls(*(arrays[name] for name in cls._fields))
+        rows, hits, used, places, node = self
+        counts = rows.dtype == hits.dtype == used.dtype == node.dtype == np.int32 and places.dtype.kind == "u"
+        fits = hits.shape == node.shape == traced.shape and places.ndim == 1
+        if not (counts and fits and rows.shape == used.shape == (np.count_nonzero(traced),)):
+            raise InputError("kept bounces are of another kind")
+        if min(each.min(initial=0) for each in (rows, hits, used, node)) < 0:
+            raise InputError("kept bounces hold negative numbers")
+        if max(used.max(initial=0), hits.max(initial=0)) > rays or used.sum(dtype=np.int64) != len(places):
+            raise InputError("kept bounces have another number of rays")
+        named = np.zeros(len(traced), bool)
+        named[rows[rows < len(named)]] = True
+        if (named != traced).any() or rows.max(initial=-1) >= len(named) or node.max(initial=-1) >= len(named):
+            raise InputError("kept bounces are of other vertices")
+        beyond = np.zeros(len(places), bool)
+        in_slices(_look, len(places), places, faces, beyond)
+        if beyond.any():
+            raise InputError(f"kept bounces do not fit a mesh of {faces} faces")
+        return self
+
+
+def batch_of(rays: int) -> int:
+    """How many vertices with so many rays are worked on at once."""
+    return max(1, BATCH_RAYS // rays)
+
+
+@njit(cache=True, nogil=True)
+def _meet(
+    begin: int,
+    end: int,
+    rays: NDArray[np.float32],
+    faces: Integers,
+    uv: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    corners: Integers,
+    vertex_normals: NDArray[np.float32],
+    found: NDArray[np.int64],
+    used: NDArray[np.int32],
+    hits: NDArray[np.int32],
+) -> None:
+    """Where rays (N, R) meet the front of a face, as one number each, into the beginnings of the rows `found` (N, R).
+
+    used: (N,), how many of a row those are. hits: (N,), with those that met the back.
+    """
+    fine, one = np.float32(FINENESS), np.float32(1)
+    for v in range(begin, end):
+        count = 0
+        for i in range(rays.shape[1]):
+            face = faces[v, i]
+            if face < 0:
+                continue
+            hits[v] += 1
+            if not is_front(normals[v, i], rays[v, i, 3:], corners[face], vertex_normals):
+                continue
+            # Within rounding: a hit on an edge may come with a weight just below 0.
+            x = min(max(uv[v, i, 0], np.float32(0)), one) * fine
+            y = min(max(uv[v, i, 1], np.float32(0)) * fine, fine - x)
+            z = fine - x - y
+            second, third = np.int64(x), np.int64(y)
+            left = FINENESS - np.int64(z) - second - third
+            x, y, z = x - np.floor(x), y - np.floor(y), z - np.floor(z)
+            if left == 1:  # goes to whose rest is largest, whichever corner is called the first
+                second, third = second + (x >= y and x >= z), third + (y > x and y >= z)
+            elif left == 2:
+                second, third = second + (x >= y or x >= z), third + (y > x or y >= z)
+            found[v, count] = (np.int64(face) * SIDE + second) * SIDE + third
+            count += 1
+        used[v] = count
+
+
+@njit(cache=True, nogil=True)
+def _look(begin: int, end: int, places: Integers, faces: int, beyond: Mask) -> None:
+    """Which places are on no face."""
+    for i in range(begin, end):
+        place = np.int64(places[i])
+        off = place % SIDE + place // SIDE % SIDE > FINENESS
+        beyond[i] = off or place < 0 or place // (SIDE * SIDE) >= faces
