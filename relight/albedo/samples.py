@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask
 
 from ..sh.sphere import fibonacci_sphere
+from ..transfer.facing import met_in_front
 from ..transfer.neighbors import ranked_nodes
 from ..transfer.occluder import Occluder
 
@@ -111,16 +112,12 @@ def sky_of(
         cosine = occluder.normals[some] @ toward.T
         place, direction = np.nonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[some][place], toward[direction]])
-        _, faces, _, normals = occluder.first_hits(rays)
+        hits = occluder.first_hits(rays)
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
-        sky[start + place, direction] = np.where(faces < 0, weight, np.float32(0.0))
-        hit = np.flatnonzero(faces >= 0)
-        outward = occluder.normals[occluder.faces[faces[hit]]].sum(axis=1)
-        facing = np.einsum("ij,ij->i", normals[hit], outward) * np.einsum(
-            "ij,ij->i", normals[hit], toward[direction[hit]]
-        )
-        total = np.bincount(place[hit], weight[hit], len(some))
-        wrong = np.bincount(place[hit], weight[hit] * (facing >= 0.0), len(some))
+        sky[start + place, direction] = np.where(hits.faces < 0, weight, np.float32(0.0))
+        wrong_side = (hits.faces >= 0) & ~met_in_front(occluder, hits, toward[direction])
+        total = np.bincount(place, weight * (hits.faces >= 0), len(some))
+        wrong = np.bincount(place, weight * wrong_side, len(some))
         behind[start : start + len(some)] = wrong / np.maximum(total, 1e-12) * (total > 0.0)
     return sky, behind
 

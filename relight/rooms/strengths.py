@@ -19,6 +19,7 @@ from splat2mesh.scene.measured import CapturedSky
 from ..albedo import fit, samples
 from ..albedo.skylight import GROUND, SkyParts
 from ..sh.sphere import fibonacci_sphere
+from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
 
 PLACES, DIRECTIONS = 2500, 2048
@@ -314,13 +315,11 @@ def _sent(
         cosine = smooth[some] @ toward.T
         place, direction = np.nonzero(cosine > 0.0)
         rays = np.hstack([occluder.origins[some][place], toward[direction]])
-        _, faces, uv, normals = occluder.first_hits(rays)
+        hits = occluder.first_hits(rays)
         weight = cosine[place, direction] * np.float32(4.0 / len(directions))
-        corners = occluder.faces[np.maximum(faces, 0)]
-        outward = occluder.normals[corners].sum(axis=1)
-        facing = np.einsum("ij,ij->i", normals, outward) * np.einsum("ij,ij->i", normals, toward[direction])
-        front = (faces >= 0) & (facing < 0.0)
-        shares = np.stack([1.0 - uv.sum(axis=1), uv[:, 0], uv[:, 1]], axis=1) * (weight * front)[:, None]
+        corners = occluder.faces[np.maximum(hits.faces, 0)]
+        front = met_in_front(occluder, hits, toward[direction])
+        shares = np.stack([1.0 - hits.uv.sum(axis=1), *hits.uv.T], axis=1) * (weight * front)[:, None]
         seen = np.einsum("rk,rkc->rc", shares, captured[corners])
         for color in range(3):
             bounce[start : start + len(some), color] = np.bincount(place, seen[:, color], len(some))

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.threads import in_slices
 
+from .sampling import direction, tangents, turned
+
 MARGIN = np.float32(1e-5)
 """A box is larger by this, in the unit frame: a hundred roundings."""
 
@@ -172,11 +174,10 @@ def _hemisphere_through(
 ) -> None:
     """Rays of rows[begin:end] that are not hidden and go through the box, into `buffer` from `begin` * rays on.
 
-    index: row * rays + ray, for each. used[begin]: how many there are. Directions are those of `sampling._shoot`,
-    operation by operation.
+    index: row * rays + ray, for each. used[begin]: how many there are.
     """
     count, at = len(azimuths), begin * len(azimuths)
-    one, step = np.float32(1), np.float32(1 / len(azimuths))
+    one = np.float32(1)
     dx, dy, dz = np.zeros(count, np.float32), np.zeros(count, np.float32), np.zeros(count, np.float32)
     near = np.zeros(count, np.bool_)
     for row in range(begin, end):
@@ -204,20 +205,9 @@ def _hemisphere_through(
             if low_cosine > np.float32(1e-3):
                 low_cosine -= np.float32(1e-3)
                 last = min(count, int(count * (one - low_cosine * low_cosine) - shift) + 2)
-        sign, turn = np.copysign(one, nz), np.float32(2.0 * np.pi) * offsets[v, 1]
-        cos_turn, sin_turn = np.cos(turn), np.sin(turn)
-        a = -one / (sign + nz)
-        b = nx * ny * a
-        tx, ty, tz = one + sign * nx * nx * a, sign * b, -sign * nx
-        bx, by, bz = b, sign + ny * ny * a, -ny
+        frame, turn = tangents(nx, ny, nz), turned(offsets[v, 1])
         for i in range(first, last):  # whole vectors at a time: nothing here branches
-            square = (np.float32(i) + shift) * step
-            radial, height = np.sqrt(square), np.sqrt(max(one - square, np.float32(0)))
-            u = radial * (cos_turn * azimuths[i, 0] - sin_turn * azimuths[i, 1])
-            w = radial * (sin_turn * azimuths[i, 0] + cos_turn * azimuths[i, 1])
-            dx[i] = u * tx + w * bx + height * nx
-            dy[i] = u * ty + w * by + height * ny
-            dz[i] = u * tz + w * bz + height * nz
+            dx[i], dy[i], dz[i] = direction(i, shift, turn, frame, azimuths)
         _near(px, py, pz, dx[first:last], dy[first:last], dz[first:last], low, high, near[first:last])
         for i in range(first, last):
             if near[i] and not hidden[v, i >> 3] & (np.uint8(128) >> np.uint8(i & 7)):

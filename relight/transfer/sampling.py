@@ -167,28 +167,51 @@ def _shoot(
     offsets: NDArray[np.float32],
     rays: NDArray[np.float32],
 ) -> None:
-    count = len(azimuths)
-    one, step = np.float32(1), np.float32(1 / count)
     for v in range(begin, end):
-        shift, turn = offsets[v, 0], np.float32(2.0 * np.pi) * offsets[v, 1]
-        cos_turn, sin_turn = np.cos(turn), np.sin(turn)
-        # Tangents without a branch: Duff et al., "Building an Orthonormal Basis, Revisited", 2017.
-        nx, ny, nz = normals[v]
-        sign = np.copysign(one, nz)
-        a = -one / (sign + nz)
-        b = nx * ny * a
-        tx, ty, tz = one + sign * nx * nx * a, sign * b, -sign * nx
-        bx, by, bz = b, sign + ny * ny * a, -ny
         px, py, pz = origins[v]
-        for i in range(count):
-            square = (np.float32(i) + shift) * step
-            radius, height = np.sqrt(square), np.sqrt(max(one - square, np.float32(0)))
-            u = radius * (cos_turn * azimuths[i, 0] - sin_turn * azimuths[i, 1])
-            w = radius * (sin_turn * azimuths[i, 0] + cos_turn * azimuths[i, 1])
+        frame = tangents(normals[v, 0], normals[v, 1], normals[v, 2])
+        turn = turned(offsets[v, 1])
+        for i in range(len(azimuths)):
             rays[v, i, 0], rays[v, i, 1], rays[v, i, 2] = px, py, pz
-            rays[v, i, 3] = u * tx + w * bx + height * nx
-            rays[v, i, 4] = u * ty + w * by + height * ny
-            rays[v, i, 5] = u * tz + w * bz + height * nz
+            rays[v, i, 3], rays[v, i, 4], rays[v, i, 5] = direction(i, offsets[v, 0], turn, frame, azimuths)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def tangents(nx: np.float32, ny: np.float32, nz: np.float32) -> tuple[np.float32, ...]:
+    """A normal and two unit vectors across it, as nine float32: tangent, bitangent, normal.
+
+    Without a branch: Duff et al., "Building an Orthonormal Basis, Revisited", 2017.
+    """
+    one = np.float32(1)
+    sign = np.copysign(one, nz)
+    a = -one / (sign + nz)
+    b = nx * ny * a
+    return one + sign * nx * nx * a, sign * b, -sign * nx, b, sign + ny * ny * a, -ny, nx, ny, nz
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turned(offset: np.float32) -> tuple[np.float32, np.float32]:
+    """Cosine and sine of a part of a full turn."""
+    turn = np.float32(2.0 * np.pi) * offset
+    return np.cos(turn), np.sin(turn)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def direction(
+    ray: int,  # its rank: the higher above the horizon, the lower
+    shift: np.float32,  # part of a stratum
+    turn: tuple[np.float32, np.float32],  # of `turned`
+    frame: tuple[np.float32, ...],  # of `tangents`
+    azimuths: NDArray[np.float32],  # (R, 2)
+) -> tuple[np.float32, np.float32, np.float32]:
+    """The direction of one ray of a cosine-weighted set of R, as float32; it compiles into vectors of many."""
+    one, step = np.float32(1), np.float32(1 / len(azimuths))
+    tx, ty, tz, bx, by, bz, nx, ny, nz = frame
+    square = (np.float32(ray) + shift) * step
+    radius, height = np.sqrt(square), np.sqrt(max(one - square, np.float32(0)))
+    u = radius * (turn[0] * azimuths[ray, 0] - turn[1] * azimuths[ray, 1])
+    w = radius * (turn[1] * azimuths[ray, 0] + turn[0] * azimuths[ray, 1])
+    return u * tx + w * bx + height * nx, u * ty + w * by + height * ny, u * tz + w * bz + height * nz
 
 
 def legendre_factors(bands: int) -> NDArray[np.float32]:
