@@ -1,0 +1,132 @@
+"""Lamps as a JSON file that `--lamp` reads back to the same light."""
+
+import json
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.outputs import staged_file
+
+from .asked import BULB_M, TUBE_M, AskedLamp, Brightness, LampScale, resolve
+from .color import NAMES, TEMPERATURES, luminance, parse_color
+from .photometry import times
+from .shapes import MeshLamp, ProfileLamp, RectangleLamp, SphereLamp, SpotLamp, TubeLamp
+
+_SUFFIXES = {"EV": "EV", "lumen": "lm", "candela": "cd"}
+
+_TRIES = 512
+"""Brightnesses of a colour that are tried for one that is read back to the last bit."""
+
+
+_ROUNDING = 1e-15
+
+
+def write_lamps(
+    path: str | os.PathLike[str], lamps: Sequence[AskedLamp], scale: LampScale | None = None, about: str = ""
+) -> None:
+    """Write lamps as JSON; `files.read_json_lamps` gives the same ones.
+
+    Parameters
+    ----------
+    path : path
+        Ends in .json.
+    lamps : sequence of AskedLamp
+        At least one.
+    scale : LampScale, optional
+        Of the scene: asked for by lamps that the file cannot tell in their own terms.
+    about : str
+        A line for people.
+
+    Raises
+    ------
+    InputError
+        Without lamps, and for a file that cannot be written.
+    """
+    if not lamps:
+        raise InputError(f"{path}: there are no lamps to save")
+    content: dict[str, Any] = {"about": about} if about else {}
+    content["lamps"] = [fields_of(each, scale) for each in lamps]
+    try:
+        with staged_file(path) as partial:
+            partial.write_text(json.dumps(content, indent=1) + "\n", "utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error}") from None
+
+
+def fields_of(asked: AskedLamp, scale: LampScale | None = None) -> dict[str, Any]:
+    """Return the fields by which a file asks for a lamp, `type` first. Raises InputError as `write_lamps` does."""
+    shape, brightness = asked.shape, asked.brightness
+    fields: dict[str, Any] = {"type": type(shape).__name__.removesuffix("Lamp").lower()}
+    match shape:
+        case SphereLamp():
+            fields["position"] = list(shape.position)
+            if not (asked.radius_in_metres and shape.radius == BULB_M):
+                fields["radius"] = _radius(asked, scale)
+        case SpotLamp():
+            fields |= {"position": list(shape.position), "target": list(shape.target)}
+            fields |= {"cutoff_deg": shape.cutoff_deg, "beam_deg": shape.beam_deg, "radius": shape.radius}
+        case RectangleLamp():
+            fields |= {name: list(getattr(shape, name)) for name in ("center", "edge_u", "edge_v")}
+            fields["two_sided"] = shape.two_sided
+        case TubeLamp():
+            fields |= {"start": list(shape.start), "end": list(shape.end)}
+            if not (asked.radius_in_metres and shape.radius == TUBE_M):
+                fields["radius"] = _radius(asked, scale)
+        case MeshLamp():
+            fields |= {"vertices": shape.vertices.tolist(), "faces": shape.faces.tolist()}
+            fields["two_sided"] = shape.two_sided
+            if shape.radiance.ndim == 2 and brightness.unit != "picture":  # of which a file has no other unit
+                shape = resolve(asked, _needed(scale))
+                asked = AskedLamp(shape, Brightness(1.0, "picture"), name=asked.name)
+                brightness = asked.brightness
+        case ProfileLamp():
+            fields |= {"position": list(shape.position), "target": list(shape.target)}
+            fields |= {"turn_deg": shape.turn_deg, "radius": shape.radius}
+            fields |= {name: getattr(shape, name).tolist() for name in ("vertical_deg", "horizontal_deg", "table")}
+    colored = times(shape, np.asarray(asked.color))
+    name = "intensity" if getattr(colored, "radiance", None) is None else "radiance"
+    light: NDArray[np.float64] = np.asarray(getattr(colored, name))
+    if brightness.unit == "picture":
+        fields[name] = (light * brightness.value).tolist()
+    else:
+        if light.any():
+            fields["color"] = color_text(light)
+        fields["brightness"] = f"{brightness.value!r}{_SUFFIXES[brightness.unit]}"
+    if asked.name:
+        fields["name"] = asked.name
+    return fields
+
+
+def color_text(light: ArrayLike) -> str | list[float]:
+    """Return what `color.parse_color` reads as the colour of a light (3,): to the last bit where that can be found.
+
+    A colour is brought to luminance 1 as it is read, which may round it once more: names are tried first, then the
+    colour at other brightnesses.
+    """
+    red, green, blue = (float(each) for each in np.asarray(light))
+    color = red, green, blue
+    if abs(luminance(color) - 1.0) > _ROUNDING:
+        color = parse_color(color)
+    for name in (*TEMPERATURES, *NAMES):
+        if parse_color(name) == color:
+            return name
+    for step in range(_TRIES):
+        tried = [each * (1.0 + step / _TRIES) for each in color]
+        if parse_color(tried) == color:
+            return tried
+    return list(color)
+
+
+def _radius(asked: AskedLamp, scale: LampScale | None) -> float:
+    radius: float = getattr(asked.shape, "radius", 0.0)
+    return radius * _needed(scale).metre if asked.radius_in_metres else radius
+
+
+def _needed(scale: LampScale | None) -> LampScale:
+    if scale is None:
+        raise InputError("a lamp is told in metres, or by the light of the capture: give the scale of the scene")
+    return scale
