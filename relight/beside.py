@@ -17,7 +17,7 @@ from .light.tonemap import auto_exposure
 from .options import DEFAULT_TOLERANCE, LightingOptions
 
 if TYPE_CHECKING:
-    from .engine.placed import LampLight
+    from .engine.placed import LampLight, Placed
     from .engine.relit_room import RelitRoom
     from .lamps.asked import AskedLamp, LampScale
     from .lamps.shapes import Lamp
@@ -90,6 +90,23 @@ class Beside:
         lamps = [moved(lamp, self._relighter.scene.scene_from_splat) for lamp in self.lamps]
         return LampLight(self._relighter, self._look, lamps, tolerance, self.captured_factor)
 
+    def light_of(self, asked_lamps: Sequence["AskedLamp"], captured: float) -> "LampLight":
+        """The light of other lamps, beside so much of the captured light."""
+        from .lamps.asked import resolve
+        from .lamps.moving import moved
+
+        motion = self._relighter.scene.scene_from_splat
+        return self._lamp_ground.of([moved(resolve(each, self.scale), motion) for each in asked_lamps], captured)
+
+    @cached_property
+    def _lamp_ground(self) -> "LampLight":
+        """What the light of all lamps shares."""
+        from .engine.placed import LampLight
+
+        if self.lamp_light is not None:
+            return self.lamp_light
+        return LampLight(self._relighter, self._look, [], self._options.tolerance or DEFAULT_TOLERANCE)
+
     @property
     def in_words(self) -> list[str]:
         """A line on each lamp that is put in: where it is, and how bright."""
@@ -113,12 +130,12 @@ class Beside:
 
     def mixed(self, shaded: Shaded, level: float | None = None) -> Shaded:
         """The same light with all its other parts. level: as of `level_of`, where it is known."""
-        captured = self.captured_factor
-        own = self._look.captured
-        if self._room and captured:
-            own = self._room.with_its_own_light()
         placed = None if self.lamp_light is None else self.lamp_light.placed
-        level, shading = self.level(shaded.shading.radiance) if level is None else level, shaded.shading
+        level = self.level(shaded.shading.radiance) if level is None else level
+        return self._mixed(shaded, level, self.captured_factor, placed)
+
+    def _mixed(self, shaded: Shaded, level: float, captured: float, placed: "Placed | None") -> Shaded:
+        own, shading = self._own if captured else self._look.captured, shaded.shading
         if self.alone:  # the shading of a room that no environment changes is what was captured
             shading = shading._replace(radiance=np.zeros_like(own))
         part = CapturedPart(own, captured)
@@ -126,6 +143,11 @@ class Beside:
         scale = 0.0 if self.alone else self._options.env_scale
         backdrop = captured if self.alone else scale
         return Shaded(shaded.light, shading, shaded.exposure, backdrop, captured / level, scale)
+
+    @cached_property
+    def _own(self) -> NDArray[np.float32]:
+        """The captured colours under the captured light as the options want it."""
+        return self._room.with_its_own_light() if self._room else self._look.captured
 
     def level(self, radiance: NDArray[np.float32]) -> float:
         """Units of the picture per unit of the environment, which gives a radiance (V, 3)."""
@@ -156,16 +178,18 @@ class Beside:
         names, lamps = [each.name for each in self.asked_lamps], self.lamps if self.asked_lamps else []
         return Mixture(asked, options.captured, options.env_scale, self.lamp_light, lamps, names, colors, self._exposed)
 
-    def of_session(self, light: Environment, radiance: NDArray[np.float32]) -> "SessionMixture":
-        """It for a session that begins under a light, which gives a radiance (V, 3)."""
+    def of_session(
+        self, light: Environment, level: float, captured: float, placed: "Placed | None"
+    ) -> "SessionMixture":
+        """It for a session under a light, of which a unit is `level` of the picture, with so much of the captured light
+        and what lamps do."""
         from .viewer.mixture import SessionMixture
 
         options = self._options
         nothing = Shading(np.zeros_like(self._look.captured), 0, [], options.unplanned)
-        level = self.level(radiance)
-        rest = self.mixed(Shaded(light, nothing, 1.0), level)
+        rest = self._mixed(Shaded(light, nothing, 1.0), level, captured, placed)
         assert rest.shading.received is not None  # of a mixture it is known
         scale = 0.0 if self._steady else options.env_scale
-        backdrop = self.captured_factor if self.alone else options.env_scale
+        backdrop = captured if self.alone else options.env_scale
         parts = rest.shading.radiance, rest.shading.received
         return SessionMixture(*parts, scale, level, backdrop, isinstance(self._environment, CapturedLight))

@@ -8,10 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .engine.appearance import CHOICES, LEAST_ALBEDO
+from .engine.placed import Placed
 from .job import Job
+from .lamps.asked import AskedLamp
+from .lamps.color import WHITE
+from .lamps.shapes import SphereLamp
+from .transfer.occluder import Frame
 
 if TYPE_CHECKING:
+    from splat2mesh.render.raycaster import Hits
+
     from .splats import Binding
+    from .viewer.lamp_source import LampParts, LampSource
     from .viewer.mixture import SessionMixture
     from .viewer.splats import SplatSource
 
@@ -27,7 +35,12 @@ def session_of(job: Job) -> dict[str, Any]:
     exposure = room.exposure if room and exposure is None else exposure
     opened = job.options.opened is not None
     albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}
-    mixture = _mixture(job) if job.mixes else None
+    source = _lamp_source(job)
+    mixture = None
+    if job.mixes:
+        source.mixture(source.captured, None)  # before lamps: a relight shades by the environment first, too
+        lamp_light = job.beside.lamp_light
+        mixture = source.mixture(source.captured, None if lamp_light is None else lamp_light.placed)
     if mixture is not None:  # what lamps light is known for one albedo
         albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
         by_lamps = None if job.keeps_captured or job.steady else by_lamps
@@ -44,14 +57,53 @@ def session_of(job: Job) -> dict[str, Any]:
         "state": {"lamps": job.options.lamp_factor},
         "splats": None if opened or job.splats is None else _splats(job, chosen, mixture),
         "mixture": mixture,
+        "lamp_source": None if opened else source,
     }
 
 
-def _mixture(job: Job) -> "SessionMixture":
-    """What the light has beside an environment, as `Job.shaded` mixes it."""
-    room, light = job.room, job.lights[0]
-    known = job.beside.alone or job.brightness is not None or (room is not None and room.exposure is not None)
-    return job.beside.of_session(light, job.appearance.captured if known else job.shading(light).radiance)
+def _lamp_source(job: Job) -> "LampSource":
+    """What lights the lamps of a session, mixed as `Job.shaded` mixes them."""
+    from .viewer.lamp_source import LampSource
+
+    beside, light = job.beside, job.lights[0]
+    found: list[float] = []
+    frames: list[Frame] = []
+
+    def level() -> float:
+        if not found:
+            known = (
+                beside.alone or job.brightness is not None or (job.room is not None and job.room.exposure is not None)
+            )
+            found.append(beside.level(job.appearance.captured if known else job.shading(light).radiance))
+        return found[0]
+
+    def mixture(captured: float, parts: "LampParts | None") -> "SessionMixture":
+        placed = None if parts is None else Placed(parts.radiance, parts.received, parts.received, [])
+        return beside.of_session(light, level(), captured, placed)
+
+    def prepare() -> None:
+        mixture(1.0, None)
+        beside.light_of([AskedLamp(SphereLamp((0.0, 0.0, 0.0), intensity=WHITE))], 1.0).glimpse()  # which compiles it
+
+    def first_hits(rays: NDArray[np.float32]) -> "Hits":
+        if not frames:
+            frames.append(Frame.around(job.scene.vertices, job.scene.faces))
+        (frame,) = frames
+        unit = np.concatenate([frame.unit(rays[:, :3]), rays[:, 3:] / np.float32(frame.diagonal)], axis=1)
+        return job.relighter.occluder.first_hits(unit)
+
+    return LampSource(
+        asked=beside.asked_lamps,
+        captured=beside.captured_factor,
+        mixes=job.mixes,
+        prepare=prepare,
+        light_of=beside.light_of,
+        mixture=mixture,
+        scale=lambda: beside.scale,
+        first_hits=first_hits,
+        scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
+        command=f"relight {job.name} --env {job.light_name} --captured {{captured}} --lamp {{lamps}}",
+    )
 
 
 def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
@@ -74,7 +126,7 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
             received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
         return job.binding
 
-    looks = {chosen: SplatLook(look.irradiance, received if mixture is None else mixture.receives(received))}
+    looks = {chosen: SplatLook(look.irradiance, received)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
         looks["captured"] = SplatLook(

@@ -64,8 +64,8 @@ class LampLight:
         self._relighter, self._look, self.lamps = relighter, look, list(lamps)
         self._tolerance, self._captured = tolerance, np.float32(captured)
         scene = relighter.scene
-        frame = Frame.around(scene.vertices, scene.faces)
-        self._emitters = emitters_of(self.lamps, frame.center, frame.diagonal)
+        self._frame = Frame.around(scene.vertices, scene.faces)
+        self._emitters = emitters_of(self.lamps, self._frame.center, self._frame.diagonal)
         self._least = NEGLIGIBLE * tolerance * float(np.median(luminance(look.irradiance)))
 
     @cached_property
@@ -87,22 +87,51 @@ class LampLight:
             warnings.warn(message, DataWarning, stacklevel=2)
         return self.with_bounces(direct)
 
-    def direct_of(self, *lamps: int) -> NDArray[np.float32]:
+    def of(self, lamps: Sequence[Lamp], captured: float) -> "LampLight":
+        """The light of other lamps on the same scene, beside so much of its captured light; what no lamp changes is
+        shared."""
+        self.prepare()
+        other = copy.copy(self)
+        other.lamps, other._captured = list(lamps), np.float32(captured)
+        other._emitters = emitters_of(other.lamps, self._frame.center, self._frame.diagonal)
+        for name in ("plan", "placed"):
+            vars(other).pop(name, None)
+        return other
+
+    def prepare(self) -> None:
+        """Do now what no lamp changes."""
+        for name in ("_receivers", "_leaf", "_albedo", *(("_interreflection",) if self._bounces else ())):
+            getattr(self, name)
+
+    def direct_of(self, *lamps: int, advance: Advance = lambda count: None) -> NDArray[np.float32]:
         """Direct light of these lamps on the white scene, (V, 3) float32."""
-        return self._direct(self._emitters.of_lamp(*lamps))
+        return self._direct(self._emitters.of_lamp(*lamps), advance)
+
+    def glimpse(self) -> NDArray[np.float32]:
+        """Direct light of all lamps by one ray to each from each vertex, (V, 3) float32: with hard shadows, at once."""
+        more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": self._relighter.options.seed}
+        return lamplight(self._receivers, self._emitters, 1, **more)
+
+    def without_bounces(self, direct: NDArray[np.float32]) -> Placed:
+        """What light does that reaches the scene directly, (V, 3) on white, where surfaces throw none of it on."""
+        return Placed(self._albedo * direct, direct, direct, [])
 
     def with_bounces(self, direct: NDArray[np.float32]) -> Placed:
         """What light does that reaches the scene directly, (V, 3) on white, once surfaces throw it on."""
         albedo = self._albedo
-        bouncing = self._relighter.options.fixed_effects is None or "bounces" in self._relighter.effects
-        if not bouncing or self._look.albedo is None:  # in a scene all white light would never fade
-            return Placed(albedo * direct, direct, direct, [])
+        if not self._bounces:
+            return self.without_bounces(direct)
         with self._relighter.stages.stage("bounces"):
             radiance, bounces = with_bounces(direct, albedo, self._interreflection)
         received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
         dark = albedo < LEAST_ALBEDO  # what is thrown on to black is not told by what black sends on
         received[dark] = np.maximum(received, direct)[dark]
         return Placed(radiance, received.astype(np.float32), direct, bounces)
+
+    @property
+    def _bounces(self) -> bool:
+        bouncing = self._relighter.options.fixed_effects is None or "bounces" in self._relighter.effects
+        return bouncing and self._look.albedo is not None  # in a scene all white light would never fade
 
     def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
         seed = self._relighter.options.seed

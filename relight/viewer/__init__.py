@@ -23,6 +23,7 @@ from ..options import LightingOptions
 if TYPE_CHECKING:
     from ..light.environment import Environment
     from ..transfer.store import Cache
+    from .lamp_source import LampSource
     from .mixture import SessionMixture
     from .session import Session
     from .splats import SplatSource
@@ -46,6 +47,7 @@ def view(
     lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
     lamps_known: bool = True,  # whether those can be told from other light, and dimmed
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
+    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
     splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
@@ -65,7 +67,14 @@ def view(
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
+    more: dict[str, Any] = {
+        "cache": cache,
+        "lamps": lamps,
+        "lamps_known": lamps_known,
+        "splats": splats,
+        "mixture": mixture,
+    }
+    more["lamp_source"] = lamp_source
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     if screenshot and not panel:
         session.change(panel=False)  # which leaves the whole of the picture to the scene
@@ -104,6 +113,7 @@ def serve(
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
+    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -116,7 +126,14 @@ def serve(
 
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
+    more: dict[str, Any] = {
+        "cache": cache,
+        "lamps": lamps,
+        "lamps_known": lamps_known,
+        "splats": splats,
+        "mixture": mixture,
+    }
+    more["lamp_source"] = lamp_source
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
@@ -142,6 +159,7 @@ def record_turntable(
     lamps: Mapping[str, NDArray[np.floating]] | None = None,
     lamps_known: bool = True,
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
+    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -157,7 +175,14 @@ def record_turntable(
     check_film(path, frames, what, overwrite)
     load_pyvista(True)
     options = LightingOptions.of(options, **wishes)
-    more = {"cache": cache, "lamps": lamps, "lamps_known": lamps_known, "splats": splats, "mixture": mixture}
+    more: dict[str, Any] = {
+        "cache": cache,
+        "lamps": lamps,
+        "lamps_known": lamps_known,
+        "splats": splats,
+        "mixture": mixture,
+    }
+    more["lamp_source"] = lamp_source
     session = _session(scene, environment, options, albedos, None, exposure, state, **more)
     try:
         window = Window(session, size, off_screen=True)

@@ -100,7 +100,7 @@ def vertex_errors(session: "Session") -> NDArray | None:
     if reference is None or shown is None:
         return None
     return session.remembered(
-        "errors", (id(reference), id(shown)), lambda: _relative(shown, session.with_all_parts(reference.radiance))
+        "errors", None, lambda: _relative(shown, session.with_all_parts(reference.radiance)), reference, shown
     )
 
 
@@ -109,7 +109,7 @@ def error_scale(session: "Session") -> float:
     errors = vertex_errors(session)
     if errors is None:
         return SCALES[-1]
-    bright = session.remembered("scale", id(errors), lambda: float(np.percentile(errors, 98.0)))
+    bright = session.remembered("scale", None, lambda: float(np.percentile(errors, 98.0)), errors)
     return next((end for end in SCALES if bright <= end), SCALES[-1])
 
 

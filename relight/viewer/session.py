@@ -5,10 +5,11 @@ is added in few bands. Suns and bounces in full, errors and references follow fr
 (`worker`) when the light has not moved for `REST_SECONDS`.
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,11 @@ from splat2mesh.scene.scene import Scene
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..options import LightingOptions
-from ..planning.effects import BOUNCES, EFFECTS, SHADOWS, VOLUME
-from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, check_albedos, keys
+from ..planning.effects import BOUNCES, SHADOWS
+from .answers import Answers, LightWorker
+from .editing import LampEditing
+from .lamp_source import LampSource
+from .lighting import LightWish, check_albedos
 from .mixture import SessionMixture
 from .modes import MODES
 from .quick import display_bytes, harmonic_light, prepare
@@ -40,20 +44,7 @@ START_TOLERANCE = 0.02
 """Where none is asked for."""
 
 
-class LightWorker(Protocol):
-    """What answers the wishes of a session: `worker.ProcessWorker`, or another that does the same."""
-
-    def submit(self, wish: LightWish) -> None:
-        """Ask for the newest wish; what an older one still needs is dropped."""
-
-    def poll(self) -> list[tuple[Any, ...]]:
-        """Messages since the last call."""
-
-    def close(self) -> None:
-        """End it."""
-
-
-class Session:
+class Session(LampEditing, Answers):
     """One scene, a list of lights, and what a person has set.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
@@ -81,6 +72,7 @@ class Session:
         splats: SplatSource | None = None,  # SplatSource: what the scene was made of, shown in place of the mesh
         lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
         mixture: SessionMixture | None = None,  # what is shown beside the environment: captured light, placed lamps
+        lamp_source: LampSource | None = None,  # what lights lamps that are put in; without it none can be
         **wishes: Any,  # fields of LightingOptions, such as tolerance
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -89,8 +81,8 @@ class Session:
         self.scene, self.clock = scene, clock
         captured = {"captured": scene.colors_linear, "white": None}
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
-        self.lamps, self.has_lamps = dict(lamps or {}), bool(lamps) and lamps_known
-        self.mixture = mixture
+        self.lamps, self._lamps_known = dict(lamps or {}), bool(lamps) and lamps_known
+        LampEditing.__init__(self, lamp_source, mixture)
         self.splats = None if splats is None else RelitSplats(splats)
         self.environments = dict(environments)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
@@ -102,18 +94,14 @@ class Session:
         angle = getattr(self.environments[first], "rotation_deg", 0.0)
         self.start = State(first, next(iter(self.albedos)), angle_deg=angle, tolerance=tolerance)
         self.start = replace(self.start, effects=frozenset(self.available))
-        self.state, self.revision, self.message = self.start, 0, ""
-        self.progress: tuple[str, float | None] | None = None
+        self.state, self.revision = self.start, 0
         self._given_exposure = exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
-        self._found: dict[str, tuple[Any, Any]] = {}  # newest results by kind
-        self._memory: dict[str, tuple[Any, Any]] = {}  # what was derived from them, by name
-        self._asked: LightWish | None = None
-        self._answered: tuple[LightWish, str] | None = None
-        self._ended, self._moved = "", -np.inf
+        self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # what was derived from them, by name
+        self._moved = self._lamps_moved = -math.inf
         self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
-        self._worker = worker(scene, self.environments, self.albedos, options, cache)
+        Answers.__init__(self, worker(scene, self.environments, self.albedos, options, cache))
         self._ask()
         prepare()
 
@@ -143,12 +131,14 @@ class Session:
             self.revision += kind != "progress"
         if self.splats is not None and self.splats.poll():
             self.revision += 1
+        if self.bench is not None and self.bench.poll(self.clock() - self._lamps_moved > REST_SECONDS):
+            self.revision += 1
         if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
     def hurry(self) -> None:
         """Ask the worker for the present light at once, as if it had rested."""
-        self._moved = -np.inf
+        self._moved = self._lamps_moved = -math.inf
         self._ask()
 
     def finish(self, timeout: float = 600.0) -> None:
@@ -166,6 +156,8 @@ class Session:
     def close(self) -> None:
         """End the worker."""
         self._worker.close()
+        if self.bench is not None:
+            self.bench.close()
         if self.splats is not None:
             self.splats.close()
 
@@ -187,72 +179,34 @@ class Session:
         return on if SHADOWS in on else frozenset()
 
     @property
-    def settled(self) -> bool:
-        """Whether the worker has answered the present state in full, and nothing newer has come in since."""
-        return self._answered == (self.wish, "")
+    def lamps_settled(self) -> bool:
+        """Whether the light of lamps that were put in is complete."""
+        return self.bench is None or self.bench.settled
 
     @property
-    def failure(self) -> str:
-        """Why the worker cannot answer the present state, or ""."""
-        answered = self._answered
-        return answered[1] if answered is not None and answered[0] == self._asked else self._ended
+    def lamps_failure(self) -> str:
+        """Why it cannot be found, or ""."""
+        return "" if self.bench is None else self.bench.failure
 
     @property
-    def light(self) -> SessionLight | None:
-        """The SessionLight loaded last, or None. It may be that of the state before."""
-        return self._found["light"][1] if "light" in self._found else None
+    def has_lamps(self) -> bool:
+        """Whether captured lamps can be switched and dimmed."""
+        mixture = self.mixture
+        return self._lamps_known and (mixture is None or mixture.env_scale > 0.0)
 
     @property
-    def light_name(self) -> str | None:
-        """Name of the environment that is shown, or None before the first."""
-        return self._found["light"][0] if "light" in self._found else None
-
-    @property
-    def complete(self) -> bool:
-        """Whether suns, bounces and shadows are all in what `radiance` returns."""
-        return self._lit() is not None
-
-    @property
-    def lit(self) -> FinishedShading | None:
-        """The FinishedShading that is shown, or None while it is on its way."""
-        return self._lit()
-
-    @property
-    def error(self) -> float | None:
-        """Relative L2 error of what is shown, on sampled vertices, or None while it is unknown."""
-        return self._current("error")
-
-    @property
-    def called_for(self) -> frozenset[str]:
-        """The effects that the plan calls for at this tolerance; all while it is unknown."""
-        key, lit = self._found.get("shading", (None, None))
-        return lit.effects if lit is not None and key[:3] == keys(self.wish)["shading"][:3] else self.available
-
-    @property
-    def reference(self) -> ConvergedLight | None:
-        """The ConvergedLight of the present light, or None."""
-        return self._current("reference")
-
-    @property
-    def waiting_for(self) -> str:
-        """What is still missing in the picture, in words; "" when it is complete."""
-        if self.complete or self.light is None:
-            return ""
-        missing = [name for name in EFFECTS if name in self.effects & self.called_for - {VOLUME}]  # with the shadows
-        if SHADOWS in missing and "transfer" in self._found:
-            missing.remove(SHADOWS)
-            if BOUNCES in missing and self._bounced() is not None:
-                missing = [name for name in missing if name != BOUNCES] or ["the last of the bounces"]
-        if not missing:
-            return "the light"
-        return " and ".join([", ".join(missing[:-1]), missing[-1]] if len(missing) > 1 else missing)
+    def mixture(self) -> SessionMixture | None:
+        """What is shown beside the environment now, or None. Lamps are known for one albedo alone."""
+        if self.bench is None:
+            return self._mixture
+        return self.bench.mixture() if self.state.albedo == self.choices["albedo"][0] else None
 
     def radiance(self) -> NDArray | None:
         """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light."""
         alone, mixture = self.environment_radiance(), self.mixture
         if alone is None or mixture is None:
             return alone
-        return self.remembered("mixed", id(alone), lambda: mixture.with_environment(alone))
+        return self.remembered("mixed", None, lambda: mixture.with_environment(alone), alone, mixture)
 
     def environment_radiance(self) -> NDArray | None:
         """The same without what a mixture adds.
@@ -262,13 +216,13 @@ class Session:
         lit = self._lit()
         if lit is not None:
             return self.remembered(
-                "lit", (id(lit), self.wish.albedo, self.state.lamps), lambda: self.beside_lamps(lit.radiance)
+                "lit", (self.wish.albedo, self.state.lamps), lambda: self.beside_lamps(lit.radiance), lit
             )
         if self.light is None:
             return None
-        wish, newest = self.wish, [id(self._found.get(kind)) for kind in ("light", "transfer", "bounced")]
-        key = wish.angle_deg, wish.effects, wish.albedo, self.state.lamps, *newest
-        return self.remembered("quick", key, self.quick_radiance)
+        wish, newest = self.wish, [self._found.get(kind) for kind in ("light", "transfer", "bounced")]
+        key = wish.angle_deg, wish.effects, wish.albedo, self.state.lamps
+        return self.remembered("quick", key, self.quick_radiance, *newest)
 
     def exposure(self) -> float:
         """Display value per unit of radiance. The automatic one is that of the starting angle, so that the
@@ -296,49 +250,6 @@ class Session:
         """sRGB bytes (V, 3) of the relit scene: the captured colours before the first light."""
         radiance = self.radiance()
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
-
-    def _ask(self) -> None:
-        wish = self.wish
-        if wish != self._asked:
-            self._asked, self._answered = wish, None  # an older answer to the same wish says nothing of what comes now
-            self._worker.submit(wish)
-
-    def _take_progress(self, label: str, fraction: float | None) -> None:
-        self.progress = label, fraction
-
-    def _take_result(self, kind: str, key: Any, payload: Any) -> None:
-        if kind == "bounced":
-            payload = np.ascontiguousarray(np.moveaxis(payload, 2, 0))  # a colour's coefficients beside each other
-        self._found[kind] = key, payload
-        self._answered = None  # what follows an answer belongs to another wish
-        if kind == "light" and payload.warning:
-            self.message = payload.warning
-
-    def _take_done(self, wish: LightWish) -> None:
-        self._answered = wish, ""
-        self.progress = None
-
-    def _take_failed(self, wish: LightWish, text: str) -> None:
-        self._answered = wish, text
-        if wish == self._asked:
-            self.message, self.progress = text, None
-
-    def _take_ended(self, text: str) -> None:
-        self.message, self.progress = text + ": what is shown stays by spherical harmonics", None
-        self._ended = text
-
-    def _current(self, kind: str) -> Any:
-        """The payload of a kind if it belongs to the present wish, else None."""
-        key, payload = self._found.get(kind, (None, None))
-        return payload if key is not None and key == keys(self.wish)[kind] else None
-
-    def _lit(self) -> FinishedShading | None:
-        return self._current("shading")
-
-    def _bounced(self) -> NDArray | None:
-        """Bounced light per coefficient for the present albedo, (3, V, K'), or None; of a coarser level if need be."""
-        key, payload = self._found.get("bounced", (None, None))
-        return payload if key is not None and key[1:] == keys(self.wish)["bounced"][1:] else None
 
     def quick_radiance(self, angle_deg: float | None = None) -> NDArray:
         """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from what is there."""
@@ -368,8 +279,20 @@ class Session:
         splats, state = self.splats, self.state
         return splats is not None and state.mode == "relit" and not state.mesh and state.albedo in splats.source.looks
 
-    def remembered(self, name: str, key: Any, compute: Callable[[], Any]) -> Any:
-        """What `compute()` returned, kept under this name until it is asked for with another key."""
-        if self._memory.get(name, (None,))[0] != key:
-            self._memory[name] = key, compute()
-        return self._memory[name][1]
+    def remembered(self, name: str, key: Any, compute: Callable[[], Any], *made_of: Any) -> Any:
+        """What `compute()` returned, kept under this name until it is asked for with another key, or of other objects.
+
+        They are kept too: the next object may have the address of one that is gone.
+        """
+        kept = self._memory.get(name)
+        if kept is None or kept[0] != key or not _same(kept[1], made_of):
+            kept = self._memory[name] = key, made_of, compute()
+        return kept[2]
+
+    def _edited(self) -> None:
+        self.revision += 1
+        self.message, self._lamps_moved = "", self.clock()
+
+
+def _same(some: tuple, others: tuple) -> bool:
+    return len(some) == len(others) and all(one is other for one, other in zip(some, others, strict=True))

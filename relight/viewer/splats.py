@@ -15,6 +15,7 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..light.environment import Environment
+from .mixture import SessionMixture
 
 if TYPE_CHECKING:
     from ..splats import Binding
@@ -57,9 +58,12 @@ class _Wanted(NamedTuple):
     exposure: float
     albedo: str
     sky: tuple | None  # name, angle and whether it is shown; None where no splat shows it
+    mixture: SessionMixture | None
 
     def same(self, other: "_Wanted | None") -> bool:
-        return other is not None and self.radiance is other.radiance and self[1:] == other[1:]
+        if other is None or self.mixture is not other.mixture:
+            return False
+        return self.radiance is other.radiance and self[1:4] == other[1:4]
 
 
 class RelitSplats:
@@ -112,7 +116,7 @@ class RelitSplats:
         binding, rows = self._bound.result()
         state, light = session.state, session.light
         sky = (session.light_name, state.angle_deg, state.sky) if len(rows) else None
-        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky)
+        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture)
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
 
@@ -120,7 +124,8 @@ class RelitSplats:
 
         def relit(rounds: int | None) -> Splats:
             look = self.source.looks[wanted.albedo]
-            after = look.received(wanted.radiance, wanted.exposure)
+            received = look.received if mixture is None else mixture.receives(look.received)
+            after = received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
             found = binding.relit(look.before, after, wanted.exposure, **more)
             if mixture is not None and mixture.keeps_sky:

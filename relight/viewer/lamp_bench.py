@@ -1,0 +1,314 @@
+"""The light of the lamps of a session while they change: at once by one ray a vertex, exactly when the hand rests.
+
+The light is a sum of terms, one a lamp, traced as if the lamp were white. Colour and brightness scale a term; a place
+needs a new one, and the other lamps keep theirs. A glimpse of the new term is taken at once. The rest follows in a
+thread: the exact term, what its light bounces, and at last all lamps together as a relight lights them, which is what
+stays. States that were finished are kept, so that undo shows them at once, to the bit.
+"""
+
+import queue
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+
+from ..lamps.asked import AskedLamp, resolve
+from ..lamps.color import WHITE
+from ..lamps.photometry import axis_intensity
+from .lamp_board import BoardLamp, BoardState, LampBoard
+from .lamp_source import LampSource
+from .mixture import SessionMixture
+from .worker import Superseded
+
+MOST_FINISHED = 8
+"""States whose light is kept: 2.4 MB each for 100,000 vertices."""
+
+MOST_ALONE = 32
+"""Lamps with terms of their own. Of more, those that were there at the start and were not touched share one."""
+
+MOST_GLIMPSES = 4
+
+DARK = "the lamps light nothing: they stand in a wall, outside, or face away"
+
+Light = NDArray[np.float32]
+Value = TypeVar("Value")
+
+
+class Term(NamedTuple):
+    """What a lamp does, as if it were white: (V, 3) float32.
+
+    direct: on the white scene. radiance, received: what bounces add to exit radiance and irradiance over pi; None until
+    they are there. axis: (3,), intensity on its main axis, in proportion to which all is.
+    """
+
+    direct: Light
+    radiance: Light | None
+    received: Light | None
+    axis: NDArray[np.float64]
+
+
+class LampSum(NamedTuple):
+    """LampParts of several lamps."""
+
+    radiance: Light
+    received: Light
+
+
+class LampBench:
+    """The light of a LampBoard on a LampSource. `poll` it often.
+
+    ready: whether glimpses can be taken. message: what there is to tell of the present lamps, or "".
+    """
+
+    def __init__(self, source: LampSource, board: LampBoard, first: SessionMixture | None) -> None:
+        self.source, self.board, self.ready = source, board, False
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="lamps")
+        self._running: tuple[BoardState, Future] | None = None
+        self._wanted = board.state
+        self._told: queue.SimpleQueue[tuple[str, Any, Any]] = queue.SimpleQueue()
+        self._finished: dict[BoardState, SessionMixture | None] = {board.start: first}
+        self._terms: dict[Hashable, Term] = {}
+        self._glimpses: dict[Hashable, Term] = {}
+        self._bounced: dict[Hashable, Term] = {}  # by number: the last term of each lamp whose bounces were known
+        self._axes: dict[tuple[AskedLamp, bool], NDArray[np.float64]] = {}
+        self._dark: set[BoardState] = set()
+        self._failed: tuple[BoardState, str] | None = None
+        self._shown: tuple[BoardState, int] | None = None
+        self._looked: tuple[BoardState, int] | None = None
+        self._mixture, self._news = first, 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether the light of the present lamps is complete."""
+        return self.board.state in self._finished
+
+    @property
+    def failure(self) -> str:
+        """Why the light of the present lamps cannot be found, or ""."""
+        return self._failed[1] if self._failed is not None and self._failed[0] == self.board.state else ""
+
+    @property
+    def message(self) -> str:
+        """What there is to tell of the present lamps, or ""."""
+        return self.failure or (DARK if self.board.state in self._dark else "")
+
+    def prepare(self) -> None:
+        """Begin with what takes long, in the thread."""
+        if not self.ready and self._running is None:
+            self._running = self.board.state, self._thread.submit(self._prepared)
+
+    def poll(self, rests: bool) -> bool:
+        """Take in what the thread has found, and give it work if the hand rests; whether the light may differ."""
+        self._wanted = self.board.state
+        changed = False
+        if self._running is not None and self._running[1].done():
+            state, done = self._running
+            self._running, error = None, done.exception()
+            if error is not None and not isinstance(error, Superseded):
+                text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
+                self._failed, changed = (state, text), True
+        while not self._told.empty():
+            kind, key, payload = self._told.get()
+            getattr(self, f"_take_{kind}")(key, payload)
+            changed = True
+        self._news += changed
+        if rests and self._running is None and not self.failure:
+            if not self.settled:
+                self._running = self._wanted, self._thread.submit(self._work, self._wanted)
+            elif self.ready and self._missing():  # for the first change that is to come
+                self._running = self._wanted, self._thread.submit(self._warmed, self._wanted)
+        return changed
+
+    def mixture(self) -> SessionMixture | None:
+        """What is shown beside the environment now; None for nothing."""
+        state, shown = self.board.state, (self.board.state, self._news)
+        if shown == self._shown:
+            return self._mixture
+        if state in self._finished:
+            self._mixture = self._finished[state]
+        elif self.ready:
+            self._mixture = self.source.mixture(state.captured, self._sum(state) if state.lamps else None)
+        else:
+            return self._mixture
+        self._shown = shown
+        return self._mixture
+
+    def close(self) -> None:
+        """Ask for nothing any more."""
+        self._wanted = BoardState((), -1.0)
+        self._thread.shutdown(wait=False, cancel_futures=True)
+
+    # In the window's thread
+
+    def _sum(self, state: BoardState) -> LampSum:
+        """What lamps do, of the terms that are there, and of glimpses."""
+        found: list[tuple[Light, Light]] = []
+        for lamps in self._groups(state):
+            key, axis = _key(lamps), self._axis(lamps, white=True)
+            if not axis.any():
+                continue
+            tracer = self.source.light_of(_bare(lamps), state.captured)
+            term = self._terms.get(key) or self._glimpses.get(key)
+            if term is None:
+                term = Term(tracer.glimpse(), None, None, axis)
+                _keep(self._glimpses, key, term, MOST_GLIMPSES)
+            shines = self._axis(lamps)
+            plain = tracer.without_bounces(_share(shines, term.axis) * term.direct)
+            radiance, received = plain.radiance, plain.received
+            bounced = term if term.radiance is not None else self._bounced.get(lamps[0].number)
+            if bounced is not None and bounced.radiance is not None and bounced.received is not None:
+                share = _share(shines, bounced.axis)
+                radiance, received = radiance + share * bounced.radiance, received + share * bounced.received
+                _keep(self._bounced, lamps[0].number, bounced, 2 * MOST_ALONE)
+            found.append((radiance, received))
+        if not found:
+            nothing = self.source.light_of((), state.captured).glimpse()
+            return LampSum(nothing, nothing)
+        return LampSum(*(sum(parts[1:], parts[0]) for parts in zip(*found, strict=True)))
+
+    def _axis(self, lamps: Sequence[BoardLamp], white: bool = False) -> NDArray[np.float64]:
+        """Intensity on the main axis (3,), with or without its colour; of several that share a term, ones."""
+        if len(lamps) > 1:
+            return np.ones(3)
+        asked = lamps[0].asked
+        key = asked, white
+        found = self._axes.get(key)
+        if found is None:
+            found = axis_intensity(resolve(without_color(asked) if white else asked, self.source.scale()))
+            _keep(self._axes, key, found, 4 * MOST_ALONE)
+        return found
+
+    def _groups(self, state: BoardState) -> list[list[BoardLamp]]:
+        """The lamps that share a term."""
+        if len(state.lamps) <= MOST_ALONE:
+            return [[lamp] for lamp in state.lamps]
+        untouched = set(self.board.start.lamps)
+        rest = [lamp for lamp in state.lamps if lamp in untouched]
+        return [[lamp] for lamp in state.lamps if lamp not in untouched] + ([rest] if rest else [])
+
+    def _missing(self) -> bool:
+        """Whether the term of a lamp that shines is not there; once for each state and all that came in since."""
+        if self._looked == (self.board.state, self._news):
+            return False
+        self._looked = self.board.state, self._news
+        groups = self._groups(self.board.state)
+        return any(not self._known(lamps) and self._axis(lamps, white=True).any() for lamps in groups)
+
+    def _take_prepared(self, _: None, __: None) -> None:
+        self.ready = True
+
+    def _take_term(self, lamps: Sequence[BoardLamp], term: Term) -> None:
+        _keep(self._terms, _key(lamps), term, 2 * MOST_ALONE)
+        if term.radiance is not None:
+            _keep(self._bounced, lamps[0].number, term, 2 * MOST_ALONE)
+
+    def _take_finished(self, state: BoardState, found: tuple[SessionMixture, bool]) -> None:
+        first = self._finished.pop(self.board.start)
+        _keep(self._finished, state, found[0], MOST_FINISHED)
+        self._finished[self.board.start] = first
+        if found[1]:
+            self._dark.add(state)
+
+    # In the thread of the bench
+
+    def _prepared(self) -> None:
+        if not self.ready:
+            self.source.prepare()
+            self._told.put(("prepared", None, None))
+
+    def _warmed(self, state: BoardState) -> None:
+        self._trace(state, self._check(state))
+
+    def _check(self, state: BoardState) -> Callable[..., None]:
+        """What ends the work on a state once another is wanted."""
+
+        def check(_: int = 0) -> None:
+            if self._wanted != state:
+                raise Superseded
+
+        return check
+
+    def _work(self, state: BoardState) -> None:
+        """Find the light of a state, from what it is made of to the whole; ends early where another is wanted."""
+        check = self._check(state)
+        self._prepared()
+        check()
+        axis, white = np.zeros(3), np.zeros(3)
+        if len(state.lamps) == 1:
+            axis, white = self._axis(state.lamps), self._axis(state.lamps, white=True)
+        alone = bool((axis > 0.0).all())  # then the whole tells the term
+        if not alone:
+            self._trace(state, check)
+        placed, dark = None, False
+        if state.lamps:
+            tracer = self.source.light_of([lamp.asked for lamp in state.lamps], state.captured)
+            direct = tracer.direct_of(*range(len(state.lamps)), advance=check)
+            check()
+            share = _share(white, axis)
+            if alone:
+                self._tell(state.lamps, Term(share * direct, None, None, white))
+            placed = tracer.with_bounces(direct)
+            if alone:
+                plain = tracer.without_bounces(direct)
+                more = share * (placed.radiance - plain.radiance), share * (placed.received - plain.received)
+                self._tell(state.lamps, Term(share * direct, *more, white))
+            dark = not direct.any() and any(self._axis([lamp]).any() for lamp in state.lamps)
+        check()
+        self._told.put(("finished", state, (self.source.mixture(state.captured, placed), dark)))
+
+    def _trace(self, state: BoardState, check: Callable[..., None]) -> None:
+        """Find the terms that are missing: of each direct light first."""
+        for lamps in self._groups(state):
+            axis = self._axis(lamps, white=True)
+            if self._known(lamps) or not axis.any():
+                continue
+            tracer = self.source.light_of(_bare(lamps), state.captured)
+            direct = tracer.direct_of(*range(len(lamps)), advance=check)
+            self._tell(lamps, Term(direct, None, None, axis))
+            check()
+            placed, plain = tracer.with_bounces(direct), tracer.without_bounces(direct)
+            self._tell(lamps, Term(direct, placed.radiance - plain.radiance, placed.received - plain.received, axis))
+            check()
+
+    def _known(self, lamps: Sequence[BoardLamp]) -> bool:
+        term = self._terms.get(_key(lamps))
+        return term is not None and term.radiance is not None
+
+    def _tell(self, lamps: Sequence[BoardLamp], term: Term) -> None:
+        self._told.put(("term", lamps, term))
+
+
+def without_color(asked: AskedLamp) -> AskedLamp:
+    """The lamp without its colour."""
+    return replace(asked, color=WHITE)
+
+
+def _bare(lamps: Sequence[BoardLamp]) -> list[AskedLamp]:
+    """What a term is traced of."""
+    return [without_color(lamps[0].asked)] if len(lamps) == 1 else [lamp.asked for lamp in lamps]
+
+
+def _key(lamps: Sequence[BoardLamp]) -> Hashable:
+    """What a term depends on: of a lamp alone its shape, which moves with it."""
+    if len(lamps) == 1:
+        asked = lamps[0].asked
+        return asked.shape, asked.radius_in_metres
+    return tuple(lamp.number for lamp in lamps)
+
+
+def _share(wanted: NDArray[np.float64], given: NDArray[np.float64]) -> Light:
+    """What a term is multiplied by, (3,) float32, from intensities on the main axis."""
+    return np.divide(wanted, given, out=np.zeros(3), where=given > 0.0).astype(np.float32)
+
+
+def _keep(kept: dict[Any, Value], key: Any, value: Value, most: int) -> None:
+    """Keep a value as the newest; the oldest go."""
+    kept.pop(key, None)
+    kept[key] = value
+    while len(kept) > most:
+        kept.pop(next(iter(kept)))

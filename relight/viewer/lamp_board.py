@@ -1,0 +1,173 @@
+"""What a person has made of the lamps of a session, with every change kept for undo and redo. Knows no window."""
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from splat2mesh.base.errors import InputError
+
+from ..lamps.asked import AskedLamp, moved
+from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, Vector, checked_vector
+
+MOST_CAPTURED = 10.0
+"""Largest factor on the captured light."""
+
+MOST_CHANGES = 1000
+"""Changes that are kept to be undone."""
+
+
+class BoardLamp(NamedTuple):
+    """A lamp of a session. number: its own for as long as the session lasts. asked: in the frame of the splat."""
+
+    number: int
+    asked: AskedLamp
+
+
+@dataclass(frozen=True)
+class BoardState:
+    """The lamps of a session, in order, and the factor on the captured light."""
+
+    lamps: tuple[BoardLamp, ...]
+    captured: float
+
+    def of(self, number: int) -> AskedLamp | None:
+        """The lamp of a number, or None."""
+        return next((lamp.asked for lamp in self.lamps if lamp.number == number), None)
+
+
+class LampBoard:
+    """The lamps of a session, and what has been done to them.
+
+    state: the present BoardState. start: the first one. selected: the number of the lamp that keys act on, or None.
+    """
+
+    def __init__(self, lamps: Sequence[AskedLamp] = (), captured: float = 1.0) -> None:
+        self.start = BoardState(tuple(BoardLamp(place, each) for place, each in enumerate(lamps, 1)), float(captured))
+        self._states, self._at, self._saved = [self.start], 0, self.start
+        self._merging: Hashable = None
+        self._selected: int | None = None
+        self._next = len(lamps) + 1
+
+    @property
+    def state(self) -> BoardState:
+        """The present state; never changed itself."""
+        return self._states[self._at]
+
+    @property
+    def selected(self) -> int | None:
+        """The number of the lamp that is chosen, or None."""
+        number = self._selected
+        return number if number is not None and self.state.of(number) is not None else None
+
+    @property
+    def unsaved(self) -> bool:
+        """Whether the lamps differ from those that were there at the start, or saved last."""
+        return self.state.lamps != self._saved.lamps
+
+    @property
+    def undoable(self) -> int:
+        """How many changes can be undone."""
+        return self._at
+
+    @property
+    def redoable(self) -> int:
+        """How many changes can be done again."""
+        return len(self._states) - 1 - self._at
+
+    def select(self, number: int | None) -> None:
+        """Choose a lamp, or none. Raises InputError for one that is not there."""
+        if number is not None:
+            self.asked(number)
+        self._selected = number
+
+    def asked(self, number: int) -> AskedLamp:
+        """The lamp of a number. Raises InputError where there is none."""
+        found = self.state.of(number)
+        if found is None:
+            numbers = ", ".join(str(lamp.number) for lamp in self.state.lamps) or "none is there"
+            raise InputError(f"lamp {number}: expected the number of a lamp ({numbers})")
+        return found
+
+    def add(self, asked: AskedLamp) -> int:
+        """Put a lamp in, and select it; returns its number."""
+        number = self._next
+        self._next += 1
+        self._to(replace(self.state, lamps=(*self.state.lamps, BoardLamp(number, asked))))
+        self._selected = number
+        return number
+
+    def change(self, number: int, asked: AskedLamp, merge: Hashable = None) -> None:
+        """Put another lamp in the place of one. merge: changes in a row that share it are undone as one."""
+        if asked is not self.asked(number):
+            lamps = (lamp if lamp.number != number else BoardLamp(number, asked) for lamp in self.state.lamps)
+            self._to(replace(self.state, lamps=tuple(lamps)), merge)
+
+    def move(self, number: int, position: Vector, merge: Hashable = None) -> None:
+        """Put the place of a lamp, as of `place_of`, at a position."""
+        asked = self.asked(number)
+        offset = np.subtract(checked_vector("position", position), place_of(asked))
+        if offset.any():
+            x, y, z = offset.tolist()
+            self.change(number, replace(asked, shape=moved(asked.shape, (x, y, z))), merge)
+
+    def remove(self, number: int) -> None:
+        """Take a lamp away."""
+        self.asked(number)
+        self._to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
+
+    def dim(self, captured: float, merge: Hashable = None) -> None:
+        """Set the factor on the captured light, from 0 to `MOST_CAPTURED`. Raises InputError for no number."""
+        if not np.isfinite(captured):
+            raise InputError(f"captured must be a finite number, found {captured}")
+        captured = float(min(max(captured, 0.0), MOST_CAPTURED))
+        if captured != self.state.captured:
+            self._to(replace(self.state, captured=captured), merge)
+
+    def undo(self) -> bool:
+        """Take the last change back; whether there was one."""
+        return self._step(-1)
+
+    def redo(self) -> bool:
+        """Do the change again that was taken back last; whether there was one."""
+        return self._step(1)
+
+    def end_merge(self) -> None:
+        """What follows is a change of its own."""
+        self._merging = None
+
+    def saved(self) -> None:
+        """The present lamps have been saved."""
+        self._saved = self.state
+
+    def _step(self, by: int) -> bool:
+        self._merging = None
+        there = 0 <= self._at + by < len(self._states)
+        self._at += by if there else 0
+        return there
+
+    def _to(self, state: BoardState, merge: Hashable = None) -> None:
+        del self._states[self._at + 1 :]
+        if merge is not None and merge == self._merging:
+            self._states[self._at] = state
+        else:
+            self._states.append(state)
+            del self._states[: -MOST_CHANGES - 1]
+            self._at = len(self._states) - 1
+        self._merging = merge
+
+
+def place_of(asked: AskedLamp) -> Vector:
+    """Where a lamp is, in the frame of the splat: its middle, or the middle of a tube or mesh."""
+    match asked.shape:
+        case MeshLamp(vertices=vertices):
+            place = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+        case TubeLamp(start=start, end=end):
+            place = np.add(start, end) / 2.0
+        case RectangleLamp(center=center):
+            place = np.asarray(center)
+        case shape:
+            place = np.asarray(shape.position)
+    x, y, z = (float(each) for each in place)
+    return x, y, z

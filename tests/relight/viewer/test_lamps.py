@@ -1,0 +1,407 @@
+"""Lamps that are changed in a session: the light that settles is a relight's, and undo shows it to the bit."""
+
+import json
+from threading import Event
+
+import numpy as np
+import pytest
+from viewer_scenes import Clock, ball_on_plate
+
+from relight import LightingOptions, RelightRequest
+from relight.job import Job
+from relight.lamps.asked import AskedLamp, Brightness, LampScale
+from relight.lamps.shapes import SphereLamp
+from relight.showing import session_of
+from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, LampBench
+from relight.viewer.lamp_board import LampBoard
+from relight.viewer.lamp_source import LampSource
+from relight.viewer.mixture import SessionMixture
+from relight.viewer.session import Session
+from relight.viewer.state import choices_of
+from relight.viewer.worker import InlineWorker
+from splat2mesh.base.errors import InputError
+
+LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ball_on_plate()
+
+
+def job_of(scene, env, **wishes):
+    options = LightingOptions(tolerance=0.05, **wishes)
+    return Job(RelightRequest(scene, env, options, angles_deg=(0.0,), caching="none"))
+
+
+@pytest.fixture
+def opened(scene):
+    """Open the session of a request; all are closed in the end."""
+    sessions = []
+
+    def open_one(env="captured", **wishes):
+        told = session_of(job_of(scene, env, **wishes))
+        environment = told.pop("environment")
+        told.pop("state"), told.pop("environments_folder")
+        own = told.pop("options")
+        session = Session(told.pop("scene"), choices_of(environment), own, worker=InlineWorker, clock=Clock(), **told)
+        sessions.append(session)
+        session.finish()
+        return session
+
+    yield open_one
+    for session in sessions:
+        session.close()
+
+
+def warm(session):
+    """All is there that the first change needs."""
+    session.bench.prepare()
+    while not session.bench.ready or session.bench._running is not None or session.bench._missing():
+        session.hurry()
+        session.poll()
+    session.poll()
+
+
+def relit(scene, env, path, captured):
+    """What `relight --lamp` gives of a file."""
+    placed = (str(path),) if path is not None else ()
+    return next(iter(job_of(scene, env, captured=captured, placed=placed).shaded())).shading.radiance
+
+
+# What settles
+
+
+@pytest.mark.parametrize("env", ["captured", "noon"])
+def test_the_light_that_settles_is_that_of_the_saved_lamps(scene, opened, tmp_path, env):
+    session = opened(env, placed=(LAMP,), captured=0.5)
+    first = session.radiance()
+    session.bench.prepare()
+    added = session.add_lamp("-1.2,0.6,0.3 color=blue")
+    session.move_lamp(1, (0.9, 0.8, -1.1))
+    session.change_lamp(added, color="3000K", stops=1.0)
+    session.dim_captured(0.2)
+    session.finish()
+    session.save_lamps(tmp_path / "lamps.json")
+    expected = relit(scene, env, tmp_path / "lamps.json", 0.2)
+    if env == "captured":
+        assert np.array_equal(session.radiance(), expected)
+    else:  # sums of a few float32 terms, in two orders
+        assert np.allclose(session.radiance(), expected, rtol=1e-5, atol=1e-6 * expected.max())
+    assert np.abs(session.radiance() - first).max() > 0.1 * first.max()
+    assert json.loads((tmp_path / "lamps.json").read_text())["about"].endswith("--captured 0.2 --lamp lamps.json")
+
+
+def test_a_session_without_lamps_gets_some(scene, opened, tmp_path):
+    session = opened("noon")
+    alone = session.radiance()
+    number = session.add_lamp(LAMP)
+    session.finish()
+    session.save_lamps(tmp_path / "lamps.json")
+    expected = relit(scene, "noon", tmp_path / "lamps.json", 0.0)
+    assert np.allclose(session.radiance(), expected, rtol=1e-5, atol=1e-6 * expected.max())
+    session.change(albedo="white")  # of which no lamps are told
+    session.finish()
+    assert session.mixture is None
+    session.change(albedo="captured")
+    session.remove_lamp(number)
+    session.finish()
+    assert np.allclose(session.radiance(), alone, rtol=1e-6)
+    session.undo(), session.undo()
+    session.finish()
+    assert np.array_equal(session.radiance(), alone)
+
+
+def test_undo_and_redo_show_the_same_bits_at_once(opened):
+    session = opened(placed=(LAMP,), captured=0.5)
+    steps = [
+        lambda: session.add_lamp("0,1.5,0"),
+        lambda: session.move_lamp(2, (0.3, 1.2, 0.4)),
+        lambda: session.change_lamp(2, color="red"),
+        lambda: session.change_lamp(1, brightness="0EV"),
+        lambda: session.dim_captured(0.0),
+        lambda: session.remove_lamp(1),
+    ]
+    seen = [session.radiance()]
+    for step in steps:
+        step()
+        session.finish()
+        seen.append(session.radiance())
+        assert not np.array_equal(seen[-1], seen[-2])
+    assert len(steps) < MOST_FINISHED
+    for expected in reversed(seen[:-1]):
+        assert session.undo() and session.complete
+        assert np.array_equal(session.radiance(), expected)
+    assert not session.undo()
+    for expected in seen[1:]:
+        assert session.redo() and session.complete
+        assert np.array_equal(session.radiance(), expected)
+    assert not session.redo()
+
+
+def test_light_that_was_forgotten_is_found_again_to_the_bit(opened):
+    session = opened(placed=(LAMP,), captured=0.5)
+    number = session.add_lamp("0,1.5,0")
+    session.finish()
+    expected = session.radiance()
+    for step in range(MOST_FINISHED + 1):
+        session.move_lamp(number, (0.1 * step, 1.2, 0.4))
+        session.finish()
+    while session.board.undoable > 1:
+        session.undo()
+    assert not session.complete
+    session.finish()
+    assert np.array_equal(session.radiance(), expected)
+
+
+# What shows at once
+
+
+def test_a_change_shows_before_it_settles(opened):
+    session = opened(placed=(LAMP,), captured=0.1)
+    warm(session)
+    before = session.radiance()
+    session.add_lamp("-1.2,0.6,0.3 radius=.02 brightness=+3EV")
+    assert not session.complete and session.waiting_for == "the light of the lamps"
+    at_once = session.radiance()
+    session.poll()  # too early: the hand may still move
+    assert session.bench._running is None
+    session.finish()
+    full = session.radiance()
+    assert np.linalg.norm(at_once - full) < 0.4 * np.linalg.norm(before - full)  # all but bounces and soft shadows
+
+
+def test_colour_and_brightness_are_exact_at_once(opened):
+    """They scale what is there, bounces included; only rays may differ."""
+    session = opened(placed=(LAMP,), captured=0.1)
+    warm(session)
+    for act in (lambda: session.change_lamp(1, stops=1.0), lambda: session.change_lamp(1, color="cool")):
+        act()
+        at_once = session.radiance()
+        assert not session.complete
+        session.finish()
+        assert np.allclose(at_once, session.radiance(), rtol=1e-4, atol=1e-4 * at_once.max())
+    session.dim_captured(0.7)
+    at_once = session.radiance()
+    session.finish()
+    assert np.allclose(at_once, session.radiance(), rtol=1e-4, atol=1e-4 * at_once.max())
+
+
+# A scene by hand: each lamp lights all vertices by its intensity, and bounces bring as much again
+
+
+class Counted:
+    """A LampSource by hand. traced: the numbers of lamps of what was traced, one after another."""
+
+    def __init__(self, hold=None, broken=""):
+        self.traced, self.glimpsed, self._hold, self._broken = [], 0, hold, broken
+
+    def source(self, asked=(), captured=1.0):
+        nothing = np.zeros((2, 3), np.float32)
+
+        def mixture(factor, placed):
+            radiance = nothing + np.float32(factor) + (0.0 if placed is None else placed.radiance)
+            return SessionMixture(radiance, radiance, 1.0, 1.0, 1.0, False)
+
+        def light_of(lamps, factor):
+            return Tracer(self, [np.array(each.shape.intensity) * each.brightness.value * each.color for each in lamps])
+
+        scale = LampScale(1.0, 1.0)
+        return LampSource(
+            asked, captured, True, lambda: None, light_of, mixture, lambda: scale, lambda rays: None, np.eye(4)
+        )
+
+    def direct(self, lights):
+        self.traced.append(len(lights))
+        if self._hold is not None:
+            self._hold.wait()
+        if self._broken:
+            raise InputError(self._broken)
+        return np.full((2, 3), sum(lights), np.float32) if lights else np.zeros((2, 3), np.float32)
+
+
+class Tracer:
+    def __init__(self, counted, lights):
+        self._counted, self._lights = counted, lights
+
+    def glimpse(self):
+        self._counted.glimpsed += 1
+        return np.full((2, 3), 0.9 * sum(self._lights), np.float32) if self._lights else np.zeros((2, 3), np.float32)
+
+    def direct_of(self, *lamps, advance=lambda count: None):
+        advance(1)
+        found = self._counted.direct([self._lights[lamp] for lamp in lamps])
+        advance(1)
+        return found
+
+    def without_bounces(self, direct):
+        return SessionMixture(direct, direct, 1.0, 1.0, 1.0, False)
+
+    def with_bounces(self, direct):
+        return SessionMixture(2.0 * direct, 2.0 * direct, 1.0, 1.0, 1.0, False)
+
+
+def point(x=0.0, light=(1.0, 1.0, 1.0), value=1.0):
+    return AskedLamp(SphereLamp((x, 0.0, 0.0), intensity=light), Brightness(value, "picture"))
+
+
+def bench_of(counted, *lamps, captured=0.0):
+    source = counted.source(lamps, captured)
+    board = LampBoard(lamps, captured)
+    bench = LampBench(source, board, source.mixture(captured, None))
+    bench.prepare()
+    settle(bench)
+    return bench, board
+
+
+def settle(bench):
+    while bench._running is not None or not (bench.settled or bench.failure):
+        bench.poll(True)
+    bench.poll(True)
+    while bench._running is not None:
+        bench.poll(True)
+
+
+def test_only_the_lamp_that_changes_is_traced_at_once(tmp_path):
+    counted = Counted()
+    bench, board = bench_of(counted, point(1.0), point(2.0), point(3.0))
+    assert counted.traced == [1, 1, 1]  # each by itself, for the first change
+    board.move(2, (5.0, 0.0, 0.0))
+    shown = bench.mixture().radiance
+    assert counted.glimpsed == 1
+    assert np.allclose(shown, 2.0 + 0.9 + 1.0 + 2.0)  # its glimpse, with what it bounced before, and the others in full
+    settle(bench)
+    assert counted.traced == [1, 1, 1, 1, 3] and np.allclose(bench.mixture().radiance, 6.0)
+    board.change(2, point(5.0, value=3.0))
+    assert np.allclose(bench.mixture().radiance, 2.0 + 6.0 + 2.0) and counted.glimpsed == 1
+    bench.close()
+
+
+def test_a_lamp_that_goes_out_and_comes_back_keeps_its_term():
+    counted = Counted()
+    bench, board = bench_of(counted, point(1.0, value=4.0))
+    for value, expected in ((0.0, 0.0), (2.0, 4.0)):
+        board.change(1, point(1.0, value=value))
+        assert np.allclose(bench.mixture().radiance, expected)
+        settle(bench)
+        assert np.allclose(bench.mixture().radiance, expected)
+    assert not bench.message  # a lamp that is off is no lamp in a wall
+    bench.close()
+
+
+def test_what_comes_too_late_is_dropped():
+    hold = Event()
+    counted = Counted(hold)
+    source = counted.source((), 0.0)
+    board = LampBoard((), 0.0)
+    bench = LampBench(source, board, None)
+    number = board.add(point(1.0, value=1.0))
+    bench.poll(True)
+    while not counted.traced:
+        pass
+    board.change(number, point(2.0, value=5.0))  # while the first is being traced
+    bench.poll(False)
+    hold.set()
+    settle(bench)
+    assert np.allclose(bench.mixture().radiance, 10.0)
+    board.undo()
+    assert not bench.settled  # the first was never finished
+    settle(bench)
+    assert np.allclose(bench.mixture().radiance, 2.0)
+    bench.close()
+
+
+def test_many_lamps_share_a_term_until_they_are_touched():
+    counted = Counted()
+    lamps = [point(float(x)) for x in range(MOST_ALONE + 8)]
+    bench, board = bench_of(counted, *lamps)
+    assert counted.traced == [len(lamps)]
+    board.change(3, point(2.0, value=11.0))
+    settle(bench)
+    assert counted.traced == [len(lamps), len(lamps) - 1, 1, len(lamps)] or sorted(counted.traced[1:]) == [
+        1,
+        len(lamps) - 1,
+        len(lamps),
+    ]
+    assert np.allclose(bench.mixture().radiance, 2.0 * (len(lamps) - 1 + 11))
+    board.change(3, point(2.0, value=1.0))
+    assert np.allclose(bench.mixture().radiance, 2.0 * len(lamps))
+    bench.close()
+
+
+def test_lamps_that_light_nothing_are_told_of():
+    counted = Counted()
+    counted.direct = lambda lights: np.zeros((2, 3), np.float32)
+    bench, board = bench_of(counted)
+    board.add(point(1.0))
+    settle(bench)
+    assert bench.message == DARK
+    board.undo()
+    assert bench.message == ""
+    bench.close()
+
+
+def test_light_that_cannot_be_found_is_told_of_until_something_changes():
+    counted = Counted(broken="it is too dark")
+    source = counted.source((), 0.0)
+    board = LampBoard((), 0.0)
+    bench = LampBench(source, board, None)
+    board.add(point(1.0))
+    settle(bench)
+    assert bench.failure == bench.message == "it is too dark" and not bench.settled
+    board.undo()
+    assert bench.failure == "" and bench.settled
+    bench.close()
+
+
+# Hard cases
+
+
+@pytest.mark.parametrize(
+    "lamp",
+    [
+        "0,0.1,0 radius=.01",  # within the ball
+        "0,0.9,0",  # in its surface
+        "1.2,0.5,1.2 radius=0",
+        "1e6,0,0",
+        "0,-50,0 radius=40",  # all of the scene in its light
+        "1.2,0.5,1.2 brightness=+20EV",
+        "1.2,0.5,1.2 brightness=-40EV",
+        "rectangle:0,-1.3,0 normal=0,1,0 width=1 height=1",  # within the plate
+        "tube:-9,0.9,0 to=9,0.9,0",
+    ],
+)
+def test_lamps_anywhere_give_finite_light_that_settles_as_a_relight(scene, opened, tmp_path, lamp):
+    session = opened(captured=0.1)
+    warm(session)
+    session.add_lamp(lamp)
+    assert np.isfinite(session.radiance()).all()
+    session.finish()
+    session.save_lamps(tmp_path / "lamps.json")
+    assert np.isfinite(session.radiance()).all() and (session.radiance() >= 0.0).all()
+    with pytest.warns() if session.bench.message else np.errstate():
+        expected = relit(scene, "captured", tmp_path / "lamps.json", 0.1)
+    assert np.array_equal(session.radiance(), expected)
+
+
+def test_unusable_lamps_are_refused(scene, opened, tmp_path):
+    session = opened(captured=0.5)
+    for act in (
+        lambda: session.add_lamp("lamp"),
+        lambda: session.add_lamp(7),
+        lambda: session.add_lamp("1.2,0.5,1.2 brightness=+40EV"),
+        lambda: session.move_lamp(3, (0.0, 0.0, 0.0)),
+        lambda: session.dim_captured(np.nan),
+        lambda: session.save_lamps(tmp_path / "lamps.json"),
+    ):
+        with pytest.raises(InputError):
+            act()
+    number = session.add_lamp(LAMP)
+    for changes in ({"color": "guessed"}, {"brightness": "bright"}, {"stops": np.inf}, {"stops": 39.0}, {"name": ""}):
+        with pytest.raises(InputError):
+            session.change_lamp(number, **changes)
+    assert session.board.undoable == 1
+    plain = Session(scene, choices_of("noon"), tolerance=0.05, worker=InlineWorker)
+    with pytest.raises(InputError, match="cannot be changed"):
+        plain.add_lamp(LAMP)
+    plain.close()
