@@ -17,6 +17,8 @@ EXPOSURE_STEP_EV = 0.25
 TOLERANCE_STEP = 2.0**0.5
 SPLIT_STEP = 0.05
 LAMPS_STEP = 0.25
+LAMP_STEP_EV = 0.5
+CAPTURED_STEP = 0.1
 
 
 class Control(NamedTuple):
@@ -38,13 +40,15 @@ class Control(NamedTuple):
 
 class Slider(NamedTuple):
     """One slider. field: of the State. text: its name on screen. show: a value as text. logarithmic: its scale. there:
-    as of a Control."""
+    as of a Control. read, write: of a Session and of a Window, what is set; that field of the State without."""
 
     field: str
     text: str
     show: Callable[[float], str]
     logarithmic: bool = False
     there: Callable[["Session"], bool] = lambda session: True
+    read: Callable[["Session"], float] | None = None
+    write: Callable[["Window", float], None] | None = None
 
 
 def _change(**changes: Any) -> Action:
@@ -95,6 +99,18 @@ def _has_splats(session: "Session") -> bool:
     return session.splats is not None
 
 
+def _can_place(session: "Session") -> bool:
+    return session.board is not None
+
+
+def _mixes(session: "Session") -> bool:
+    return session.board is not None and (session.state.placing or session.mixture is not None)
+
+
+def _has_selected(session: "Session") -> bool:
+    return session.board is not None and session.state.placing and session.board.selected is not None
+
+
 def _has_lamps(session: "Session") -> bool:
     return session.has_lamps
 
@@ -116,6 +132,19 @@ CONTROLS = (
             lambda s: s.state.lamps > 0.0, _has_lamps),
     Control("comma", "dimmer captured lamps", _step("lamps", -LAMPS_STEP), there=_has_lamps),
     Control("period", "brighter captured lamps", _step("lamps", LAMPS_STEP), there=_has_lamps),
+    Control("t", "lamps: click puts one in, drag moves it", lambda window: window.mouse.lamps.toggle(),
+            lambda s: "put lamps", "choices", lambda s: s.state.placing, _can_place),
+    Control("c", "next colour of the lamp", lambda window: window.mouse.lamps.next_color(), there=_can_place),
+    Control("f", "dimmer lamp", lambda window: window.mouse.lamps.brighten(-LAMP_STEP_EV), there=_can_place),
+    Control("i", "brighter lamp", lambda window: window.mouse.lamps.brighten(LAMP_STEP_EV), there=_can_place),
+    Control("d", "delete the lamp", lambda window: window.mouse.lamps.remove(), there=_can_place),
+    Control("bracketleft", "dimmer captured light", lambda window: window.mouse.lamps.dim(-CAPTURED_STEP),
+            there=_can_place),
+    Control("bracketright", "brighter captured light", lambda window: window.mouse.lamps.dim(CAPTURED_STEP),
+            there=_can_place),
+    Control("z", "undo, of lamps and captured light", lambda window: window.mouse.lamps.step_back(), there=_can_place),
+    Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_place),
+    Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_can_place),
     Control("space", "turn the light by itself, stop", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light back", _step("angle_deg", -ANGLE_STEP_DEG)),
@@ -139,7 +168,12 @@ SLIDERS = (
     Slider("exposure_ev", "Exposure", lambda value: f"{value:+.2f} EV"),
     Slider("tolerance", "Tolerance", lambda value: f"{100 * value:.2g} %", True),
     Slider("lamps", "Lamps", lambda value: f"x {value:.2f}", there=_has_lamps),
-)
+    Slider("captured", "Captured", lambda value: f"x {value:.2f}", there=_mixes,
+           read=lambda session: session.lamps_now.captured,
+           write=lambda window, value: window.session.dim_captured(value, merge="captured")),
+    Slider("lamp_ev", "Lamp", lambda value: f"{value:+.1f} EV", there=_has_selected,
+           read=lambda session: session.lamp_ev(), write=lambda window, value: window.session.set_lamp_ev(value)),
+)  # fmt: skip
 
 MOUSE = (
     ("left drag", "look around"),
@@ -157,6 +191,8 @@ _KEY_NAMES = {
     "Down": "down",
     "comma": ",",
     "period": ".",
+    "bracketleft": "[",
+    "bracketright": "]",
 }
 
 

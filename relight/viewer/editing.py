@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import luminance
 
-from ..lamps.asked import AskedLamp, Brightness, resolve
+from ..lamps.asked import LARGEST_EV, AskedLamp, Brightness, resolve
 from ..lamps.fields import changed
+from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
 from ..lamps.shapes import Vector
@@ -117,6 +119,29 @@ class LampEditing:
         done = self._board.redo()
         self._edited()
         return done
+
+    def reset_lamps(self) -> None:
+        """All lamps and the captured light as at the start, as one change."""
+        self._board.reset()
+        self._edited()
+
+    def lamp_ev(self) -> float:
+        """Brightness of the selected lamp in EV: at 0 it is as bright at 1 m as the captured light; dark is -40."""
+        board, bench = self._board, self.bench
+        if bench is None or board.selected is None:
+            return 0.0
+        asked = board.asked(board.selected)
+        if asked.brightness.unit == "EV":
+            return asked.brightness.value
+        scale = bench.source.scale()
+        bright = float(luminance(axis_intensity(resolve(asked, scale)))) / (scale.irradiance * scale.metre**2)
+        return float(np.log2(max(bright, 2.0**-LARGEST_EV)))
+
+    def set_lamp_ev(self, value: float) -> None:
+        """Set it; in a row undone as one."""
+        number = self._board.selected
+        if number is not None:
+            self.change_lamp(number, brightness=f"{value:.2f}EV", merge=("brightness", number))
 
     def save_lamps(self, path: str | os.PathLike[str]) -> None:
         """Write the lamps as JSON, which `--lamp` reads. Raises InputError without lamps."""

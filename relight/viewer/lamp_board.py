@@ -125,6 +125,11 @@ class LampBoard:
         if captured != self.state.captured:
             self._to(replace(self.state, captured=captured), merge)
 
+    def reset(self) -> None:
+        """Everything as at the start; a change as others."""
+        if self.state != self.start:
+            self._to(self.start)
+
     def undo(self) -> bool:
         """Take the last change back; whether there was one."""
         return self._step(-1)

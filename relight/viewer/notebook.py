@@ -126,5 +126,7 @@ _SYMBOLS = {
     "=": "equal",
     ",": "comma",
     ".": "period",
+    "[": "bracketleft",
+    "]": "bracketright",
 }
 """VTK's key symbols by the names that browsers give the keys."""

@@ -1,6 +1,6 @@
 """What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from .splats import WAITING
 from .state import RANGES
 
 if TYPE_CHECKING:
+    from .lamp_tool import Mark
     from .session import Session
 
 Units = tuple[float, float]
@@ -32,6 +33,7 @@ _IDLE = (122, 99, 58, 255)
 _TRACK, _HANDLE, _LINE = (66, 70, 79, 255), (233, 233, 236, 255), (233, 178, 84, 235)
 _TEXT, _DIM, _DARK, _WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
 _HELP_WIDTH, _HELP_ROW = 720, 21
+_MARK = 5  # half the width of the mark of a lamp
 
 
 def scale_of(size: tuple[int, int]) -> float:
@@ -49,11 +51,13 @@ class HotArea(NamedTuple):
     """A part of the window that takes the mouse. box: left, bottom, width, height in pixels.
 
     name: key of a control, field of a slider, or "split". value: of a mouse position, what a slider would be set to.
+    lamp: the number of the lamp that is there.
     """
 
     box: tuple[float, ...]
     name: str
     value: Callable[[float, float], float] | None = None
+    lamp: int | None = None
 
     def holds(self, x: float, y: float) -> bool:
         """Whether a position is within."""
@@ -87,11 +91,12 @@ class Panel:
         frames_per_second: float | None = None,
         note: str = "",
         bare: bool = False,
+        marks: "Sequence[Mark]" = (),
     ) -> bool:
         """Bring the panel up to date; returns whether anything of it changed.
 
         size: width, height of the window. frames_per_second: to be shown, or None. note: a line of the window's own.
-        bare: nothing but the split line.
+        bare: nothing but the split line. marks: of lamps.
         """
         panel = session.state.panel and not bare
         self.hot = []
@@ -102,6 +107,8 @@ class Panel:
         if session.state.split:
             self._split(session, units, panel)
         if panel:
+            for mark in marks:
+                self._mark(mark)
             self._top(session, units)
             self._bottom(session, units, frames_per_second, note)
             if session.state.help:
@@ -139,7 +146,8 @@ class Panel:
             if control.row == "choices" and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
-        warning = note or session.message or session.failure or (session.splats.failure if session.splats else "")
+        told = session.message or session.failure or ("" if session.bench is None else session.bench.message)
+        warning = note or told or (session.splats.failure if session.splats else "")
         if warning:
             follows, color = warning, _WARNING
         else:
@@ -156,7 +164,8 @@ class Panel:
 
     def _slider(self, session: "Session", slider: Slider, left: float, base: float, width: float) -> None:
         low, high = RANGES[slider.field]
-        value = getattr(session.state, slider.field)
+        value = getattr(session.state, slider.field) if slider.read is None else slider.read(session)
+        value = min(max(value, low), high)
         to, back = (np.log, np.exp) if slider.logarithmic else (float, float)
         share = (to(value) - to(low)) / (to(high) - to(low))
         self._canvas.text(left, base + 16, slider.text, _DIM, SMALL)
@@ -204,6 +213,19 @@ class Panel:
                     self._canvas.rectangle(left - 7, high - 34, self._canvas.width(text, SMALL) + 14, 20, _BAR)
                     self._canvas.text(left, high - 29, text, _TEXT, SMALL)
         self._hot(x - 8, low, 16, high - low, "split_at", lambda at, _: at / scale / width)
+
+    def _mark(self, mark: "Mark") -> None:
+        """A lamp: a square of its colour in a dark frame, a bright one where it is selected."""
+        x, y = mark.x / self._canvas.scale, mark.y / self._canvas.scale
+        for half, color in (
+            (_MARK + 3, _HANDLE if mark.selected else _BAR),
+            (_MARK + 1, _BAR),
+            (_MARK, (*mark.color, 255)),
+        ):
+            self._canvas.rectangle(x - half, y - half, 2 * half, 2 * half, color)
+        half = _MARK + 6
+        box = tuple(self._canvas.scale * number for number in (x - half, y - half, 2 * half, 2 * half))
+        self.hot.insert(0, HotArea(box, "lamp", None, mark.number))
 
     def _scalar_bar(self, session: "Session", units: Units, end: float) -> None:
         width, _ = units

@@ -123,6 +123,8 @@ class Session(LampEditing, Answers):
     def reset(self) -> None:
         """Everything as at the start."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
+        if self.board is not None:
+            self.reset_lamps()
 
     def poll(self) -> None:
         """Take in the results of the worker, without waiting. Call it often."""

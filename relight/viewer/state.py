@@ -20,6 +20,8 @@ RANGES = {
     "tolerance": (0.003, 0.10),
     "split_at": (0.02, 0.98),
     "lamps": (0.0, 10.0),
+    "captured": (0.0, 1.0),
+    "lamp_ev": (-4.0, 10.0),
 }
 """Ranges of the sliders. Angles wrap around, other values are clipped."""
 
@@ -31,7 +33,7 @@ class State:
     environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
-    is a splat. lamps: factor on the light of captured lamps.
+    is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in.
     """
 
     environment: str
@@ -49,6 +51,7 @@ class State:
     turning: bool = False
     mesh: bool = False
     lamps: float = 1.0
+    placing: bool = False
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:

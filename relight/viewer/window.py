@@ -3,7 +3,6 @@
 import os
 import sys
 import time
-from collections.abc import Callable
 from ctypes.util import find_library
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,18 +14,17 @@ from splat2mesh.base.errors import InputError
 
 from ..output.preview import default_camera
 from .camera import Orbit
-from .controls import CONTROLS, SLIDERS
+from .controls import CONTROLS
+from .mouse import Mouse
 from .raster import prepare
 from .session import TURN_DEG_PER_SECOND
 from .splat_painter import coarser, joined
 
 if TYPE_CHECKING:
-    from .panel import HotArea
     from .recording import Recording
     from .session import Session
 
 SIZE = 1280, 800
-LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
 PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
 IDLE_SECONDS = 0.005  # between two looks at mouse and worker
@@ -50,7 +48,7 @@ class Window:
         from .panel import Panel, bars_of
         from .stage import Stage
 
-        self.session = session
+        self.session: Session = session
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
         self.panel = Panel(self.plotter.renderer)
@@ -61,7 +59,7 @@ class Window:
         self._home = self.orbit = orbit.in_window(size[0] / size[1], bars, session.scene.is_place)
         self._open, self._resting = True, False
         self._recording: Recording | None = None
-        self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
+        self.mouse: Mouse = Mouse(self)
         self._drawn: tuple | None = None
         self._sky: tuple[int, float] | None = None
         self._software: bool | None = None
@@ -76,11 +74,11 @@ class Window:
         interactor = self.plotter.iren.interactor
         for event, act in (
             ("KeyPressEvent", lambda: self.press_key(interactor.GetKeySym())),
-            ("MouseMoveEvent", self._move),
+            ("MouseMoveEvent", self.mouse.move),
             ("MouseWheelForwardEvent", lambda: self.look(self.orbit.nearer(1))),
             ("MouseWheelBackwardEvent", lambda: self.look(self.orbit.nearer(-1))),
             ("ExitEvent", lambda: self.quit(asked=True)),
-            *((f"{button}Button{way}Event", self._press(button) if way == "Press" else self._release)
+            *((f"{button}Button{way}Event", self.mouse.press(button) if way == "Press" else self.mouse.release)
               for button in ("Left", "Middle", "Right") for way in ("Press", "Release")),
         ):  # fmt: skip
             interactor.AddObserver(event, lambda *_, act=act: act())
@@ -98,6 +96,17 @@ class Window:
         if len(times) < 3 or times[-1] == times[0] or self.session.clock() - times[-1] > 0.5:
             return None
         return (len(times) - 1) / (times[-1] - times[0])
+
+    @property
+    def pointer(self) -> tuple[int, int]:
+        """The pixel of the mouse, from the lower left."""
+        x, y = self._interactor.GetEventPosition()
+        return x, y
+
+    @property
+    def shift(self) -> bool:
+        """Whether the shift key is down."""
+        return bool(self._interactor.GetShiftKey())
 
     def run(self) -> None:
         """Show the window until it is closed."""
@@ -135,9 +144,9 @@ class Window:
         if changed or now - self._panelled > PANEL_SECONDS:
             self._panelled = now
             rate = self.frames_per_second if not rests else None
-            changed |= self.panel.draw(session, self.size, rate, self.note)
+            changed |= self.panel.draw(session, self.size, rate, self.note, marks=self.mouse.lamps.marks())
         elif sharpens:
-            self.panel.draw(session, self.size, None, self.note)
+            self.panel.draw(session, self.size, None, self.note, marks=self.mouse.lamps.marks())
         if not (changed or sharpens):
             return False
         self.plotter.render_window.Render()
@@ -223,13 +232,14 @@ class Window:
         self._open = False
         if self._recording is not None:
             self._recording.stop("the window was closed")
+        self.mouse.lamps.leave()
         self.session.close()
         self.plotter.close()
 
     def _draw_now(self, panel: bool = True) -> None:
         self.session.poll()
         self._draw_scene(True, wait=True)
-        self.panel.draw(self.session, self.size, None, self.note, bare=not panel)
+        self.panel.draw(self.session, self.size, None, self.note, not panel, self.mouse.lamps.marks())
         self.plotter.render_window.Render()
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
@@ -299,41 +309,6 @@ class Window:
             before = draw(splats.source.captured, orbit, size).over(back)
             picture = joined(before, picture, session.state.split_at)
         return picture[::-1]
-
-    def _press(self, button: str) -> Callable[[], None]:
-        def press() -> None:
-            x, y = self._interactor.GetEventPosition()
-            hot = next((hot for hot in self.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
-            self._drag = button, hot, (x, y)
-            if hot is None:
-                return
-            if hot.value is None:
-                self.press_key(hot.name)
-            elif hot.name in [slider.field for slider in SLIDERS]:
-                self.session.change(**{hot.name: hot.value(x, y)})
-
-        return press
-
-    def _move(self) -> None:
-        if self._drag is None:
-            return
-        button, hot, (before_x, before_y) = self._drag
-        x, y = self._interactor.GetEventPosition()
-        self._drag = button, hot, (x, y)
-        width, height = self.size
-        right, up = (x - before_x) / height, (y - before_y) / height
-        if hot is not None:
-            if hot.value is not None:
-                self.session.change(**{hot.name: hot.value(x, y)})
-        elif button == "Right" or (button == "Left" and self._interactor.GetShiftKey()):
-            self.session.change(angle_deg=self.session.state.angle_deg + LIGHT_DEG * right)
-        elif button == "Middle":
-            self.orbit = self.orbit.moved(right, up, width / height)
-        else:
-            self.orbit = self.orbit.dragged(right, up)
-
-    def _release(self) -> None:
-        self._drag = None
 
 
 def load_pyvista(off_screen: bool) -> Any:

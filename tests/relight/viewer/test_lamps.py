@@ -5,13 +5,11 @@ from threading import Event
 
 import numpy as np
 import pytest
-from viewer_scenes import Clock, ball_on_plate
+from lamp_sessions import open_session, relit, warm
+from viewer_scenes import ball_on_plate
 
-from relight import LightingOptions, RelightRequest
-from relight.job import Job
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.showing import session_of
 from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, LampBench
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.lamp_source import LampSource
@@ -29,44 +27,19 @@ def scene():
     return ball_on_plate()
 
 
-def job_of(scene, env, **wishes):
-    options = LightingOptions(tolerance=0.05, **wishes)
-    return Job(RelightRequest(scene, env, options, angles_deg=(0.0,), caching="none"))
-
-
 @pytest.fixture
 def opened(scene):
     """Open the session of a request; all are closed in the end."""
     sessions = []
 
     def open_one(env="captured", **wishes):
-        told = session_of(job_of(scene, env, **wishes))
-        environment = told.pop("environment")
-        told.pop("state"), told.pop("environments_folder")
-        own = told.pop("options")
-        session = Session(told.pop("scene"), choices_of(environment), own, worker=InlineWorker, clock=Clock(), **told)
-        sessions.append(session)
-        session.finish()
-        return session
+        sessions.append(open_session(scene, env, **wishes))
+        sessions[-1].finish()
+        return sessions[-1]
 
     yield open_one
     for session in sessions:
         session.close()
-
-
-def warm(session):
-    """All is there that the first change needs."""
-    session.bench.prepare()
-    while not session.bench.ready or session.bench._running is not None or session.bench._missing():
-        session.hurry()
-        session.poll()
-    session.poll()
-
-
-def relit(scene, env, path, captured):
-    """What `relight --lamp` gives of a file."""
-    placed = (str(path),) if path is not None else ()
-    return next(iter(job_of(scene, env, captured=captured, placed=placed).shaded())).shading.radiance
 
 
 # What settles

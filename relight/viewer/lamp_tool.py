@@ -1,0 +1,281 @@
+"""The hand on the lamps: where a click puts one, how a drag moves one, and the marks by which they are seen."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+
+from ..lamps.color import TEMPERATURES, parse_color
+from ..lamps.shapes import Vector
+from .editing import bulb_at
+from .lamp_board import place_of
+
+if TYPE_CHECKING:
+    from .lamp_source import LampSource
+    from .window import Window
+
+OFF_M = 0.3
+"""Metres that a new lamp stands off the surface; where less than twice that is free, half of what is."""
+
+AROUND = 256
+"""Directions in which the surface that a lamp stands off is looked for."""
+
+COLORS = *TEMPERATURES, "red", "orange", "yellow", "green", "cyan", "blue", "magenta"
+"""What a lamp's colour goes through."""
+
+FILE, OTHER_FILES = "lamps.json", "lamps_{:04d}.json"
+
+
+class Mark(NamedTuple):
+    """Where a lamp is seen: its number, pixels from the lower left, sRGB bytes, and whether it is selected."""
+
+    number: int
+    x: float
+    y: float
+    color: tuple[int, int, int]
+    selected: bool
+
+
+class Grip(NamedTuple):
+    """How a lamp is held. base: pixels from the pointer to the surface that it stands off, off: how far, scene units;
+    None where there is none. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
+
+    number: int
+    base: tuple[float, float] | None
+    off: float
+    depth: float
+    shift: tuple[float, float]
+
+
+class LampTool:
+    """Lamps under the mouse and the keys of a Window. path: the file that they are saved to, once there is one."""
+
+    def __init__(self, window: "Window") -> None:
+        self._window = window
+        self.path: Path | None = None
+        self._grip: Grip | None = None
+        self._used = False
+
+    @property
+    def on(self) -> bool:
+        """Whether clicks put lamps in."""
+        return self._window.session.state.placing and self._window.session.board is not None
+
+    def marks(self) -> list[Mark]:
+        """The lamps that are in view, while clicks put some in."""
+        session = self._window.session
+        if not self.on or session.board is None:
+            return []
+        found = []
+        for number, asked in session.board.state.lamps:
+            place = self._seen_at(self._in_scene(place_of(asked)))
+            if place is not None:
+                red, green, blue = (int(each) for each in _shown(asked.color))
+                found.append(Mark(number, *place, (red, green, blue), number == session.board.selected))
+        return found
+
+    def toggle(self) -> None:
+        """Begin to put lamps in, or end that."""
+        session = self._window.session
+        if session.bench is not None:
+            session.change(placing=not session.state.placing)
+            session.bench.prepare()
+
+    def put(self, x: float, y: float) -> None:
+        """Put a bulb off the surface that is seen at a pixel; without one say so."""
+        hit = self._surface(x, y)
+        if hit is None:
+            self._window.note = "no surface there: click on one to put a lamp in"
+            return
+        place, normal = hit
+        off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
+        asked = bulb_at(self._in_splat(place + off * normal))
+        self._do(lambda: self._window.session.add_lamp(asked))
+
+    def grip(self, number: int, x: float, y: float) -> None:
+        """Take hold of a lamp by a pixel, and select it."""
+        session = self._window.session
+        if session.board is None:
+            return
+        session.select_lamp(number)
+        session.board.end_merge()
+        at = self._in_scene(place_of(session.board.asked(number)))
+        seen = self._seen_at(at)
+        if seen is None:
+            return
+        base, off = self._base(at)
+        found = None if base is None else self._seen_at(base)
+        shift = None if found is None else (found[0] - x, found[1] - y)
+        depth = float((self._window.orbit.eye - at) @ self._window.orbit.axes[2])
+        self._grip = Grip(number, shift, off, depth, (seen[0] - x, seen[1] - y))
+
+    @property
+    def holds(self) -> bool:
+        """Whether a lamp is held."""
+        return self._grip is not None
+
+    def drag(self, x: float, y: float, freely: bool) -> None:
+        """Move the lamp that is held to a pixel: along the surfaces, or `freely` in the plane of the picture."""
+        grip, session = self._grip, self._window.session
+        if grip is None or session.board is None or session.board.state.of(grip.number) is None:
+            return
+        hit = None if freely or grip.base is None else self._surface(x + grip.base[0], y + grip.base[1])
+        if hit is None:
+            eye, direction = self._ray(x + grip.shift[0], y + grip.shift[1])
+            place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
+        else:
+            place, normal = hit
+            place = place + min(grip.off, self._free(place, normal) / 2.0) * normal
+        self._do(lambda: session.move_lamp(grip.number, self._in_splat(place), merge=("drag", grip.number)))
+
+    def let_go(self) -> None:
+        """Hold no lamp; what follows is undone by itself."""
+        self._grip = None
+        if self._window.session.board is not None:
+            self._window.session.board.end_merge()
+
+    def brighten(self, stops: float) -> None:
+        """Make the selected lamp brighter."""
+        number = self._selected()
+        if number is not None:
+            self._do(lambda: self._window.session.change_lamp(number, stops=stops))
+
+    def next_color(self) -> None:
+        """Give the selected lamp the next of the colours."""
+        number, session = self._selected(), self._window.session
+        if number is not None and session.board is not None:
+            now, colors = session.board.asked(number).color, [parse_color(name) for name in COLORS]
+            name = COLORS[(colors.index(now) + 1) % len(COLORS)] if now in colors else COLORS[0]
+            self._do(lambda: session.change_lamp(number, color=name))
+
+    def remove(self) -> None:
+        """Take the selected lamp away."""
+        number = self._selected()
+        if number is not None:
+            self._do(lambda: self._window.session.remove_lamp(number))
+
+    def dim(self, step: float) -> None:
+        """Change the factor on the captured light."""
+        session = self._window.session
+        if session.board is not None:
+            factor = session.board.state.captured + step
+            self._do(lambda: session.dim_captured(factor))
+
+    def step_back(self, again: bool = False) -> None:
+        """Undo or redo; where there is nothing, say so."""
+        session = self._window.session
+        if session.board is None:
+            return
+        if not (session.redo() if again else session.undo()):
+            self._window.note = f"nothing to {'redo' if again else 'undo'}"
+        self._used = True
+
+    def save(self, path: "Path | str | None" = None) -> None:
+        """Save the lamps, by default where they were saved last, else under the first free name in this folder."""
+        from .recording import free_name
+
+        path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
+        try:
+            self._window.session.save_lamps(path)
+        except (OSError, InputError) as error:
+            self._window.note = str(error)
+        else:
+            self.path, self._window.note = path, f"saved {path.absolute()}"
+
+    def leave(self) -> None:
+        """Save what the hand has changed and nobody has saved."""
+        board = self._window.session.board
+        if self._used and board is not None and board.unsaved and board.state.lamps:
+            self.save()
+
+    def _do(self, change: Callable[[], object]) -> None:
+        """Make a change; what is refused is told."""
+        self._used = True
+        try:
+            change()
+        except InputError as error:
+            self._window.note = str(error)
+
+    def _selected(self) -> int | None:
+        board = self._window.session.board
+        number = None if board is None else board.selected
+        if number is None:
+            self._window.note = "no lamp is selected: t, then click on one"
+        return number
+
+    # Places: pixels, the frame of the scene, that of the splat
+
+    @property
+    def _source(self) -> "LampSource":
+        bench = self._window.session.bench
+        assert bench is not None
+        return bench.source
+
+    @property
+    def _metre(self) -> float:
+        """In units of the scene."""
+        scale = float(np.cbrt(abs(np.linalg.det(self._source.scene_from_splat[:3, :3])))) or 1.0
+        return float(self._source.scale().metre) * scale
+
+    def _in_scene(self, place: ArrayLike) -> NDArray[np.float64]:
+        motion = self._source.scene_from_splat
+        return np.asarray(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])
+
+    def _in_splat(self, place: NDArray[np.float64]) -> Vector:
+        motion = self._source.scene_from_splat
+        x, y, z = (float(each) for each in np.linalg.solve(motion[:3, :3], place - motion[:3, 3]))
+        return x, y, z
+
+    def _focal(self) -> float:
+        return 0.5 * self._window.size[0] / math.tan(math.radians(self._window.orbit.fov_deg) / 2.0)
+
+    def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
+        """The pixel of a place, from the lower left; None behind the eye."""
+        orbit, (width, height) = self._window.orbit, self._window.size
+        right, up, backward = orbit.axes @ (place - orbit.eye)
+        if backward >= 0.0:
+            return None
+        return width / 2 - self._focal() * right / backward, height / 2 - self._focal() * up / backward
+
+    def _ray(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The eye and the unit direction to a pixel."""
+        orbit, (width, height) = self._window.orbit, self._window.size
+        way = np.array([x - width / 2, y - height / 2, -self._focal()]) @ orbit.axes
+        return orbit.eye, way / np.linalg.norm(way)
+
+    def _surface(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The place that is seen at a pixel, and its unit normal towards the eye."""
+        eye, direction = self._ray(x, y)
+        hits = self._source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
+        distance = float(hits.distance[0])
+        if not math.isfinite(distance):
+            return None
+        normal = hits.normals[0].astype(np.float64)
+        return eye + distance * direction, normal if normal @ direction < 0.0 else -normal
+
+    def _free(self, place: NDArray[np.float64], normal: NDArray[np.float64]) -> float:
+        """How far it is from a surface along its normal to the next one."""
+        start = place + 1e-3 * self._window.session.scene.diagonal * normal
+        return float(self._source.first_hits(np.concatenate([start, normal])[None].astype(np.float32)).distance[0])
+
+    def _base(self, at: NDArray[np.float64]) -> tuple[NDArray[np.float64] | None, float]:
+        """The nearest place of the surface around a lamp, and how far off that is."""
+        ways = fibonacci_sphere(AROUND)
+        rays = np.concatenate([np.broadcast_to(at, ways.shape), ways], axis=1).astype(np.float32)
+        distance = self._source.first_hits(rays).distance
+        nearest = int(np.argmin(distance))
+        if not math.isfinite(distance[nearest]):
+            return None, 0.0
+        return at + float(distance[nearest]) * ways[nearest], float(distance[nearest])
+
+
+def _shown(color: Vector) -> NDArray[np.uint8]:
+    light = np.asarray(color) / max(*color, 1e-12)
+    return bytes_from_unit(srgb_from_linear(light))

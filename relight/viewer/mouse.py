@@ -1,0 +1,87 @@
+"""The mouse of a session's window: buttons, sliders and the split line, the camera, the light, lamps."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from .controls import SLIDERS
+from .lamp_tool import LampTool
+
+if TYPE_CHECKING:
+    from .panel import HotArea
+    from .window import Window
+
+LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
+STILL = 4
+"""Pixels that the mouse may move in a click."""
+
+
+class Mouse:
+    """What the mouse does in a Window. lamps: the LampTool."""
+
+    def __init__(self, window: "Window") -> None:
+        self._window = window
+        self.lamps: LampTool = LampTool(window)
+        self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
+        self._clicks: tuple[int, int] | None = None  # where a click would put a lamp
+
+    def press(self, button: str) -> Callable[[], None]:
+        """What a button does that is pressed."""
+
+        def pressed() -> None:
+            window = self._window
+            x, y = window.pointer
+            hot = next((hot for hot in window.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
+            self._drag = button, hot, (x, y)
+            self._clicks = None
+            if hot is None:
+                self._clicks = (x, y) if button == "Left" and self.lamps.on and not window.shift else None
+            elif hot.lamp is not None:
+                self.lamps.grip(hot.lamp, x, y)
+            elif hot.value is None:
+                window.press_key(hot.name)
+            elif hot.name in [slider.field for slider in SLIDERS]:
+                self._set(hot, x, y)
+
+        return pressed
+
+    def move(self) -> None:
+        """The mouse has moved."""
+        if self._drag is None:
+            return
+        window = self._window
+        button, hot, (before_x, before_y) = self._drag
+        x, y = window.pointer
+        if self._clicks is not None:
+            if max(abs(x - self._clicks[0]), abs(y - self._clicks[1])) <= STILL:
+                return
+            self._clicks = None
+        self._drag = button, hot, (x, y)
+        width, height = window.size
+        right, up = (x - before_x) / height, (y - before_y) / height
+        if hot is not None:
+            if hot.lamp is not None:
+                self.lamps.drag(x, y, window.shift)
+            elif hot.value is not None:
+                self._set(hot, x, y)
+        elif button == "Right" or (button == "Left" and window.shift):
+            window.session.change(angle_deg=window.session.state.angle_deg + LIGHT_DEG * right)
+        elif button == "Middle":
+            window.look(window.orbit.moved(right, up, width / height))
+        else:
+            window.look(window.orbit.dragged(right, up))
+
+    def release(self) -> None:
+        """A button was let go."""
+        if self._clicks is not None:
+            self.lamps.put(*self._clicks)
+        self.lamps.let_go()
+        self._drag = self._clicks = None
+
+    def _set(self, hot: "HotArea", x: float, y: float) -> None:
+        assert hot.value is not None
+        value, session = hot.value(x, y), self._window.session
+        slider = next((slider for slider in SLIDERS if slider.field == hot.name), None)
+        if slider is not None and slider.write is not None:
+            slider.write(self._window, value)
+        else:
+            session.change(**{hot.name: value})

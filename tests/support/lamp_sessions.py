@@ -1,0 +1,38 @@
+"""Sessions whose lamps can be changed, and the relight that they are compared with."""
+
+from viewer_scenes import Clock
+
+from relight import LightingOptions, RelightRequest
+from relight.job import Job
+from relight.showing import session_of
+from relight.viewer.session import Session
+from relight.viewer.state import choices_of
+from relight.viewer.worker import InlineWorker
+
+
+def job_of(scene, env, **wishes):
+    options = LightingOptions(tolerance=0.05, **wishes)
+    return Job(RelightRequest(scene, env, options, angles_deg=(0.0,), caching="none"))
+
+
+def open_session(scene, env="captured", **wishes):
+    """The Session of a request, for which no time passes."""
+    told = session_of(job_of(scene, env, **wishes))
+    environment, own = choices_of(told.pop("environment")), told.pop("options")
+    told.pop("state"), told.pop("environments_folder")
+    return Session(told.pop("scene"), environment, own, worker=InlineWorker, clock=Clock(), **told)
+
+
+def warm(session):
+    """All is there that the first change needs."""
+    session.bench.prepare()
+    while not session.bench.ready or session.bench._running is not None or session.bench._missing():
+        session.hurry()
+        session.poll()
+    session.poll()
+
+
+def relit(scene, env, path, captured):
+    """What `relight --lamp` gives of a file."""
+    placed = (str(path),) if path is not None else ()
+    return next(iter(job_of(scene, env, captured=captured, placed=placed).shaded())).shading.radiance
