@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import lamplight
+from ..lamps.tracing import Ordered, lamplight, lamplight_at, ordered
 from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from .relighter import Relighter
 
 LEAST_LIGHT, MOST_ALBEDO = 1e-4, 0.95
+
+DRAFT_RAYS = 32
 
 NEGLIGIBLE = 0.01
 """Part of the tolerance, of the median light of the capture, below which one lamp's light at a vertex is left out."""
@@ -100,7 +102,7 @@ class LampLight:
 
     def prepare(self) -> None:
         """Do now what no lamp changes."""
-        for name in ("_receivers", "_leaf", "_albedo", *(("_interreflection",) if self._bounces else ())):
+        for name in ("_ordered", "_albedo", *(("_interreflection",) if self._bounces else ())):
             getattr(self, name)
 
     def direct_of(self, *lamps: int, advance: Advance = lambda count: None) -> NDArray[np.float32]:
@@ -109,8 +111,11 @@ class LampLight:
 
     def glimpse(self) -> NDArray[np.float32]:
         """Direct light of all lamps by one ray to each from each vertex, (V, 3) float32: with hard shadows, at once."""
-        more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": self._relighter.options.seed}
-        return lamplight(self._receivers, self._emitters, 1, **more)
+        return lamplight_at(self._receivers, self._ordered, self._emitters, 1, self._least)
+
+    def draft(self, advance: Advance = lambda count: None) -> NDArray[np.float32]:
+        """Direct light of all lamps by `DRAFT_RAYS` in half-shadows, which no plan has chosen, (V, 3) float32."""
+        return self._direct(self._emitters, advance, DRAFT_RAYS)
 
     def without_bounces(self, direct: NDArray[np.float32]) -> Placed:
         """What light does that reaches the scene directly, (V, 3) on white, where surfaces throw none of it on."""
@@ -133,10 +138,12 @@ class LampLight:
         bouncing = self._relighter.options.fixed_effects is None or "bounces" in self._relighter.effects
         return bouncing and self._look.albedo is not None  # in a scene all white light would never fade
 
-    def _direct(self, emitters: Emitters, advance: Advance = lambda count: None) -> NDArray[np.float32]:
+    def _direct(
+        self, emitters: Emitters, advance: Advance = lambda count: None, rays: int | None = None
+    ) -> NDArray[np.float32]:
         seed = self._relighter.options.seed
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": seed, "advance": advance}
-        light = lamplight(self._receivers, emitters, self.plan.rays, **more)
+        light = lamplight(self._receivers, emitters, self.plan.rays if rays is None else rays, **more)
         return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property
@@ -154,6 +161,10 @@ class LampLight:
         receivers = copy.copy(occluder)
         receivers.normals = self._evenness.average_directions(occluder.normals, AVERAGING_ROUNDS)
         return receivers
+
+    @cached_property
+    def _ordered(self) -> Ordered:
+        return ordered(self._receivers, leaf=self._leaf, seed=self._relighter.options.seed)
 
     @cached_property
     def _leaf(self) -> NDArray[np.float32] | None:

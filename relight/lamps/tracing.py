@@ -85,11 +85,44 @@ def lamplight(
     advance : callable
         Called with the number of vertices done.
     """
+    return lamplight_at(occluder, ordered(occluder, rows, leaf, seed), emitters, rays, least, advance)
+
+
+class Ordered(NamedTuple):
+    """Vertices along a curve through space: their order (N,), then origins, normals, (N, 3), part of leaves (N,) and
+    offsets of their rays (N, 2), in that order."""
+
+    order: NDArray[np.int64]
+    origins: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    share: NDArray[np.float32]
+    offsets: NDArray[np.float32]
+
+
+def ordered(
+    occluder: Occluder,
+    rows: NDArray[np.int64] | slice = slice(None),
+    leaf: NDArray[np.float32] | None = None,
+    seed: int = 0,
+) -> Ordered:
+    """Return what `lamplight` needs of its vertices, which is the same for all lamps."""
     origins, normals = occluder.origins[rows], occluder.normals[rows]
     share = np.zeros(len(origins), np.float32) if leaf is None else np.asarray(leaf, np.float32)
     order = along_curve(origins)
     origins, normals, share = origins[order], normals[order], share[order]
-    offsets = hashed_offsets(origins, normals, seed)
+    return Ordered(order, origins, normals, share, hashed_offsets(origins, normals, seed))
+
+
+def lamplight_at(
+    occluder: Occluder,
+    vertices: Ordered,
+    emitters: Emitters,
+    rays: int,
+    least: float = 0.0,
+    advance: Callable[[int], None] = lambda count: None,
+) -> NDArray[np.float32]:
+    """Return what `lamplight` does, (N, 3) float32, at vertices that are in order already."""
+    order, origins, normals, share, offsets = vertices
     found = np.zeros((len(origins), 3), np.float32)
     for start in range(0, len(origins) if len(emitters.kind) else 0, BATCH_VERTICES):
         part = slice(start, start + BATCH_VERTICES)

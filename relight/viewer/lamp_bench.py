@@ -268,7 +268,7 @@ class LampBench:
             if self._known(lamps) or not axis.any():
                 continue
             tracer = self.source.light_of(_bare(lamps), state.captured)
-            direct = tracer.direct_of(*range(len(lamps)), advance=check)
+            direct = tracer.draft(check)
             self._tell(lamps, Term(direct, None, None, axis))
             check()
             placed, plain = tracer.with_bounces(direct), tracer.without_bounces(direct)

@@ -28,6 +28,9 @@ class LampTracer(Protocol):
     def glimpse(self) -> NDArray[np.float32]:
         """Direct light on the white scene, (V, 3), at once."""
 
+    def draft(self, advance: Callable[[int], None] = ...) -> NDArray[np.float32]:
+        """The same by more rays, which no plan has chosen."""
+
     def direct_of(self, *lamps: int, advance: Callable[[int], None] = ...) -> NDArray[np.float32]:
         """Direct light of some of them on the white scene, (V, 3)."""
 

@@ -33,6 +33,7 @@ _IDLE = (122, 99, 58, 255)
 _TRACK, _HANDLE, _LINE = (66, 70, 79, 255), (233, 233, 236, 255), (233, 178, 84, 235)
 _TEXT, _DIM, _DARK, _WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
 _HELP_WIDTH, _HELP_ROW = 720, 21
+_CHIP_ROOM = 180  # for the text of a button, so that one long name pushes no other out of the window
 _MARK = 5  # half the width of the mark of a lamp
 
 
@@ -192,6 +193,7 @@ class Panel:
     def _chip(self, session: "Session", control: Control, place: float, base: float, from_right: bool = False) -> float:
         """A button; returns its width."""
         text, lit = control.chip(session) if control.chip else "", control.lit(session)
+        text = self._canvas.fitted(text, _CHIP_ROOM)
         width = self._canvas.width(text, SMALL) + 18
         left = place - width if from_right else place
         self._canvas.rectangle(left, base, width, 24, _ON if lit == 1 else _IDLE if lit else _CHIP)

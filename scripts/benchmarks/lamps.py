@@ -1,19 +1,42 @@
-"""Placed lamps: error and time by rays for each kind, and time by the number of lamps.
+"""Placed lamps: error and time by rays for each kind, time by the number of lamps, and that of a change in a session.
 
 Errors are relative L2 norms of direct light over all vertices, against --reference rays. Of many lamps, which share the
-light of one, the time of a vertex and the error against each lamp by itself, on some of the vertices.
+light of one, the time of a vertex and the error against each lamp by itself, on some of the vertices. Of a change in a
+session, of which each line is the median of --changes: the light that is shown at once, the picture of it (in software,
+where OpenGL is), exact shadows, and all as a relight gives it.
 """
+
+import os
+import time
 
 import numpy as np
 
 from benchmarks.harness import relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, shape
+from relight import LightingOptions, RelightRequest
+from relight.job import Job
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import RectangleLamp, SphereLamp, TubeLamp
 from relight.lamps.tracing import lamplight
+from relight.showing import session_of
 from relight.transfer.occluder import Frame, Occluder
 
-QUICK = ["--vertices", "1000", "--counts", "1", "60", "--rays", "8", "16", "--reference", "32", "--probes", "50"]
+QUICK = [
+    "--vertices",
+    "1000",
+    "--counts",
+    "1",
+    "60",
+    "--rays",
+    "8",
+    "16",
+    "--reference",
+    "32",
+    "--probes",
+    "50",
+    "--changes",
+    "2",
+]
 
 
 def arguments(parser):
@@ -25,6 +48,8 @@ def arguments(parser):
     parser.add_argument(
         "--probes", type=int, default=400, help="vertices at which each of many lamps is traced by itself"
     )
+    parser.add_argument("--changes", type=int, default=15, help="of lamps in a session, for each line")
+    parser.add_argument("--edit", action="store_true", help="only what a change in a session takes")
 
 
 def run(options, report):
@@ -32,8 +57,10 @@ def run(options, report):
     occluder = Occluder(mesh.vertices, mesh.normals, mesh.faces)
     frame = Frame.around(mesh.vertices, mesh.faces)
     report.note(f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} faces")
-    by_kind(occluder, frame, options, report)
-    by_number(occluder, frame, options, report)
+    if not options.edit:
+        by_kind(occluder, frame, options, report)
+        by_number(occluder, frame, options, report)
+    by_change(mesh, frame, options, report)
 
 
 def by_kind(occluder, frame, options, report):
@@ -68,3 +95,81 @@ def by_number(occluder, frame, options, report):
         true = sum(lamplight(occluder, emitters.of_lamp(number), 32, rows=probes) for number in range(count))
         error = relative_error(found[probes], true)
         table.add(lamps=count, microseconds=1e6 * seconds / len(found), error=error)
+
+
+def by_change(mesh, frame, options, report):
+    """What a change of a lamp takes in a session, until it shows and until it is complete."""
+    from relight.viewer import view
+
+    lighting = LightingOptions(captured=0.1, tolerance=0.02)
+    request = RelightRequest(mesh.scene, "captured", lighting, angles_deg=(0.0,), caching="none", albedo="captured")
+    window = view(**session_of(Job(request)), off_screen=True, size=(960, 720))
+    session = window.session
+    rng = np.random.default_rng(0)
+
+    def somewhere():
+        place = frame.center + frame.diagonal * rng.uniform((-0.3, 0.15, -0.3), (0.3, 0.4, 0.3))
+        return [float(each) for each in place]
+
+    window.finish()
+    session.bench.prepare()
+    while not session.bench.ready:
+        window.tick()
+    text = "{:.4f},{:.4f},{:.4f}"
+    number = session.add_lamp(text.format(*somewhere()))
+    window.finish()
+    acts = {
+        "add": lambda: session.add_lamp(text.format(*somewhere())),
+        "move, of 1": lambda: session.move_lamp(number, somewhere()),
+        "brighten": lambda: session.change_lamp(number, stops=float(rng.uniform(-0.5, 0.5))),
+        "dim the captured": lambda: session.dim_captured(float(rng.uniform(0.05, 0.5))),
+        "move, of 8": lambda: session.move_lamp(number, somewhere()),
+    }
+    load = f"load {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores"
+    table = report.table(
+        f"a change, ms, {load}", change="<16", light=".0f", picture=".0f", shadows=".0f", complete=".0f"
+    )
+    for name, act in acts.items():
+        if name.endswith("8"):
+            for _ in range(7):
+                session.add_lamp(text.format(*somewhere()))
+            rest(window)
+        found = []
+        for _ in range(options.changes):
+            found.append(change(window, act))
+            if name == "add":
+                session.undo()
+                rest(window)
+        light, picture, shadows, complete = 1e3 * np.median(found, axis=0)
+        table.add(change=name, light=light, picture=picture, shadows=shadows, complete=complete)
+    window.close()
+
+
+def rest(window):
+    """Wait until the light is complete, and all is there for the next change."""
+    bench = window.session.bench
+    window.finish()
+    while bench._running is not None or bench._missing():
+        window.session.hurry()
+        window.tick()
+
+
+def change(window, act):
+    """Seconds from a change to its light, its picture, its exact shadows and to what is complete."""
+    session = window.session
+    start = time.perf_counter()
+    act()
+    session.radiance()
+    seconds = [time.perf_counter() - start]
+    window.tick()
+    seconds.append(time.perf_counter() - start)
+    shown = session.bench._news
+    while session.bench._news == shown and not session.complete:
+        session.hurry()
+        session.poll()
+    seconds.append(time.perf_counter() - start)
+    while not session.complete:
+        session.poll()
+    seconds.append(time.perf_counter() - start)
+    rest(window)
+    return seconds

@@ -201,6 +201,9 @@ class Tracer:
         self._counted.glimpsed += 1
         return np.full((2, 3), 0.9 * sum(self._lights), np.float32) if self._lights else np.zeros((2, 3), np.float32)
 
+    def draft(self, advance):
+        return self.direct_of(*range(len(self._lights)), advance=advance)
+
     def direct_of(self, *lamps, advance=lambda count: None):
         advance(1)
         found = self._counted.direct([self._lights[lamp] for lamp in lamps])
