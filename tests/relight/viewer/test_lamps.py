@@ -145,9 +145,11 @@ def test_a_change_shows_before_it_settles(opened):
 
 
 def test_colour_and_brightness_are_exact_at_once(opened):
-    """They scale what is there, bounces included; only rays may differ."""
+    """They scale what is there, bounces included, once the lamp alone has been lit by the rays of its plan."""
     session = opened(placed=(LAMP,), captured=0.1)
-    warm(session)
+    session.bench.prepare()
+    session.move_lamp(1, (1.1, 0.6, 1.2))
+    session.finish()
     for act in (lambda: session.change_lamp(1, stops=1.0), lambda: session.change_lamp(1, color="cool")):
         act()
         at_once = session.radiance()
