@@ -244,6 +244,8 @@ class LampBench:
         alone = bool((axis > 0.0).all())  # then the whole tells the term
         if not alone:
             self._trace(state, check)
+        elif _key(state.lamps) not in self._terms:  # soft shadows before a plan is made
+            self._tell(state.lamps, Term(self.source.light_of(_bare(state.lamps), 1.0).draft(check), None, None, white))
         placed, dark = None, False
         if state.lamps:
             tracer = self.source.light_of([lamp.asked for lamp in state.lamps], state.captured)
