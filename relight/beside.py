@@ -142,7 +142,7 @@ class Beside:
         shading = mixed(self._look, shading, self._options.env_scale, part, placed, level)
         scale = 0.0 if self.alone else self._options.env_scale
         backdrop = captured if self.alone else scale
-        return Shaded(shaded.light, shading, shaded.exposure, backdrop, captured / level, scale)
+        return Shaded(shaded.light, shading, shaded.exposure, backdrop, scale, captured, level)
 
     @cached_property
     def _own(self) -> NDArray[np.float32]:

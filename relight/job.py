@@ -38,6 +38,7 @@ from .transfer.store import Cache
 
 if TYPE_CHECKING:
     from .beside import Beside
+    from .engine.placed import LampLight
     from .engine.relit_room import RelitRoom
     from .gloss import SceneGloss
     from .lamps.asked import AskedLamp
@@ -159,7 +160,11 @@ class Job:
         from .gloss import SceneGloss
 
         seed = self.request.lighting.seed
-        return SceneGloss(self.scene, self.splats[0], lambda: self.binding, self.cache, seed, self.stages)
+        asked = self.cache, seed, self.stages, self._lamp_light
+        return SceneGloss(self.scene, self.splats[0], lambda: self.binding, *asked)
+
+    def _lamp_light(self) -> "LampLight | None":
+        return self.beside.lamp_light if self.mixes else None
 
     @property
     def _reflected(self) -> NDArray[np.float64] | None:

@@ -70,6 +70,16 @@ class LampLight:
         self._emitters = emitters_of(self.lamps, self._frame.center, self._frame.diagonal)
         self._least = NEGLIGIBLE * tolerance * float(np.median(luminance(look.irradiance)))
 
+    @property
+    def emitters(self) -> Emitters:
+        """The Emitters of the lamps, in `frame`."""
+        return self._emitters
+
+    @property
+    def frame(self) -> Frame:
+        """The unit Frame of the scene."""
+        return self._frame
+
     @cached_property
     def plan(self) -> LampPlan:
         """How many rays they call for."""

@@ -57,15 +57,17 @@ class Shading(NamedTuple):
 
 class Shaded(NamedTuple):
     """A scene in one light. light: the Environment. exposure: display value per unit of the radiance of `shading`.
-    backdrop: factor on what is seen of the light itself, in the far background. captured: units of the light per unit
-    of that of the capture, as far as that takes part. environment: factor on the light itself."""
+    backdrop: factor on what is seen of the light itself, in the far background. environment, captured: factors on the
+    light itself and on that of the capture beside it. level: units of the picture, in which those and lamps are told,
+    per unit of the light."""
 
     light: "Environment"
     shading: Shading
     exposure: float
     backdrop: float = 1.0
-    captured: float = 0.0
     environment: float = 1.0
+    captured: float = 0.0
+    level: float = 1.0
 
 
 class Relighter:

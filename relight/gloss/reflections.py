@@ -9,13 +9,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Floats, Matrix3
+from splat2mesh.base.arrays import Floats, Matrix3, Matrix4
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.splats import Splats
 
+from ..lamps.emitters import Emitters
 from ..splats.binding import Binding
 from ..splats.looks import Looks
+from ..transfer.occluder import Frame
 from .harmonicsfit import fitted
+from .lamp_lobes import lamp_lobes
 from .material import Gloss
 from .mirrored import MirroredPixels
 from .pixels import SurfacePixels
@@ -52,6 +55,11 @@ class Reflections:
         vertices."""
         nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
         return [view.reflected(light, nodes) for view in self._views]
+
+    def shining(self, emitters: Emitters, frame: Frame, scene_from_splat: Matrix4) -> list[NDArray[np.float64]]:
+        """The highlights of emitters on the same pixels: `lamp_lobes`."""
+        asked = self._binding.surface, emitters, frame, scene_from_splat
+        return [lamp_lobes(view, *asked) for view in self._views]
 
     def relit(
         self,

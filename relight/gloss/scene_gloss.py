@@ -21,6 +21,7 @@ from .views import outer_looks
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
+    from ..engine.placed import LampLight
     from ..engine.relighter import Shaded
     from ..splats.binding import Binding
     from ..splats.looks import Looks
@@ -33,6 +34,7 @@ class SceneGloss:
     """What is glossy in a scene that was made from splats.
 
     splats: as read. binding: returns their Binding. cache: where what was observed is kept, or None.
+    lamps: returns the LampLight of lamps that shine beside every light, or None.
     """
 
     def __init__(
@@ -43,9 +45,10 @@ class SceneGloss:
         cache: Cache | None,
         seed: int,
         stages: Stages,
+        lamps: Callable[[], "LampLight | None"] = lambda: None,
     ) -> None:
         self._scene, self._splats, self._binding = scene, splats, binding
-        self._cache, self._seed, self._stages = cache, seed, stages
+        self._cache, self._seed, self._stages, self._lamps = cache, seed, stages, lamps
         self._reflections: Reflections | None = None
 
     @cached_property
@@ -94,10 +97,16 @@ class SceneGloss:
                 self._reflections = Reflections(binding, looks, gloss, self._rotation)
         light, shading, exposure = shaded.light, shaded.shading, shaded.exposure
         own = look.environment.sh(harmonics.MAX_BANDS)
-        new = shaded.environment * light.sh(harmonics.MAX_BANDS) + shaded.captured * own
+        beside = exposure / shaded.level  # of what is told in units of the picture
+        new = shaded.environment * exposure * light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
+        lamps = self._lamps()
         with self._stages.stage("gloss"):
             before = self._reflections.reflected(own, look.captured)
-            after = self._reflections.reflected(exposure * new, shading.radiance * np.float32(exposure))
+            after = self._reflections.reflected(new, shading.radiance * np.float32(exposure))
+            if lamps is not None:
+                frame = np.asarray(self._scene.scene_from_splat, np.float64)
+                shining = self._reflections.shining(lamps.emitters, lamps.frame, frame)
+                after = [each + beside * more for each, more in zip(after, shining, strict=True)]
             log_gain = binding.log_gains(look.irradiance, received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 

@@ -36,17 +36,19 @@ def test_a_sharp_lobe_keeps_the_light_and_a_rough_one_blurs_it():
     assert zonal_factors(0.005, 6).min() > 0.99
     each = np.array([zonal_factors(alpha, 6) for alpha in ALPHAS])
     np.testing.assert_allclose(each[:, 0], 1.0, atol=1e-12)
-    assert (np.diff(each[:, 1:], axis=0) < 0.0).all()  # rougher blurs more
-    assert (np.diff(each, axis=1) < 0.0).all()  # and fine detail first
+    assert (np.diff(each[:-1, 1:], axis=0) < 0.0).all()  # rougher blurs more
+    assert (np.diff(each[:-1], axis=1) < 0.0).all()  # and fine detail first; at 1 it is the clamped cosine's, with a 0
 
 
-@pytest.mark.parametrize("alpha", ALPHAS)
-def test_samples_return_no_more_light_than_arrives(alpha):
-    directions, weights = looking_down(alpha, 4096)
-    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
-    # Smith's masking loses what bounces twice between facets: 5% at .6, a third at 1 (Walter et al. 2007).
-    assert 0.6 < weights.mean() <= 1.0 + 1e-9
-    assert weights.mean() > 0.99 or alpha > 0.25
+def test_samples_return_no_more_light_than_arrives():
+    means = []
+    for alpha in ALPHAS:
+        directions, weights = looking_down(alpha, 4096)
+        np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0, atol=1e-12)
+        means.append(weights.mean())
+    assert means[0] == pytest.approx(1.0, abs=0.01)
+    assert (np.diff(means) < 0.0).all()  # Smith's masking loses what bounces twice between facets
+    assert means[-1] == pytest.approx(1.0 - np.log(2.0), rel=1e-3)  # of alpha 1: the integral of c / (1 + c)
 
 
 def test_samples_of_a_narrow_lobe_lie_about_the_mirrored_direction():
