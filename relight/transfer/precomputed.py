@@ -1,7 +1,7 @@
 """What depends on a scene's geometry alone: computed on first use, extended rather than repeated, kept between runs."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,18 @@ from splat2mesh.scene.scene import Scene
 from .analytic import analytic
 from .bounce_places import BouncePlaces
 from .bounces import Interreflection, visible_fraction
+from .kept import (
+    SURFACES,
+    Key,
+    arrays_of,
+    chunks_text,
+    key_of,
+    leaf_directions,
+    restored,
+    rounded,
+    serves,
+    stands_for,
+)
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache, array_key
@@ -24,11 +36,8 @@ if TYPE_CHECKING:
 
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
-SURFACES = "surfaces"  # instead of the key of a Foliage
-
-
-Key: TypeAlias = tuple[str, int, int, str, int, str]
-"""What a transfer is told apart by: method, bands, rays, chunks with shadows, seed, leaves."""
+ALIKE = 2
+"""Bounces of up to so many times as many rays take the place of others: to use them takes little longer."""
 
 
 class Precomputed:
@@ -107,12 +116,12 @@ class Precomputed:
 
     def there(self) -> Callable[[Settings], tuple[bool, bool]]:
         """A function of Settings: (whether their transfer takes no ray, whether their bounces take none), as of now."""
-        keys = [*self._transfers, *filter(None, map(_key_of, self.cache.settings_of("transfer")))]
+        keys = [*self._transfers, *self._keys()]
         keys, most = [each for each in keys if each[4] == self.seed], max(self._matrices(), default=0)
 
         def found(settings: Settings) -> tuple[bool, bool]:
             leaves = self._leaves(settings)
-            return any(_serves(each, settings, leaves) for each in keys), most >= settings.bounce_rays
+            return any(serves(each, settings, leaves) for each in keys), most >= settings.bounce_rays
 
         return found
 
@@ -124,23 +133,23 @@ class Precomputed:
         )
 
     def transfer(self, settings: Settings) -> tuple[Transfer, Settings]:
-        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays it really has, and
-        a volume only where the scene has one)."""
+        """(transfer (V, K) float32 of at least `settings.bands`, the Settings as done: with the rays and the directions
+        it really has, and a volume only where the scene has one)."""
         settings = settings._replace(volume=settings.volume if self.foliage is not None else 0)
         for known, transfer in self._transfers.items():
-            if _serves(known, settings, self._leaves(settings)):
-                return transfer, settings._replace(rays=known[2])
+            if serves(known, settings, self._leaves(settings)):
+                return transfer, settings._replace(rays=known[2], volume=leaf_directions(known))
         found = self._kept(settings) or self._computed(settings)
         while len(self._transfers) >= KEPT_IN_MEMORY:
             self._transfers.pop(next(iter(self._transfers)))
         self._transfers[found[0]] = found[1]
-        return found[1], settings._replace(rays=found[0][2])
+        return found[1], settings._replace(rays=found[0][2], volume=leaf_directions(found[0]))
 
     def forget(self, settings: Settings) -> None:
         """Let go of what is in memory and does not serve these Settings: transfers, of which the next is computed, or
         read, from what was traced; and bounces of fewer rays."""
         leaves = self._leaves(settings)
-        for key in [key for key in self._transfers if not _serves(key, settings, leaves)]:
+        for key in [key for key in self._transfers if not serves(key, settings, leaves)]:
             gone = self._transfers.pop(key)
             for rays, (matrix, scaled_to) in list(self._interreflections.items()):
                 if scaled_to is gone:
@@ -150,45 +159,55 @@ class Precomputed:
 
     def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
-        rays = next((each for each in self._matrices() if each >= rays), rays)
-        if rays not in self._interreflections:
-            self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
+        visible = visible_fraction(transfer)
+        for there in self._matrices():  # one that is kept may be gone by now: another run keeps one of more rays
+            if there >= rays and (there in self._interreflections or self._matrix_kept(there, visible)):
+                rays = there
+                break
+        else:
+            self._interreflections[rays] = self._matrix(rays, visible), transfer
         matrix, scaled_to = self._interreflections[rays]
         if scaled_to is not transfer:
-            matrix.scale_to(visible_fraction(transfer))
+            matrix.scale_to(visible)
             self._interreflections[rays] = matrix, transfer
         return matrix
 
-    def _matrix(self, rays: int, visible: Floats) -> Interreflection:
-        """The Interreflection of places that were kept from before, or are found now."""
-        receivers = self.receivers
-        faces = self.scene.faces
+    def _matrix_kept(self, rays: int, visible: Floats) -> bool:
+        """Take over the Interreflection that is kept, of so many rays: whether there is one."""
+        receivers, faces = self.receivers, self.scene.faces
 
-        def restored(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
+        def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
             return Interreflection.of_places(places, rays, faces, visible, receivers)
 
         with self._stages.stage("bounce rays kept"):
-            found = self.cache.restored(restored, "bounces", rays, self.seed, receivers.key)
+            found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
         if found is not None:
-            return found
-        occluder = self.occluder
+            self._interreflections[rays] = found, None
+        return found is not None
+
+    def _matrix(self, rays: int, visible: Floats) -> Interreflection:
+        """The Interreflection, traced, and kept in place of those of few rays less."""
+        occluder, receivers = self.occluder, self.receivers
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
-            found = Interreflection.of_places(places, rays, faces, visible, receivers)
+            found = Interreflection.of_places(places, rays, occluder.faces, visible, receivers)
         self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())
+            for fewer in self._matrices():
+                if rays // ALIKE <= fewer < rays:
+                    self.cache.drop("bounces", fewer, self.seed, receivers.key)
         return found
 
     def _kept(self, settings: Settings) -> tuple[Key, Transfer] | None:
         """(key, transfer) of the smallest kept transfer that serves, or None."""
-        for key in sorted(filter(None, map(_key_of, self.cache.settings_of("transfer"))), key=lambda key: key[1:3]):
-            if key[4] != self.seed or not _serves(key, settings, self._leaves(settings)):
+        for key in sorted(self._keys(), key=lambda key: key[1:3]):
+            if key[4] != self.seed or not serves(key, settings, self._leaves(settings)):
                 continue
-            shape = int(self.sizes.sum()), key[1] ** 2
+            receivers = self._rows_of(key[2])
             with self._stages.stage("transfer kept"):
-                kept = self.cache.restored(lambda arrays: _transfer(arrays, shape), "transfer", *key)  # noqa: B023
+                kept = self.cache.restored(lambda arrays: restored(arrays, key[1], receivers), "transfer", *key)  # noqa: B023
             if kept is not None:
                 return key, kept
         return None
@@ -197,6 +216,7 @@ class Precomputed:
         """(key, transfer) of what the settings ask for, or of more where more rays were there already."""
         method, bands, count, rays = settings.method, settings.bands, int(self.sizes.sum()), settings.rays
         if rays:
+            settings = self._with_leaves(settings)
             visibility = self._seen(settings)
             rays = visibility.rays
             with self._stages.stage("transfer"):
@@ -209,20 +229,40 @@ class Precomputed:
             if settings.volume:
                 with self._stages.stage("volume"):
                     transfer = self._volumes.mixed(transfer, settings.volume, self.receivers.traced)
-            transfer = self.receivers.filled(transfer)
+            transfer = self.receivers.filled(rounded(transfer))
         elif method == "neural-gash":
             from .neuralgash import neural_gash
 
             with self._stages.stage("transfer", count) as advance:
                 guess = neural_gash(self.scene.vertices, self.scene.normals, advance)
-                transfer = np.ascontiguousarray(guess[:, : bands**2])
+                transfer = rounded(np.ascontiguousarray(guess[:, : bands**2]))
         else:
             with self._stages.stage("transfer"):
                 return self._key(settings, 0), analytic(self.scene.normals, bands)  # quicker than reading it
         key = self._key(settings, rays)
-        with self._stages.stage("keep"):
-            self.cache.put("transfer", *key, transfer=transfer)
+        if self.cache.keeps:
+            with self._stages.stage("keep"):
+                self.cache.put("transfer", *key, **arrays_of(transfer, self._rows_of(rays)))
+                for other in self._keys():
+                    if other != key and stands_for(key, other):
+                        self.cache.drop("transfer", *other)
         return key, transfer
+
+    def _keys(self) -> list[Key]:
+        """Of the transfers that are kept."""
+        return [key for key in map(key_of, self.cache.settings_of("transfer")) if key is not None]
+
+    def _with_leaves(self, settings: Settings) -> Settings:
+        """The Settings, with as many directions for leaves as any transfer of these has: then one may stand for all."""
+        if not settings.volume:
+            return settings
+        stem = self._leaves(settings).rsplit("x", 1)[0]
+        known = [key for key in (*self._transfers, *self._keys()) if key[5].rsplit("x", 1)[0] == stem]
+        return settings._replace(volume=max([settings.volume, *map(leaf_directions, known)]))
+
+    def _rows_of(self, rays: int) -> Receivers:
+        """The vertices that a transfer of so many rays was made for; one without rays is made for all."""
+        return self.receivers if rays else Receivers.every(int(self.sizes.sum()))
 
     def _seen(self, settings: Settings) -> "Visibility":
         """The Visibility with so many rays: what there is, grown if it can be."""
@@ -235,7 +275,7 @@ class Precomputed:
             mask = self.receivers.traced if mask is None else mask & self.receivers.traced
         traced = int(self.sizes.sum() if mask is None else mask.sum())
         name = (
-            _chunks_text(settings.shadowed),
+            chunks_text(settings.shadowed),
             self.seed,
             self._with_receivers(self._volumes.key if settings.volume else SURFACES),
         )
@@ -280,47 +320,5 @@ class Precomputed:
 
     def _key(self, settings: Settings, rays: int) -> Key:
         """What a transfer is told apart by, as its file says."""
-        method, chunks = settings.method.replace("-", "_"), _chunks_text(settings.shadowed)
+        method, chunks = settings.method.replace("-", "_"), chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)
-
-
-def _transfer(kept: Mapping[str, NDArray[Any]], shape: tuple[int, int]) -> Transfer:
-    """The transfer of what was kept. Raises ValueError for another shape or type, and unless it is finite."""
-    transfer = kept["transfer"]
-    if transfer.shape != shape or transfer.dtype != np.float32 or not np.isfinite(transfer).all():
-        raise ValueError(f"expected float32 of shape {shape}, found {transfer.dtype} of {transfer.shape}")
-    return transfer
-
-
-def _key_of(settings: tuple[Any, ...]) -> Key | None:
-    """The key that a transfer was kept under, or None for what is none."""
-    types = tuple(map(type, settings))
-    return settings if types == (str, int, int, str, int, str) else None
-
-
-def _serves(key: Key, settings: Settings, leaves: str) -> bool:
-    """Whether the transfer of a key is as good as that of the settings, or better."""
-    method, bands, rays, chunks, _, as_leaves = key
-    if (
-        not _as_leafy(as_leaves, leaves)
-        or method != settings.method.replace("-", "_")
-        or bands < settings.bands
-        or rays < settings.rays
-    ):
-        return False
-    return chunks in ("all", _chunks_text(settings.shadowed))
-
-
-def _as_leafy(kept: str, wanted: str) -> bool:
-    """Whether leaves of so many directions, as `Precomputed._leaves` writes them, serve for others."""
-    (*known, count), (*names, least) = kept.split("x"), wanted.split("x")
-    if count.isdigit() and least.isdigit():
-        return known == names and int(count) >= int(least)
-    return kept == wanted
-
-
-def _chunks_text(shadowed: Sequence[bool] | None) -> str:
-    """The chunks with shadows as text for a file's name."""
-    if shadowed is None:
-        return "all"
-    return array_key(np.array(shadowed))

@@ -109,6 +109,12 @@ class Cache:
             self._forget(self.folder, kind)
             self._fit()
 
+    def drop(self, kind: str, *settings: object) -> None:
+        """Remove what is kept under a kind and its settings, of this geometry."""
+        if self.folder is not None and self.keeps and tuple(settings) in self.settings_of(kind):
+            with contextlib.suppress(OSError):
+                self._path(self.folder, kind, settings).unlink()
+
     @property
     def keeps(self) -> bool:
         """Whether `put` keeps anything: what is made for it alone need not be made otherwise."""

@@ -11,7 +11,7 @@ from relight.engine.blinnphong import blinn_phong
 from relight.light.sun_split import split
 from relight.options import LightingOptions
 from relight.planning.effects import EFFECTS
-from relight.transfer import occluder, precomputed, visibility
+from relight.transfer import bounce_places, occluder, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
@@ -275,7 +275,7 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
 
     counted(occluder, "Occluder")
     counted(visibility, "Visibility")
-    counted(precomputed, "Interreflection")
+    counted(bounce_places.BouncePlaces, "shot")
     relighter = Relighter(scene, rays=8)
     assert calls == []
     relighter.shade(noon)
@@ -283,7 +283,7 @@ def test_geometry_is_traced_once_for_all_lights_angles_and_albedos(scene, noon, 
     for light in (noon, noon.rotated(50.0), soft):
         for surface in (None, albedo, albedo / 3):
             relighter.shade(light, surface)
-    assert calls == ["Occluder", "Visibility", "Interreflection"]
+    assert calls == ["Occluder", "Visibility", "shot"]
     Relighter(scene, effects="none").shade(noon, albedo)
     Relighter(scene, "blinn-phong").shade(noon, albedo)
     assert len(calls) == 3

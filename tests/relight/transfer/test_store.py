@@ -9,7 +9,8 @@ import pytest
 from plan_scenes import corner, difference, occluder_of, turned
 
 from relight import Environment, Relighter
-from relight.transfer import store
+from relight.transfer import kept, store
+from relight.transfer.analytic import analytic
 from relight.transfer.bounce_places import BouncePlaces
 from relight.transfer.bounces import Interreflection, with_bounces
 from relight.transfer.store import MOST_OF_A_KIND, Cache, array_key, geometry_key
@@ -376,3 +377,78 @@ def test_interreflection_comes_back_to_the_bit(folder, noon):
         one, other = (with_bounces(light, grey(folder), matrix) for matrix in (restored, fresh))
         np.testing.assert_array_equal(one[0], other[0])
         assert one[1] == other[1]
+
+
+# -- how large it is
+
+
+def test_a_large_transfer_is_kept_in_sixteen_bits_and_comes_back_to_the_bit(folder, noon, monkeypatch):
+    exact = opened(folder, rays=16, bands=4).transfer
+    whole = sum(path.stat().st_size for path in (folder / store.FOLDER).glob("transfer-*.npz"))
+    Cache.of_scene(Scene.load(folder)).clear()
+    monkeypatch.setattr(kept, "LARGE", 0)
+    first, second = opened(folder, rays=16, bands=4), opened(folder, rays=16, bands=4)
+    lit = first.shade(noon)
+    np.testing.assert_array_equal(second.shade(noon), lit)
+    assert second.rays_traced == 0
+    assert np.abs(first.transfer - exact).max() <= 0.5001 * kept.OPEN / kept.STEPS
+    unhidden = analytic(np.eye(3, dtype=np.float32), 4)
+    np.testing.assert_array_equal(kept.rounded(unhidden.copy())[:, 0], unhidden[:, 0])
+    # The same without a folder.
+    np.testing.assert_array_equal(Relighter(Scene.load(folder), rays=16, bands=4).shade(noon), lit)
+    assert sum(path.stat().st_size for path in (folder / store.FOLDER).glob("transfer-*.npz")) < 0.6 * whole
+
+
+def test_what_a_better_transfer_stands_for_is_not_kept_beside_it(folder, noon):
+    cache = Cache.of_scene(Scene.load(folder))
+    opened(folder, rays=16, bands=3).shade(noon)
+    opened(folder, rays=16, bands=3, seed=1).shade(noon)
+    opened(folder, rays=32, bands=5).shade(noon)
+    told = {(key[1], key[2], key[4]) for key in cache.settings_of("transfer")}
+    assert told == {(5, 32, 0), (3, 16, 1)}
+    opened(folder, rays=64, bands=4).shade(noon)  # neither stands for the other
+    assert {key[1:3] for key in cache.settings_of("transfer") if key[4] == 0} == {(5, 32), (4, 64)}
+    again = opened(folder, rays=16, bands=3)
+    again.shade(noon)
+    assert again.rays_traced == 0
+
+
+def test_bounces_of_twice_the_rays_take_the_place_of_others(folder, noon):
+    cache, white = Cache.of_scene(Scene.load(folder)), grey(folder)
+
+    def kept_after(rays):
+        relighter = opened(folder, rays=16)
+        relighter.shade(noon, white)
+        relighter.interreflection(rays)
+        return sorted(each[0] for each in cache.settings_of("bounces"))
+
+    assert kept_after(64) == [64]
+    assert kept_after(256) == [64, 256]  # to read the larger one for the smaller would take longer
+    assert kept_after(128) == [64, 256]
+    assert opened(folder, rays=16).interreflection(128).rays == 256
+    cache.drop("bounces", 256, 0, "every")
+    assert kept_after(128) == [128]
+
+
+def test_bounces_that_another_run_has_replaced_are_found_where_they_are_now(folder, noon, monkeypatch):
+    first = opened(folder, rays=16)
+    first.shade(noon, grey(folder))
+    cache, other = Cache.of_scene(Scene.load(folder)), opened(folder, rays=16)
+    listed = cache.settings_of("bounces")
+    first.interreflection(128)
+    assert cache.settings_of("bounces") != listed
+    every = cache.settings_of("bounces")
+    monkeypatch.setattr(Cache, "settings_of", lambda self, kind: listed + every if kind == "bounces" else [])
+    assert other.precomputed.interreflection(64, first.transfer).rays == 128
+    assert other.rays_traced == 0
+
+
+def test_only_what_is_there_and_of_this_geometry_is_dropped(tmp_path):
+    one, other = Cache(tmp_path, "one"), Cache(tmp_path, "other")
+    one.put("transfer", 1, **ARRAYS)
+    other.drop("transfer", 1)
+    Cache(tmp_path, "one", read_only=True).drop("transfer", 1)
+    one.drop("transfer", 2)
+    assert one.get("transfer", 1) is not None
+    one.drop("transfer", 1)
+    assert one.get("transfer", 1) is None and list(tmp_path.iterdir()) == []
