@@ -3,7 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from splat2mesh.base.arrays import Floats, Radiance
 
 from ..light import projections
 from ..light.sun_split import GRID, pooled
@@ -14,12 +17,12 @@ TURNS = 8
 """Rotations for which a plan must hold, 45 degrees apart. Between them errors change by a tenth or so."""
 
 
-def cells_of(image):
+def cells_of(image: Radiance) -> NDArray[np.float64]:
     """Radiance (64, 128, 3) float64 of the cells of an unrotated lat-long image."""
     return pooled(image, GRID)
 
 
-def turned(image_cells, directions):
+def turned(image_cells: Floats, directions: int) -> NDArray[np.float64]:
     """Radiance from D directions in every rotation of the cells: (D, TURNS, 3) float64.
 
     The light of each cell goes to the nearest direction; none is lost.
@@ -27,7 +30,7 @@ def turned(image_cells, directions):
     nearest = _nearest(directions)
     areas = np.broadcast_to(projections.row_solid_angles(*GRID).reshape(-1, 1), GRID).ravel()
     energy = image_cells.reshape(-1, 3) * areas[:, None]
-    light = np.zeros((directions, TURNS, 3))
+    light: NDArray[np.float64] = np.zeros((directions, TURNS, 3))
     for turn in range(TURNS):
         for color in range(3):
             light[:, turn, color] = np.bincount(nearest[turn], energy[:, color], directions)
@@ -35,13 +38,13 @@ def turned(image_cells, directions):
 
 
 @lru_cache(4)
-def basis(directions):
+def basis(directions: int) -> NDArray[np.float64]:
     """SH basis at the directions: (D, K) float64, all bands."""
-    return harmonics.evaluate(fibonacci_sphere(directions), harmonics.MAX_BANDS)
+    return np.asarray(harmonics.evaluate(fibonacci_sphere(directions), harmonics.MAX_BANDS), np.float64)
 
 
 @lru_cache(4)
-def _nearest(directions):
+def _nearest(directions: int) -> NDArray[np.int64]:
     """Index of the nearest of D directions for every cell in every rotation: (TURNS, cells)."""
     toward = projections.texel_directions(*GRID).reshape(-1, 3)
     tree = cKDTree(fibonacci_sphere(directions))

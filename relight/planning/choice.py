@@ -1,16 +1,22 @@
 """Settings worth considering for a light on a scene: what each costs, how far off it is, and which of them is best."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from splat2mesh.base.arrays import Floats, Mask
 from splat2mesh.base.extras import installed
 
 from ..light import sun_split
+from ..light.environment import Environment
+from ..light.suns import Suns
+from ..options import LightingOptions
 from ..transfer import SHADOWING
 from ..transfer.settings import BOUNCES, SHADOWS, SUN, VOLUME, Settings
 from . import costs
+from .effect_errors import EffectErrors
 
 SAFETY = 0.75
 """A plan is laid for this part of the tolerance: what a sample measures is off by a tenth or more, and what is done
@@ -42,6 +48,17 @@ MAX_SPLITS = 3
 STOP_PART, LEAST_STOP = 0.1, 1e-3  # of the tolerance, for the bounces after the last
 
 
+class Leaves(NamedTuple):
+    """Of leaves and grass: directions from which light comes to them, 0 where they are surfaces; the error of their
+    being surfaces; seconds; how many vertices; the error as done."""
+
+    directions: int
+    error: float
+    seconds: float
+    vertices: int
+    lost: float
+
+
 class Candidate(NamedTuple):
     """Settings, the seconds that they take, and how far off they are."""
 
@@ -50,33 +67,44 @@ class Candidate(NamedTuple):
     settings: Settings
 
 
-def _quickest(candidate):
+def _quickest(candidate: Candidate) -> tuple[float, float]:
     return candidate.seconds, candidate.error
 
 
-def _most_exact(candidate):
+def _most_exact(candidate: Candidate) -> tuple[float, float]:
     return candidate.error, candidate.seconds
 
 
 class Choice:
     """All settings worth considering for what was measured."""
 
-    def __init__(self, measured, environment, options, tolerance, angles, leaves, there):
+    def __init__(
+        self,
+        measured: EffectErrors,
+        environment: Environment,
+        options: LightingOptions,
+        tolerance: float,
+        angles: int,
+        leaves: Leaves | None,
+        there: Callable[[Settings], tuple[bool, bool]],
+    ) -> None:
         self._leaves, self._there = leaves, there
-        self._known_there, self._known_levels = {}, {}
+        self._known_there: dict[Settings, tuple[bool, bool]] = {}
+        self._known_levels: dict[tuple[int, float], int] = {}
         self.measured, self._environment, self._angles = measured, environment, angles
         self._method, self._effects = options.fixed_method, options.fixed_effects
         self._bands, self._rays, self._budget_s = options.bands, options.rays, options.budget_s
         self._tolerances = ALL_TOLERANCES if self._budget_s else (tolerance,)
         self._target = SAFETY * tolerance
-        self._splits, self._sun_factor = {}, 1.0
-        self._width_factor, self._finer = 1.0, []  # of suns, measured over planned; tolerances that it calls for
+        self._splits: dict[tuple[int, float], tuple[Any, Suns, float]] = {}
+        self._sun_factor = self._width_factor = 1.0  # of suns, found over expected; measured over planned
+        self._finer: list[float] = []  # tolerances that the latter calls for
         sample = measured.sample
         self._solid = sample.weights[sample.solid > 0.0].sum() * sample.traced_share
         self._shadowed, self._unshadowed = self._shadows(SKIPPED * min(self._tolerances))
         self._candidates = list(self._all())
 
-    def best(self):
+    def best(self) -> Candidate:
         """The quickest candidate within the target, or the most exact within the budget.
 
         Suns are found for the chosen one alone. Where they turn out more, or the rest less smooth, it may lose.
@@ -95,45 +123,45 @@ class Choice:
             self._candidates = list(self._all())
         return best
 
-    def _least(self):
+    def _least(self) -> Candidate:
         """The quickest of those that come close to the least error there is."""
         least = min(each.error for each in self._candidates)
         return min((each for each in self._candidates if each.error <= NEAR_LEAST * least), key=_quickest)
 
-    def curve(self):
+    def curve(self) -> list[tuple[float, float, Settings]]:
         """[(seconds, error, Settings)]: every candidate that no quicker one equals, from quick to exact."""
-        found = []
+        found: list[Candidate] = []
         for each in sorted(self._candidates, key=_quickest):
             if not found or each.error < 0.97 * found[-1].error:
                 found.append(each)
-        return [tuple(each) for each in found]
+        return [(each.seconds, each.error, each.settings) for each in found]
 
-    def sun_count(self, settings):
+    def sun_count(self, settings: Settings) -> int:
         """How many suns the settings lead to: found, or expected."""
         split = self._splits.get((settings.bands, settings.sun_tolerance))
         if split is not None:
             return len(split[1])
         return round(self._sun_factor * costs.expected_suns(settings.sun_tolerance)) if settings.sun_tolerance else 0
 
-    def found_s(self, settings):
+    def found_s(self, settings: Settings) -> float:
         """Seconds of the settings' cost that planning itself has spent: the suns that it found are not sought again."""
         known = settings.sun_tolerance and (settings.bands, settings.sun_tolerance) in self._splits
         return costs.SPLIT * self.measured.sample.ray_s if known else 0.0
 
-    def checked(self, settings, transfer, tolerance):
+    def checked(self, settings: Settings, transfer: Floats, tolerance: float) -> float:
         """The error of the settings with the noise that a transfer (S, K) of the sample's rows really has; beyond the
         tolerance, by a closer look."""
         traced = None if settings.shadowed is None else np.array(settings.shadowed)[self.measured.sample.chunk]
 
-        def error():
+        def error() -> float:
             return math.hypot(self.but_noise(settings), self.measured.check(transfer, traced, **self.rest(settings)))
 
         found = error()
         return error() if found > tolerance and self.measured.look_closer() else found
 
-    def contributions(self, settings):
+    def contributions(self, settings: Settings) -> list[tuple[str, float | None, str]]:
         """[(effect, error without it, decision)] for the table and the report."""
-        measured, rows = self.measured, []
+        measured, rows = self.measured, list[tuple[str, float | None, str]]()
         every = float(np.linalg.norm(measured.shadows))
         if settings.shadowed is not None:
             traced = f"traced in {sum(settings.shadowed)} of {len(settings.shadowed)} chunks"
@@ -164,7 +192,7 @@ class Choice:
             rows.append(("color bleeding", measured.bleeding, carried if settings.bounce_rays else "skipped"))
         return rows
 
-    def _shadows(self, skip):
+    def _shadows(self, skip: float) -> tuple[Mask, float]:
         """Which chunks trace rays, (C,) bool, and the error of the others: those that cost most and lose least."""
         errors, sizes = self.measured.shadows, self.measured.sample.sizes
         shadowed = np.ones(len(errors), bool)
@@ -174,7 +202,7 @@ class Choice:
             shadowed[order[lost <= skip]] = False
         return shadowed, float(np.linalg.norm(errors[~shadowed]))
 
-    def _all(self):
+    def _all(self) -> Iterator[Candidate]:
         yield from (self._rated(settings) for settings in self._analytic())
         if self._method == "analytic" or (self._effects is not None and SHADOWS not in self._effects):
             return
@@ -194,7 +222,7 @@ class Choice:
                                 Settings(method, bands, rays, shadowed, suns_tolerance, bounce_rays, stop, leafy)
                             )
 
-    def _methods(self, bands, shadowed):
+    def _methods(self, bands: int, shadowed: tuple[bool, ...] | None) -> Sequence[str]:
         """Which methods to consider; the network only where it can run, was measured to gain, and fits into memory."""
         if self._method is not None:
             return (self._method,)
@@ -202,7 +230,7 @@ class Choice:
         gains = bands in NEURAL_BANDS and shadowed is None and self._rays is None and small
         return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
 
-    def _analytic(self):
+    def _analytic(self) -> Iterator[Settings]:
         """Settings without rays, where none are asked for."""
         leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
         if self._method in (None, "analytic") and not self._effects and not leafy:
@@ -212,7 +240,7 @@ class Choice:
                     # A convex scene has a sun but no shadows.
                     yield from (Settings("analytic", bands, sun_tolerance=each) for each in self._sun_choices() if each)
 
-    def _sun_choices(self):
+    def _sun_choices(self) -> list[float]:
         parts = SUN_PARTS if self._budget_s is None else SUN_PARTS[:1]
         wanted = [part * tolerance for tolerance in self._tolerances for part in parts]
         found = list(dict.fromkeys(max(LEAST_SUN_TOLERANCE, each) for each in [*wanted, *self._finer]))
@@ -220,7 +248,7 @@ class Choice:
             return [0.0, *found]
         return found if SUN in self._effects else [0.0]
 
-    def _bounce_choices(self):
+    def _bounce_choices(self) -> list[int]:
         if self.measured.bounced is None:
             return [0]
         if self._effects is not None:
@@ -228,7 +256,7 @@ class Choice:
         small = self.measured.bounces[0] <= SKIPPED * min(self._tolerances)
         return [0] if small and self._budget_s is None else [0, *costs.BOUNCE_NOISE]
 
-    def _rated(self, settings):
+    def _rated(self, settings: Settings) -> Candidate:
         """The candidate: what the settings cost and how far off they are."""
         error, sizes = self.but_noise(settings), self.measured.sample.sizes
         if settings.rays:
@@ -244,17 +272,17 @@ class Choice:
             sample.traced_share,
             there,
         )
-        once += self._leaves.seconds if settings.volume and not there[0] else 0.0
+        once += self._leaves.seconds if self._leaves and settings.volume and not there[0] else 0.0
         return Candidate(once + self._angles * each, error, settings)
 
-    def _is_there(self, settings):
+    def _is_there(self, settings: Settings) -> tuple[bool, bool]:
         """Whether transfer and bounces of the settings are there already: whatever the suns, and when bounces stop."""
         settings = settings._replace(sun_tolerance=0.0, bounce_tolerance=0.0)
         if settings not in self._known_there:
             self._known_there[settings] = self._there(settings)
         return self._known_there[settings]
 
-    def but_noise(self, settings):
+    def but_noise(self, settings: Settings) -> float:
         """Predicted error of the settings but for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
@@ -267,7 +295,7 @@ class Choice:
             parts += [float(np.linalg.norm(measured.shadows)), open_truncation, self._sun_width(settings)]
         return math.hypot(*parts)
 
-    def _sun_width(self, settings):
+    def _sun_width(self, settings: Settings) -> float:
         """Error of patches of light that shine as points: as measured, or as planned for by what was measured."""
         tolerance, key = settings.sun_tolerance, (settings.bands, settings.sun_tolerance)
         if key in self._splits:
@@ -276,14 +304,14 @@ class Choice:
             tolerance = max(tolerance, self.measured.truncation(settings.bands, self._level(*key)))
         return SUN_WIDTH * self._width_factor * tolerance
 
-    def _truncation(self, settings):
+    def _truncation(self, settings: Settings) -> float:
         return self.measured.truncation(settings.bands, **self.rest(settings))
 
-    def _noise(self, settings):
+    def _noise(self, settings: Settings) -> float:
         deviation = costs.noise(settings.rays, settings.bands, settings.method)
         return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
 
-    def rest(self, settings):
+    def rest(self, settings: Settings) -> dict[str, Any]:
         """What stays of the light beside the suns: an image where they were found, else a level."""
         if not settings.sun_tolerance:
             return {}
@@ -292,7 +320,7 @@ class Choice:
             return {"image": self._splits[key][0]}
         return {"level": self._level(*key)}
 
-    def _level(self, bands, sun_tolerance):
+    def _level(self, bands: int, sun_tolerance: float) -> int:
         """The highest of LEVELS at which the light is cut off smooth enough for so many bands, or the smoothest."""
         key = bands, sun_tolerance
         if key not in self._known_levels:
@@ -302,11 +330,11 @@ class Choice:
             self._known_levels[key] = good[0] if good else int(np.argmin(errors))
         return self._known_levels[key]
 
-    def _split(self, key):
+    def _split(self, key: tuple[int, float]) -> None:
         rest, found = sun_split.split(self._environment, *key)
-        planned, measured = getattr(rest, "width", 0.0), 0.0
+        planned, measured = rest.width if isinstance(rest, sun_split.Rest) else 0.0, 0.0
         self._sun_factor = max(1, len(found)) / costs.expected_suns(key[1])
-        if len(found):
+        if len(found) and isinstance(rest, sun_split.Rest):
             unrotated = found.rotated(-self._environment.rotation_deg)
             measured = self.measured.sun_width(unrotated, rest.variances)
             self._width_factor = max(self._width_factor, measured / max(SUN_WIDTH * key[1], planned))

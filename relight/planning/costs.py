@@ -7,6 +7,7 @@ far as the ratio of NumPy to Embree does. `scripts/bench frontier` prints predic
 import math
 
 from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
+from ..transfer.settings import Settings
 
 # Of a vertex, in shadow rays.
 RAY = 1.06  # with its direction and its sums in few bands
@@ -34,17 +35,26 @@ NEURAL_GAIN = {32: 0.88, 64: 0.84}
 """Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
 
 
-def expected_suns(tolerance):
+def expected_suns(tolerance: float) -> float:
     """How many suns a split within a tolerance may need."""
     return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
 
 
-def bounce_error(rays, share):
+def bounce_error(rays: int, share: float) -> float:
     """Error, over all light, of bouncing a share of it by so many rays per vertex; without rays it is missing."""
     return min(share, BOUNCE_NOISE[rays] * share**0.5) if rays else share
 
 
-def seconds(settings, vertices, shadowed_vertices, ray_s, suns, traced_share=1.0, there=(False, False), bounces=4):
+def seconds(
+    settings: Settings,
+    vertices: int,
+    shadowed_vertices: int,
+    ray_s: float,
+    suns: int,
+    traced_share: float = 1.0,
+    there: tuple[bool, bool] = (False, False),
+    bounces: int = 4,
+) -> tuple[float, float]:
     """(once, each): seconds for the scene, and for every light or angle.
 
     traced_share: of the vertices, that light is traced for. there: whether transfer and bounces are there already.
@@ -66,7 +76,7 @@ def seconds(settings, vertices, shadowed_vertices, ray_s, suns, traced_share=1.0
     return once * ray_s, each * ray_s
 
 
-def noise(rays, bands, method="raytraced"):
+def noise(rays: int, bands: int, method: str = "raytraced") -> float:
     """Standard deviation of one coefficient for a vertex that sees half of the sky in patches: times sqrt(f (1 - f)).
 
     The law of `filtering` for single vertices, and what averaging over neighbours leaves of it, which was fitted to

@@ -1,14 +1,18 @@
 """From a sample of the scene to a plan: the cheapest settings that keep an error, or the best that keep a time."""
 
 import time
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from splat2mesh.base.arrays import Integers, Mask, Radiance
+
+from ..light.environment import Environment
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer import volume
-from ..transfer.settings import BOUNCES, VOLUME
-from .choice import ALL_TOLERANCES, SKIPPED, Choice
+from ..transfer.occluder import Occluder
+from ..transfer.settings import BOUNCES, VOLUME, Settings
+from .choice import ALL_TOLERANCES, SKIPPED, Choice, Leaves
 from .effect_errors import EffectErrors
 from .plan import Plan
 from .sample import Sample
@@ -25,16 +29,17 @@ SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
 
 
 def planned(
-    occluder,  # Occluder of the whole scene
-    sizes,  # (C,) vertices of each chunk
-    environment,  # Environment
-    albedo=None,  # (V, 3) linear, white without
-    options=None,  # LightingOptions of a method that can be planned: "auto", "raytraced", "neural" or "analytic"
-    angles=1,  # for how many lights
-    foliage=None,  # Foliage of the scene, where it has one
-    traced=None,  # (V,) bool, the vertices that light is traced for; all without
-    there=lambda settings: (False, False),  # whether the transfer and the bounces of Settings are there already
-):
+    occluder: Occluder,  # of the whole scene
+    sizes: Sequence[int] | Integers,  # (C,) vertices of each chunk
+    environment: Environment,
+    albedo: Radiance | None = None,  # (V, 3) linear, white without
+    options: LightingOptions | None = None,  # of a method that can be planned
+    angles: int = 1,  # for how many lights
+    foliage: volume.Foliage | None = None,  # of the scene, where it has one
+    traced: Mask | None = None,  # (V,) bool, the vertices that light is traced for; all without
+    # Whether the transfer and the bounces of Settings are there already.
+    there: Callable[[Settings], tuple[bool, bool]] = lambda settings: (False, False),
+) -> Plan:
     """Measure a sample of the scene under all rotations of the light, and choose: a Plan."""
     start = time.perf_counter()
     options = (options or LightingOptions()).planned()
@@ -55,9 +60,9 @@ def planned(
             good = [count for count, noise in volume.NOISE.items() if noise * measured.leafy <= VOLUME_PART * wish]
             count = min(good, default=max(volume.NOISE))
             lost = volume.NOISE[count] * measured.leafy
-            leaves = _Leaves(count, error, count * direction_s, len(foliage.rows), lost)
+            leaves = Leaves(count, error, count * direction_s, len(foliage.rows), lost)
         else:
-            leaves = _Leaves(0, error, 0.0, len(foliage.rows), error)
+            leaves = Leaves(0, error, 0.0, len(foliage.rows), error)
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
     choice = Choice(measured, environment, options, tolerance, angles, leaves, there)
@@ -77,14 +82,3 @@ def planned(
         choice=choice,
         rows=sample.rows,
     )
-
-
-class _Leaves(NamedTuple):
-    """Of leaves and grass: directions from which light comes to them, 0 where they are surfaces; the error of their
-    being surfaces; seconds; how many vertices; the error as done."""
-
-    directions: int
-    error: float
-    seconds: float
-    vertices: int
-    lost: float

@@ -3,16 +3,23 @@
 All are relative L2 of exit radiance over vertices and colours, the largest over TURNS rotations of the light.
 """
 
+import math
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Mask, Radiance
 from splat2mesh.scene.color import luminance
 
+from ..light.environment import Environment
 from ..light.sun_split import LEVELS
+from ..light.suns import Suns
 from ..sh.harmonics import MAX_BANDS
 from . import cells
 from .paths import DEPTH, Bounced
+from .sample import Sample
 from .sun_widths import width_error
 
 UNSEEN_AMBIENCE = 1.5
@@ -33,9 +40,11 @@ class EffectErrors:
     sample: Sample. albedo: (V, 3) or None for white. total: (TURNS,) norms of all light, over which errors are.
     """
 
-    def __init__(self, sample, environment, albedo=None, bouncing=False):
+    def __init__(
+        self, sample: Sample, environment: Environment, albedo: Radiance | None = None, bouncing: bool = False
+    ) -> None:
         self.sample, self._albedo = sample, albedo
-        self._tint = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
+        self._tint: Floats | float = 1.0 if albedo is None else albedo[sample.rows][:, None, :]
         self._directions = len(sample.directions)
         self._basis = cells.basis(self._directions)
         self._project = self._basis.T * (4.0 * np.pi / self._directions)
@@ -43,17 +52,18 @@ class EffectErrors:
         self._light = cells.turned(self._cells, self._directions)
         self._full = self._through(sample.seen, self._light)
         self.seen_transfer = sample.seen.astype(np.float64) @ self._basis
-        self._closer = None
-        self._known = {}  # what is derived from all light, from each level of it, from each image
-        self.bounced = None
+        self._closer: Floats | None = None
+        self._known: dict[Any, Any] = {}  # what is derived from all light, from each level of it, from each image
+        self.bounced: Bounced | None = None
         if bouncing:
+            assert albedo is not None  # white surfaces are given as such
             coefficients = np.tensordot(self._project, self._light, axes=(1, 0))
             self.bounced = Bounced(sample, albedo, coefficients)
         open_norm = self._norm(self._through(sample.open, self._light))
         self.total = np.maximum(self._all_light(), np.maximum(DARK * open_norm, 1e-30))
 
     @cached_property
-    def shadows(self):
+    def shadows(self) -> NDArray[np.float64]:
         """(C,) error of leaving out the shadows on the vertices of each chunk.
 
         By the sample, and by the scan: what that finds hidden counts as much as the sample's hidden light does.
@@ -68,12 +78,12 @@ class EffectErrors:
         share = np.sqrt(self.sample.sizes / self.sample.sizes.sum())
         return np.maximum(found, self.sample.hidden * share * self._ambience)
 
-    def truncation(self, bands, level=None, image=None):
+    def truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
         """Error of keeping only so many bands: of all the light, of the rest below LEVELS[level], or of an `image` of
         the rest."""
         return self._truncations(level, image)[bands - 1]
 
-    def open_truncation(self, bands, level=None, image=None):
+    def open_truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
         """As `truncation`, on a scene without shadows."""
         key = "open", level if image is None else id(image)
         if key not in self._known:
@@ -81,12 +91,12 @@ class EffectErrors:
             self._known[key] = self._losses(self._through(self.sample.open, light), self._open_transfer, coefficients)
         return self._known[key][bands - 1]
 
-    def ray_noise(self, deviation, bands, level=None, image=None):
+    def ray_noise(self, deviation: float, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
         """Error of radiance when every coefficient of a half hidden vertex is off by `deviation`."""
         return float(deviation * self._rest(level, image)[3][bands - 1])
 
     @cached_property
-    def bounces(self):
+    def bounces(self) -> NDArray[np.float64]:
         """(DEPTH,) error of stopping after 0, 1, .. bounces; zeros where none were followed."""
         if self.bounced is None:
             return np.zeros(DEPTH)
@@ -94,24 +104,26 @@ class EffectErrors:
         norms = np.array([self._halves_norm(tails[:, depth]) for depth in range(DEPTH)])
         return (norms / self.total).max(axis=1)
 
-    def changed(self, seen):
+    def changed(self, seen: Floats) -> float:
         """Error of seeing `seen`, (S, D) as the sample has it, in place of what it sees."""
         return float((self._norm(self._through(seen - self.sample.seen, self._light)) / self.total).max())
 
     @cached_property
-    def leafy(self):
+    def leafy(self) -> float:
         """The light of leaves and grass over all, where the sample has them as volumes."""
         light = self._full * (1.0 - self.sample.solid)[:, None, None]
         return float((self._norm(light) / self.total).max())
 
     @cached_property
-    def bleeding(self):
+    def bleeding(self) -> float:
         """Error of bouncing light without the colours of surfaces."""
         if self.bounced is None:
             return 0.0
         return float((self._halves_norm((self.bounced.halves - self.bounced.grey).sum(axis=1)) / self.total).max())
 
-    def check(self, transfer, traced=None, level=None, image=None):
+    def check(
+        self, transfer: Floats, traced: Mask | None = None, level: int | None = None, image: Radiance | None = None
+    ) -> float:
         """Error of a transfer (S, K) of the sample's rows, in its own bands, over the rows that are `traced`, (S,)."""
         known = self.seen_transfer if self._closer is None else self._closer
         off = transfer.astype(np.float64) - known[:, : transfer.shape[1]]
@@ -120,11 +132,11 @@ class EffectErrors:
         radiance = np.tensordot(off, self.coefficients(level, image)[: transfer.shape[1]], axes=(1, 0))
         return float((self._norm(radiance) / self.total).max())
 
-    def sun_width(self, suns, variances):
+    def sun_width(self, suns: Suns, variances: Floats) -> float:
         """Error of suns of the unrotated light, as points, where their patches have these variances."""
         return width_error(self.sample, self._tint, suns, variances, self.total)
 
-    def look_closer(self):
+    def look_closer(self) -> bool:
         """Have `check` know the sample by CLOSER times as many directions; False where it does already."""
         if self._closer is not None:
             return False
@@ -132,28 +144,30 @@ class EffectErrors:
         self._closer = finer.seen.astype(np.float64) @ cells.basis(len(finer.directions))
         return True
 
-    def coefficients(self, level=None, image=None):
+    def coefficients(self, level: int | None = None, image: Radiance | None = None) -> NDArray[np.float64]:
         """Coefficients of the light, or of its rest, in all rotations and bands: (K, TURNS, 3)."""
         return self._rest(level, image)[1]
 
     @cached_property
-    def _open_transfer(self):
+    def _open_transfer(self) -> NDArray[np.float64]:
         return self.sample.open.astype(np.float64) @ self._basis
 
     @cached_property
-    def _ambience(self):
+    def _ambience(self) -> float:
         """Hidden light of the sample over the hidden share of an even sky, at least 1."""
         hidden = self.sample.open - self.sample.seen
-        even = np.sqrt(self.sample.mean_square(hidden.sum(axis=1, keepdims=True)))
+        even = math.sqrt(float(self.sample.mean_square(hidden.sum(axis=1, keepdims=True))))
         if not even > 0.0:
             return UNSEEN_AMBIENCE
         return max(1.0, float((self._norm(self._through(hidden, self._light)) / self.total).max()) / even)
 
-    def _truncations(self, level, image):
+    def _truncations(self, level: int | None, image: Radiance | None) -> list[float]:
         """[error of keeping 1, 2, .. bands]."""
         return self._rest(level, image)[2]
 
-    def _rest(self, level, image):
+    def _rest(
+        self, level: int | None, image: Radiance | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[float], NDArray[np.float64]]:
         """Radiance, coefficients, truncations, sensitivity: of all light, of the rest below a level, or of an image."""
         key = level if image is None else id(image)
         if key not in self._known:
@@ -163,7 +177,7 @@ class EffectErrors:
             self._known[key] = light, coefficients, errors, self._sensitivity(coefficients)
         return self._known[key]
 
-    def _sensitivity(self, coefficients):
+    def _sensitivity(self, coefficients: Floats) -> NDArray[np.float64]:
         """(B,) error of radiance in 1, 2, .. bands per deviation of the coefficients of a half hidden vertex."""
         f = np.clip(self.seen_transfer[:, 0] * np.sqrt(4.0 * np.pi), 0.0, 1.0)
         tint = 1.0 if self._albedo is None else np.square(self._albedo[self.sample.rows]).mean(axis=1)
@@ -171,7 +185,7 @@ class EffectErrors:
         square = np.cumsum(np.square(coefficients).sum(axis=2), axis=0)[np.arange(1, MAX_BANDS + 1) ** 2 - 1]
         return np.sqrt(spread * square / self.total**2).max(axis=1)
 
-    def _losses(self, full, transfer, coefficients):
+    def _losses(self, full: Floats, transfer: Floats, coefficients: Floats) -> list[float]:
         """[error of keeping 1, 2, .. bands] of light whose exit radiance in full is (S, TURNS, 3)."""
         off, errors = full, []
         for bands in range(1, MAX_BANDS + 1):
@@ -180,32 +194,33 @@ class EffectErrors:
             errors.append(float((self._norm(off) / self.total).max()))
         return errors
 
-    def _cut(self, level, image):
+    def _cut(self, level: int | None, image: Radiance | None) -> NDArray[np.float64]:
         if image is not None:
             return cells.turned(cells.cells_of(image), self._directions)
+        assert level is not None  # else there is nothing to cut
         brightness = luminance(self._cells)
         limit = LEVELS[level] * brightness.mean()
         kept = np.minimum(1.0, limit / np.maximum(brightness, 1e-30))
         return cells.turned(self._cells * kept[..., None], self._directions)
 
-    def _through(self, cosines, light):
+    def _through(self, cosines: Floats, light: Floats) -> NDArray[np.float32]:
         """Exit radiance (S, TURNS, 3) of white vertices."""
         return (cosines @ light.reshape(self._directions, -1).astype(np.float32)).reshape(-1, cells.TURNS, 3)
 
-    def _norm(self, radiance):
+    def _norm(self, radiance: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of exit radiance (S, TURNS, 3) of white vertices, in the scene's colours."""
         return np.sqrt(self.sample.mean_square(radiance * self._tint))
 
-    def _tint_of(self, turn):
-        return self._tint if np.isscalar(self._tint) else self._tint[:, 0]
+    def _tint_of(self, turn: int) -> Floats | float:
+        return self._tint if isinstance(self._tint, float) else self._tint[:, 0]
 
-    def _halves_norm(self, halves):
+    def _halves_norm(self, halves: Floats) -> NDArray[np.float64]:
         """(TURNS,) norms of the light that two halves (2, S, TURNS, 3) estimate, without bias from their noise."""
         tint = self._tint
         product = (halves[0] * tint * halves[1] * tint).sum(axis=2)
         return np.sqrt(np.maximum(np.tensordot(self.sample.weights, product, axes=(0, 0)), 0.0))
 
-    def _all_light(self):
+    def _all_light(self) -> NDArray[np.float64]:
         """(TURNS,) norms of direct and bounced light."""
         if self.bounced is None:
             return self._norm(self._full)

@@ -4,8 +4,12 @@ The product of two halves of the paths is the squared size of each bounce withou
 """
 
 import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Directions, Floats, Radiance
 
 from ..sh import harmonics
+from .sample import Sample
 
 PATHS = 24  # of each vertex, in two halves
 DEPTH = 4  # bounces that are followed; what comes after is taken for a geometric series
@@ -21,11 +25,11 @@ class Bounced:
 
     def __init__(
         self,
-        sample,  # Sample
-        albedo,  # (V, 3) linear
-        coefficients,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
-        seed=0,
-    ):
+        sample: Sample,
+        albedo: Radiance,  # (V, 3) linear
+        coefficients: Floats,  # (K, TURNS, 3) of the light, at least SMOOTH_BANDS bands
+        seed: int = 0,
+    ) -> None:
         from splat2mesh.scene.color import luminance
 
         count, turns = len(sample.rows), coefficients.shape[1]
@@ -66,7 +70,7 @@ class Bounced:
             weight, dull = weight[met] * color, dull[met] * luminance(color)[:, None]
 
 
-def _cosine(normals, random):
+def _cosine(normals: Directions, random: np.random.Generator) -> NDArray[np.float32]:
     """Cosine-distributed directions about unit normals: a point of the sphere added to each."""
     toward = random.normal(size=normals.shape)
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)

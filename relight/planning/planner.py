@@ -55,7 +55,7 @@ class Planner:
             cache.put("plan", self._key(environment, albedo), plan=np.array(json.dumps(plan.as_dict())))
         return plan.settings
 
-    def _check(self, plan):
+    def _check(self, plan: Plan) -> None:
         fixed_rays = self._options.rays is not None
         for left in range(MOST_DOUBLINGS, -1, -1):
             settings = plan.settings
@@ -73,21 +73,21 @@ class Planner:
             plan.settings = settings._replace(rays=2 * settings.rays)
             plan.contributions = plan.choice.contributions(plan.settings)
 
-    def _made(self, environment, albedo, angles):
+    def _made(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int) -> Plan:
         known = self._precomputed
         occluder, foliage = known.occluder, known.foliage
         with self._stages.stage("plan"):
             more = foliage, known.traced, known.there()
             return planned(occluder, known.sizes, environment, albedo, self._options, angles, *more)
 
-    def _kept(self, key):
+    def _kept(self, key: str) -> Plan | None:
         kept = self._precomputed.cache.get("plan", key)
         try:
             return None if kept is None else Plan.from_dict(json.loads(str(kept["plan"])))
         except (KeyError, TypeError, ValueError):
             return None
 
-    def _key(self, environment, albedo):
+    def _key(self, environment: "Environment", albedo: NDArray[np.floating] | None) -> str:
         if self._albedo[0] is not albedo:
             self._albedo = albedo, array_key(albedo)
         options = self._options

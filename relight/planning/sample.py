@@ -2,13 +2,18 @@
 
 import copy
 import time
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
 from splat2mesh.base.threads import cores
 
 from ..sh.sphere import fibonacci_sphere
 from ..transfer import sampling
+from ..transfer.occluder import Occluder
+from ..transfer.volume import Foliage
 
 SCAN_VERTICES, SCAN_RAYS = 4096, 16
 """A coarse look at more vertices, for shadows so small that the sample may miss them. A shadow on a thousandth of the
@@ -37,22 +42,23 @@ class Sample:
 
     def __init__(
         self,
-        occluder,  # Occluder of the scene
-        sizes,  # (C,) vertices of each chunk, in order
-        size,  # wanted S
-        directions,  # D
-        traced=None,  # (V,) bool, the vertices that light is traced for, of which it is a sample; all without
-    ):
+        occluder: Occluder,  # of the scene
+        sizes: Sequence[int] | Integers,  # (C,) vertices of each chunk, in order
+        size: int,  # wanted S
+        directions: int,  # D
+        traced: Mask | None = None,  # (V,) bool, of which vertices it is a sample: those that light is traced for
+    ) -> None:
         self.occluder, self.sizes, self._traced = occluder, np.asarray(sizes), traced
         self.traced_share = 1.0 if traced is None else float(traced.mean())
         self.rows, self.chunk, self.weights, orders = _stratified(occluder.origins, self.sizes, size, traced)
-        self.normals, self.rays, self._foliage = occluder.normals[self.rows], 0, None
+        self.normals, self.rays = occluder.normals[self.rows], 0
+        self._foliage: Foliage | None = None
         self._look(directions)
         self.ray_s = self._timed(orders)
         self.solid = np.ones(len(self.rows), np.float32)
         self.hidden = self._scan()
 
-    def finer(self, times):
+    def finer(self, times: int) -> "Sample":
         """The same Sample that looks in so many times as many directions; its `rays` are those of this look."""
         other = copy.copy(self)
         other.rays = 0
@@ -61,7 +67,7 @@ class Sample:
             other._thicken(self._foliage)
         return other
 
-    def thickened(self, foliage):
+    def thickened(self, foliage: Foliage) -> tuple["Sample", float]:
         """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""
         foliage.probe_count  # noqa: B018  is found once, and not timed
         other = copy.copy(self)
@@ -70,7 +76,7 @@ class Sample:
         march_s = (time.perf_counter() - start) / max(1, marches) / cores()
         return other, march_s * foliage.probe_count
 
-    def _look(self, directions):
+    def _look(self, directions: int) -> None:
         """Look in D directions, as surfaces hide them."""
         self.directions = fibonacci_sphere(directions).astype(np.float32)
         cosine = np.maximum(self.normals @ self.directions.T, np.float32(0.0))
@@ -84,7 +90,7 @@ class Sample:
             self.seen[row[hidden] + begin, column[hidden]] = 0.0
             self.rays += len(hidden)
 
-    def _thicken(self, foliage):
+    def _thicken(self, foliage: Foliage) -> int:
         """Take leaves and grass for volumes; how many marches it took."""
         share, free, marches = foliage.seen(self.rows, self.directions)
         share, even = share[:, None], np.float32(1.0 / len(self.directions))
@@ -93,11 +99,11 @@ class Sample:
         self.solid, self._foliage = 1.0 - share[:, 0], foliage
         return marches
 
-    def mean_square(self, values):
+    def mean_square(self, values: Floats) -> NDArray[np.float64]:
         """Weighted mean over the vertices of squared values (S, ...), summed over the last axis (colours)."""
         return np.tensordot(self.weights, np.square(values, dtype=np.float64).sum(axis=-1), axes=(0, 0))
 
-    def _timed(self, order):
+    def _timed(self, order: Indices) -> float:
         """Seconds per bare ray of the work, from stretches of the vertices in their order along the curve."""
         begins = np.linspace(0, len(order), TIMED_BATCHES * STRETCHES, endpoint=False).astype(int)
         azimuths, seconds = sampling.fibonacci_azimuths(TIMED_RAYS), []
@@ -111,7 +117,7 @@ class Sample:
             seconds.append((time.perf_counter() - start) / max(1, shot.shape[0] * TIMED_RAYS))
         return float(np.median(seconds))
 
-    def _scan(self):
+    def _scan(self) -> NDArray[np.float64]:
         """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""
         rows, chunk, *_ = _stratified(self.occluder.origins, self.sizes, SCAN_VERTICES, self._traced)
         origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
@@ -124,7 +130,9 @@ class Sample:
         return np.sqrt(np.bincount(chunk, product, len(counts)) / np.maximum(counts, 1))
 
 
-def _stratified(origins, sizes, wanted, traced=None):
+def _stratified(
+    origins: Points, sizes: Integers, wanted: int, traced: Mask | None = None
+) -> tuple[Indices, Indices, NDArray[np.float64], Indices]:
     """Rows (S,), their chunks (S,), weights (S,), every chunk by its size, but some of each; and all in order.
 
     traced: (V,) bool, the only rows to take, which make up the sizes; all without.
@@ -146,7 +154,7 @@ def _stratified(origins, sizes, wanted, traced=None):
     return np.concatenate(rows), np.concatenate(chunks), np.concatenate(weights), np.concatenate(orders)
 
 
-def _along_curve(origins):
+def _along_curve(origins: Points) -> Indices:
     """Order of positions along a Z-order curve."""
     from ..transfer.neighbors import ranked_nodes
 

@@ -7,8 +7,13 @@ times as much.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
+from splat2mesh.base.arrays import Directions, Floats, Indices, Points
+
+from ..light.suns import Suns
 from . import cells
+from .sample import Sample
 
 RAYS = 8
 """To each patch, in two halves whose product has no noise."""
@@ -20,7 +25,9 @@ FEW = 16
 """Suns that every vertex of the sample looks at in each rotation; the more there are, the fewer of them look."""
 
 
-def width_error(sample, tint, suns, variances, total):
+def width_error(
+    sample: Sample, tint: Floats | float, suns: Suns, variances: Floats, total: NDArray[np.float64]
+) -> float:
     """Relative L2 of exit radiance, over four rotations of the light, by which suns are off that shine as points.
 
     sample: Sample. tint: (S, 1, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
@@ -41,7 +48,7 @@ def width_error(sample, tint, suns, variances, total):
     return math.sqrt(max(square, 0.0))
 
 
-def _off(sample, rows, suns, variances):
+def _off(sample: Sample, rows: Indices, suns: Suns, variances: Floats) -> NDArray[np.float64]:
     """By how much two halves of the rays say that exit radiance of white rows is off: (2, R, 3)."""
     cosine = sample.normals[rows] @ suns.directions.T
     row, sun = np.nonzero(cosine > 0.0)
@@ -64,7 +71,7 @@ def _off(sample, rows, suns, variances):
     return off
 
 
-def _free(sample, origins, toward):
+def _free(sample: Sample, origins: Points, toward: Directions) -> NDArray[np.float64]:
     """(N,) 1.0 where a ray meets nothing."""
     rays = np.concatenate([origins, toward.astype(np.float32)], axis=1)
     return 1.0 - sample.occluder.occluded(rays).astype(np.float64)
