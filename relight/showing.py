@@ -17,6 +17,7 @@ from .transfer.occluder import Frame
 
 if TYPE_CHECKING:
     from splat2mesh.render.raycaster import Hits
+    from splat2mesh.splats.splats import Splats
 
     from .splats import Binding
     from .viewer.lamp_source import LampParts, LampSource
@@ -126,7 +127,14 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
             received(np.zeros_like(look.captured), 1.0)  # the light of the capture in a room takes long, once
         return job.binding
 
-    looks = {chosen: SplatLook(look.irradiance, received)}
+    gloss = job.gloss
+
+    def shining(relit: "Splats", light: Any, radiance: Any, received: Any, exposure: float) -> "Splats":
+        assert gloss is not None  # else nobody asks
+        return gloss.under(relit, look, light, radiance, received, exposure)
+
+    glossy = gloss is not None and mixture is None and gloss.of(look) is not None
+    looks = {chosen: SplatLook(look.irradiance, received, shining if glossy else None)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
         looks["captured"] = SplatLook(

@@ -87,26 +87,43 @@ class SceneGloss:
 
         relit: as `Binding.relit` gives them for the irradiance `received`, (V, 3), in the unit of the radiance.
         """
+        if look.environment is None or self.of(look) is None:
+            return relit
+        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of what is told in units of the picture
+        own = look.environment.sh(harmonics.MAX_BANDS)
+        light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
+        return self.under(relit, look, light, shaded.shading.radiance, received, exposure, beside)
+
+    def under(
+        self,
+        relit: Splats,
+        look: "Appearance",
+        light: NDArray[np.float64],
+        radiance: NDArray[np.float32],
+        received: NDArray[np.floating],
+        exposure: float,
+        lamps_exposure: float = 0.0,
+    ) -> Splats:
+        """The same under a light of SH coefficients (K, 3) in display units, frame of the scene.
+
+        radiance: (V, 3) that vertices send out, received: (V, 3) irradiance, both display units once exposed.
+        lamps_exposure: display units per unit of the lamps.
+        """
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:
             return relit
-        binding = self._binding()
+        binding, lamps = self._binding(), self._lamps() if lamps_exposure else None
         if self._reflections is None:
             with self._stages.stage("trace gloss"):
                 self._reflections = Reflections(binding, looks, gloss, self._rotation)
-        light, shading, exposure = shaded.light, shaded.shading, shaded.exposure
-        own = look.environment.sh(harmonics.MAX_BANDS)
-        beside = exposure / shaded.level  # of what is told in units of the picture
-        new = shaded.environment * exposure * light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
-        lamps = self._lamps()
         with self._stages.stage("gloss"):
-            before = self._reflections.reflected(own, look.captured)
-            after = self._reflections.reflected(new, shading.radiance * np.float32(exposure))
+            before = self._reflections.reflected(look.environment.sh(harmonics.MAX_BANDS), look.captured)
+            after = self._reflections.reflected(light, radiance * np.float32(exposure))
             if lamps is not None:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
                 shining = self._reflections.shining(lamps.emitters, lamps.frame, frame)
-                after = [each + beside * more for each, more in zip(after, shining, strict=True)]
+                after = [each + lamps_exposure * more for each, more in zip(after, shining, strict=True)]
             log_gain = binding.log_gains(look.irradiance, received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 

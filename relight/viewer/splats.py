@@ -14,7 +14,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from ..light.environment import Environment
+from ..light.environment import Environment, turned_about_y
 from .mixture import SessionMixture
 
 if TYPE_CHECKING:
@@ -30,10 +30,15 @@ WAITING = "binding the splats to the mesh"
 
 class SplatLook(NamedTuple):
     """How splats take the light of one albedo. before: (V, 3) irradiance in the light of the capture, unit of the
-    captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure."""
+    captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: takes relit
+    splats, SH coefficients (K, 3) of the light, the radiance and that irradiance, and their exposure, and returns the
+    splats with the reflections of the light; None without."""
 
     before: NDArray[np.float32]
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
+    gloss: Callable[[Splats, NDArray[np.float64], NDArray[np.float32], NDArray[np.floating], float], Splats] | None = (
+        None
+    )
 
 
 class SplatSource(NamedTuple):
@@ -128,6 +133,9 @@ class RelitSplats:
             after = received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
             found = binding.relit(look.before, after, wanted.exposure, **more)
+            if look.gloss is not None and mixture is None and rounds is None and light is not None:
+                shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
+                found = look.gloss(found, shining, wanted.radiance, after, wanted.exposure)
             if mixture is not None and mixture.keeps_sky:
                 from ..splats.sky import dimmed
 
