@@ -74,6 +74,7 @@ class LampBench:
         self._finished: dict[BoardState, SessionMixture | None] = {board.start: first}
         self._terms: dict[Hashable, Term] = {}
         self._glimpses: dict[Hashable, Term] = {}
+        self._parts: dict[int, tuple[AskedLamp, Term, Term | None, LampSum]] = {}
         self._bounced: dict[Hashable, Term] = {}  # by number: the last term of each lamp whose bounces were known
         self._axes: dict[tuple[AskedLamp, bool], NDArray[np.float64]] = {}
         self._dark: set[BoardState] = set()
@@ -147,29 +148,38 @@ class LampBench:
 
     def _sum(self, state: BoardState) -> LampSum:
         """What lamps do, of the terms that are there, and of glimpses."""
-        found: list[tuple[Light, Light]] = []
+        found: list[LampSum] = []
         for lamps in self._groups(state):
             key, axis = _key(lamps), self._axis(lamps, white=True)
             if not axis.any():
                 continue
-            tracer = self.source.light_of(_bare(lamps), state.captured)
             term = self._terms.get(key) or self._glimpses.get(key)
             if term is None:
-                term = Term(tracer.glimpse(), None, None, axis)
+                term = Term(self.source.light_of(_bare(lamps), state.captured).glimpse(), None, None, axis)
                 _keep(self._glimpses, key, term, MOST_GLIMPSES)
-            shines = self._axis(lamps)
-            plain = tracer.without_bounces(_share(shines, term.axis) * term.direct)
-            radiance, received = plain.radiance, plain.received
-            bounced = term if term.radiance is not None else self._bounced.get(lamps[0].number)
-            if bounced is not None and bounced.radiance is not None and bounced.received is not None:
-                share = _share(shines, bounced.axis)
-                radiance, received = radiance + share * bounced.radiance, received + share * bounced.received
-                _keep(self._bounced, lamps[0].number, bounced, 2 * MOST_ALONE)
-            found.append((radiance, received))
+            found.append(self._parts_of(lamps, term))
         if not found:
             nothing = self.source.light_of((), state.captured).glimpse()
             return LampSum(nothing, nothing)
         return LampSum(*(sum(parts[1:], parts[0]) for parts in zip(*found, strict=True)))
+
+    def _parts_of(self, lamps: Sequence[BoardLamp], term: Term) -> LampSum:
+        """What a term gives in the colour of its lamp, kept until either changes."""
+        number, asked = lamps[0]
+        bounced = term if term.radiance is not None else self._bounced.get(number)
+        kept = self._parts.get(number)
+        if kept is not None and kept[0] is asked and kept[1] is term and kept[2] is bounced:
+            return kept[3]
+        shines = self._axis(lamps)
+        plain = self.source.light_of((), 1.0).without_bounces(_share(shines, term.axis) * term.direct)
+        radiance, received = plain.radiance, plain.received
+        if bounced is not None and bounced.radiance is not None and bounced.received is not None:
+            share = _share(shines, bounced.axis)
+            radiance, received = radiance + share * bounced.radiance, received + share * bounced.received
+            _keep(self._bounced, number, bounced, 2 * MOST_ALONE)
+        parts = LampSum(radiance, received)
+        _keep(self._parts, number, (asked, term, bounced, parts), 2 * MOST_ALONE)
+        return parts
 
     def _axis(self, lamps: Sequence[BoardLamp], white: bool = False) -> NDArray[np.float64]:
         """Intensity on the main axis (3,), with or without its colour; of several that share a term, ones."""
