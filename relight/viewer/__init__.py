@@ -3,9 +3,11 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `session` state and light, `worker` and `lighting` the heavy work in a process of its own, `modes` what
-colours the surface, `splats` and `splat_painter` relit splats in its place, `controls` the keys, `window`, `stage`,
-`panel` and `camera` what VTK draws, `recording` films.
+Modules: `session` state and light, `answers` what the worker said, `worker` and `lighting` the heavy work in a process
+of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in its place, `controls` the
+keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films. Lamps that are put
+in: `editing` what Python calls, `lamp_board` undo, `lamp_bench` their light, `lamp_source` the engine behind it,
+`lamp_tool` the hand on them.
 """
 
 import os

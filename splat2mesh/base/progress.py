@@ -38,7 +38,8 @@ class Stages:
             self._started().console.print(line, markup=False, highlight=False)
 
     def close(self) -> None:
-        """Leave the terminal as it was found."""
+        """Leave the terminal as it was found; what is done afterwards, beside a window, shows nothing."""
+        self._show = False
         if self._bars is not None:
             self._bars.stop()
             self._bars = None

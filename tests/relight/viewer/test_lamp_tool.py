@@ -14,6 +14,7 @@ from relight.lamps.color import parse_color
 from relight.viewer.controls import CONTROLS, SLIDERS
 from relight.viewer.lamp_board import place_of
 from relight.viewer.lamp_tool import COLORS, OFF_M
+from relight.viewer.panel import Panel
 from relight.viewer.window import Window
 
 pytestmark = pytest.mark.usefixtures("vtk_is_silent")
@@ -283,3 +284,22 @@ def test_hundreds_of_random_actions_end_with_the_light_of_their_lamps(window, sc
     session.save_lamps(tmp_path / "lamps.json")
     expected = relit(scene, "captured", tmp_path / "lamps.json", session.board.state.captured)
     assert np.array_equal(session.radiance(), expected)
+
+
+@pytest.mark.parametrize("size", [(960, 720), (1600, 1000)])
+def test_nothing_written_about_lamps_overlaps_or_leaves_the_window(window, size):
+    session = window.session
+    bulb(window)
+    panel = Panel(window.plotter.renderer)
+    for changes in ({}, {"help": True}, {"split": True}):
+        session.change(help=False, split=False)
+        session.change(**changes)
+        panel.draw(session, size, 29.7, "")
+        boxes = list(panel.boxes.items())
+        assert any(text == "Captured" for (text, *_), _ in boxes) and any(text == "Lamp" for (text, *_), _ in boxes)
+        for index, ((text, *_), (left, bottom, width, height)) in enumerate(boxes):
+            assert left >= 0 and bottom >= 0 and left + width <= size[0] and bottom + height <= size[1], text
+            for (other, *_), box in boxes[index + 1 :]:
+                apart = left + width <= box[0] or box[0] + box[2] <= left
+                apart |= bottom + height <= box[1] or box[1] + box[3] <= bottom
+                assert apart, f"{text!r} and {other!r} overlap after {changes}"

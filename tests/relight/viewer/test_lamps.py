@@ -10,7 +10,7 @@ from viewer_scenes import ball_on_plate
 
 from relight.lamps.asked import AskedLamp, Brightness, LampScale
 from relight.lamps.shapes import SphereLamp
-from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, LampBench
+from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, SPARE, LampBench
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.lamp_source import LampSource
 from relight.viewer.mixture import SessionMixture
@@ -252,6 +252,17 @@ def test_only_the_lamp_that_changes_is_traced_at_once(tmp_path):
     assert counted.traced == [1, 1, 1, 1, 3] and np.allclose(bench.mixture().radiance, 6.0)
     board.change(2, point(5.0, value=3.0))
     assert np.allclose(bench.mixture().radiance, 2.0 + 6.0 + 2.0) and counted.glimpsed == 1
+    bench.close()
+
+
+def test_however_often_a_lamp_moves_the_others_keep_their_terms():
+    counted = Counted()
+    bench, board = bench_of(counted, point(1.0), point(2.0), point(3.0))
+    for step in range(3 * SPARE):
+        board.move(1, (10.0 + step, 0.0, 0.0))
+        settle(bench)
+    assert counted.traced == [1, 1, 1, *(3 * SPARE * [1, 3])] and counted.glimpsed == 0
+    assert len(bench._terms) <= 3 + SPARE
     bench.close()
 
 
