@@ -1,7 +1,7 @@
 """Where the rays of bounces meet surfaces: what is traced, and kept, and from which the matrix of bounces follows.
 
-A place is one number: the face, and where on it to a part of its edge. That takes a sixth of the rows that are made of
-places, in which every hit has three vertices, and to make them anew takes less time than to read them.
+A place is one number: the face, and where on it to a part of its edge. That takes four bytes, of which the corners and
+weights that rows have follow in less time than it would take to read them.
 """
 
 from collections.abc import Mapping
@@ -17,14 +17,14 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
 from . import check_rays, sampling
-from .bounce_rows import FINENESS, SIDE, packed, starts_of
+from .bounce_rows import FINENESS, SIDE
 from .facing import is_front
 from .neighbors import ranked_nodes
 from .occluder import Occluder
 from .receivers import Receivers
 
 BATCH_RAYS = 2**18
-"""Rays in memory at once, 84 bytes each with what they hit and the rows they make; cores share a bounce by batches."""
+"""Rays in memory at once, 64 bytes each with what they hit; cores share a bounce by as many."""
 
 
 class BouncePlaces(NamedTuple):
@@ -32,14 +32,15 @@ class BouncePlaces(NamedTuple):
 
     rows: (M,) int32, the vertices that rays start from, along a curve. hits: (V,) int32, how many of each vertex's met
     something. used: (M,) int32, how many of those met the front of a face. places: (P,) uint32 or uint64, where, row
-    after row, as `bounce_rows.merge` takes it. node: (V,) int32, alike for vertices that agree in place and normal.
+    after row, as `bounce_rows.unpack` takes it. copies: (V,) int32, how many vertices agree with each in place and
+    normal.
     """
 
     rows: NDArray[np.int32]
     hits: NDArray[np.int32]
     used: NDArray[np.int32]
     places: NDArray[np.unsignedinteger[Any]]
-    node: NDArray[np.int32]
+    copies: NDArray[np.int32]
 
     @classmethod
     def shot(
@@ -52,6 +53,7 @@ class BouncePlaces(NamedTuple):
         order, new_node, _ = ranked_nodes(occluder.origins, occluder.normals)
         node, hits = np.zeros((2, count), np.int32)
         node[order] = np.cumsum(new_node) - 1
+        copies = np.bincount(node, minlength=1)[node].astype(np.int32)
         rows = order if receivers is None or receivers.all else order[receivers.traced[order]]
         kind = np.uint32 if len(occluder.faces) * SIDE**2 < 2**32 else np.uint64
         buffer = np.zeros((min(batch, len(rows)), rays, 6), np.float32)
@@ -63,9 +65,9 @@ class BouncePlaces(NamedTuple):
             told = occluder.first_hits(shot)[1:]
             in_slices(_meet, len(part), shot, *told, occluder.faces, occluder.normals, places, some, met)
             hits[part] = met
-            found.append(packed(places, starts_of(some)).astype(kind))
+            found.append(places[: len(part)][np.arange(rays) < some[:, None]].astype(kind))
             advance(len(part))
-        return cls(rows.astype(np.int32), hits, used, np.concatenate([np.zeros(0, kind), *found]), node)
+        return cls(rows.astype(np.int32), hits, used, np.concatenate([np.zeros(0, kind), *found]), copies)
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], rays: int, faces: int, traced: Mask) -> "BouncePlaces":
@@ -74,18 +76,18 @@ class BouncePlaces(NamedTuple):
         Raises InputError or KeyError for what does not fit: loops trust it.
         """
         self = cls(*(arrays[name] for name in cls._fields))
-        rows, hits, used, places, node = self
-        counts = rows.dtype == hits.dtype == used.dtype == node.dtype == np.int32 and places.dtype.kind == "u"
-        fits = hits.shape == node.shape == traced.shape and places.ndim == 1
+        rows, hits, used, places, copies = self
+        counts = rows.dtype == hits.dtype == used.dtype == copies.dtype == np.int32 and places.dtype.kind == "u"
+        fits = hits.shape == copies.shape == traced.shape and places.ndim == 1
         if not (counts and fits and rows.shape == used.shape == (np.count_nonzero(traced),)):
             raise InputError("kept bounces are of another kind")
-        if min(each.min(initial=0) for each in (rows, hits, used, node)) < 0:
+        if min(each.min(initial=0) for each in (rows, hits, used, copies - 1)) < 0:
             raise InputError("kept bounces hold negative numbers")
         if max(used.max(initial=0), hits.max(initial=0)) > rays or used.sum(dtype=np.int64) != len(places):
             raise InputError("kept bounces have another number of rays")
         named = np.zeros(len(traced), bool)
         named[rows[rows < len(named)]] = True
-        if (named != traced).any() or rows.max(initial=-1) >= len(named) or node.max(initial=-1) >= len(named):
+        if (named != traced).any() or rows.max(initial=-1) >= len(named):
             raise InputError("kept bounces are of other vertices")
         beyond = np.zeros(len(places), bool)
         in_slices(_look, len(places), places, faces, beyond)

@@ -13,8 +13,7 @@ surface no vertex knows. Which side is the front, the vertex normals say, not th
 """
 
 import math
-from itertools import pairwise
-from typing import TypeAlias
+from collections import deque
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +24,11 @@ from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
 from .bounce_places import BouncePlaces, batch_of
-from .bounce_rows import gather, gather_rgb, join, merge, packed, starts_of
+from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
 from .occluder import Occluder
 from .receivers import Receivers
 from .settings import BOUNCE_TOLERANCE
-
-Block: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32]]
-"""Sparse rows: where each begins (N + 1,), then columns and weights end to end."""
 
 DEFAULT_BOUNCE_RAYS = 64
 """Error against a path tracer, of all light, on a tabletop whose bounces are 26% of it (`scripts/bench bounces`):
@@ -52,10 +48,10 @@ A third of the time of one by one; 16 gain nothing more."""
 class Interreflection:
     """The matrix B of a scene: sparse, (V, V), non-negative, rows that sum to at most the hidden fraction.
 
-    Vertices that agree in position and normal (seams of chunks) are columns of their own, each with its albedo, but
-    their products are summed without rounding: cutting a scene into chunks changes no bit.
+    Vertices that agree in position and normal (seams of chunks) are columns of their own, each with its albedo; cutting
+    a scene into chunks changes no bit.
     rays: per vertex. hits: (V,) int32, how many of them met something. back_hits: which share of these, over the
-    scene, met the back of a face. entries: number of non-zeros. nbytes: memory of the matrix.
+    scene, met the back of a face. entries: how many met a front. nbytes: memory of the matrix.
     shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose rows were
     traced; None for all.
     """
@@ -98,36 +94,23 @@ class Interreflection:
     ) -> None:
         self.rays, self.receivers = rays, receivers
         self._rows, self.hits = places.rows, places.hits
-        met = int(self.hits.sum())
-        self.back_hits = (met - len(places.places)) / max(met, 1)
-        copies = np.bincount(places.node).astype(np.int32)[places.node]
-        self.shares = 1.0 / copies
-        faces = read_only(faces, np.uint32)
-        batch = batch_of(rays)
-        self._blocks: list[Block] = []
-        columns = np.zeros((min(batch, len(places.rows)), 3 * rays), np.int32)
-        weights = np.zeros(columns.shape, np.float32)
-        at = 0
-        for start in range(0, len(places.rows), batch):
-            counts = places.used[start : start + batch]
-            starts = at + starts_of(counts)
-            used = np.zeros(len(counts), np.int32)
-            in_slices(merge, len(used), starts, places.places, faces, columns, weights, used)
-            in_slices(join, len(used), used, places.node, copies, columns, weights)
-            begins = starts_of(used)
-            self._blocks.append((begins, packed(columns, begins), packed(weights, begins)))
-            at = starts[-1]
+        met, count = int(self.hits.sum()), len(places.places)
+        self.back_hits = (met - count) / max(met, 1)
+        self.shares = 1.0 / places.copies
+        self._starts = np.append(0, np.cumsum(places.used, dtype=np.int64))
+        self._corners, self._parts = np.empty((count, 3), np.uint32), np.empty((count, 2), np.uint8)
+        in_slices(unpack, count, places.places, read_only(faces, np.uint32), self._corners, self._parts)
         self.scale_to(visible)
 
     @property
     def entries(self) -> int:
-        """Number of non-zeros."""
-        return sum(len(columns) for _, columns, _ in self._blocks)
+        """How many places rays met from the front."""
+        return len(self._corners)
 
     @property
     def nbytes(self) -> int:
         """Memory of the matrix."""
-        return sum(array.nbytes for block in self._blocks for array in block)
+        return self._starts.nbytes + self._corners.nbytes + self._parts.nbytes
 
     def bounce(
         self,
@@ -144,13 +127,14 @@ class Interreflection:
         columns = read_only(radiance.reshape(len(radiance), -1))
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
-        cuts = np.cumsum([0] + [len(starts) - 1 for starts, _, _ in self._blocks])
-        parts = [slice(*span) for span in pairwise(cuts)]
+        batch = batch_of(self.rays)
 
-        def work(part: slice, block: Block) -> None:
-            kernel(self._rows[part], *block, self._scale, columns, result)
+        def work(start: int) -> None:
+            part = slice(start, start + batch)
+            starts = self._starts[start : start + batch + 1]
+            kernel(self._rows[part], starts, self._corners, self._parts, self._scale, columns, result)
 
-        list(in_order(work, parts, self._blocks))
+        deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
         if self.receivers is not None:
             self.receivers.filled(result)
         return result.reshape(radiance.shape)

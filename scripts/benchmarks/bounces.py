@@ -16,6 +16,7 @@ from benchmarks.shapes import MADE_VERTICES, Shape, shape
 from relight import Environment
 from relight.transfer import DEFAULT_BANDS, DEFAULT_RAYS, sampling
 from relight.transfer.bounce_places import BATCH_RAYS
+from relight.transfer.bounce_rows import FINENESS
 from relight.transfer.bounces import (
     DEFAULT_BOUNCE_RAYS,
     Interreflection,
@@ -135,13 +136,13 @@ def times(mesh, report):
     Interreflection(occluder, 4).bounce(albedo)  # compiles, and builds the tree
     made = medians({"cast_rays": lambda: cast(occluder), "matrix": lambda: Interreflection(occluder)}, 3)
     matrix = made["matrix"].result
-    starts, columns, weights = zip(*matrix._blocks, strict=True)
-    rows = np.append(0, np.cumsum(np.concatenate([np.diff(part) for part in starts])))
-    columns = np.concatenate(columns)
-    columns = np.maximum(columns, ~columns)  # a negative one marks a vertex joined with the next
-    plain = scipy.sparse.csr_matrix((np.concatenate(weights), columns, rows), (len(albedo),) * 2)
+    parts = matrix._parts.astype(np.float32)
+    weights = np.column_stack([FINENESS - parts.sum(axis=1), parts]) / FINENESS
+    shape = len(albedo), len(albedo)
+    plain = scipy.sparse.csr_matrix((weights.ravel(), matrix._corners.ravel(), 3 * matrix._starts), shape)
+    plain.sum_duplicates()
     used = medians({"one bounce in RGB": lambda: matrix.bounce(albedo), "the same by scipy": lambda: plain @ albedo}, 3)
-    size = f"{matrix.entries:,} entries, {matrix.nbytes / 2**20:.0f} MiB"
+    size = f"{matrix.entries:,} places, {matrix.nbytes / 2**20:.0f} MiB"
     table = report.table(f"{len(albedo):,} vertices, {matrix.rays} rays: {size}", work="<20", wall_s=".4f", cpu_s=".4f")
     hit = matrix.hits.mean() / matrix.rays
     for name, (_, wall, cpu) in (made | used).items():

@@ -291,21 +291,12 @@ def test_chunks_change_no_bit_of_anything(whole, chunks):
 
 
 def row_sums(matrix, content):
-    """Rows of the matrix, by vertex, as lists of (content of a vertex, weight), vertices of equal content as one."""
-    rows = []
-    for starts, columns, weights in matrix._blocks:
-        for begin, end in pairwise(starts):
-            row, joined = [], False
-            for column, weight in zip(columns[begin:end], weights[begin:end], strict=True):
-                vertex = content[max(column, ~column)]
-                if joined:
-                    assert row[-1][0] == vertex
-                    row[-1] = vertex, row[-1][1] + weight
-                else:
-                    row.append((vertex, weight))
-                joined = column < 0
-            assert not joined
-            rows.append(row)
+    """Rows of the matrix, by vertex, as lists of (contents of a face's vertices, weights of the second and third)."""
+    places = [
+        ([content[corner] for corner in corners], tuple(parts))
+        for corners, parts in zip(matrix._corners, matrix._parts, strict=True)
+    ]
+    rows = [places[begin:end] for begin, end in pairwise(matrix._starts)]
     return [rows[place] for place in np.argsort(matrix._rows)]
 
 

@@ -127,14 +127,13 @@ def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
         ("rows", lambda a: a + 1, "other vertices"),
         ("rows", lambda a: np.zeros_like(a), "other vertices"),
         ("rows", lambda a: a.astype(np.int64), "kind"),
-        ("node", lambda a: a + 1, "other vertices"),
-        ("node", lambda a: a - 1, "negative"),
+        ("copies", lambda a: a - 2, "negative"),
+        ("copies", lambda a: a[1:], "kind"),
     ],
 )
 def test_kept_bounces_that_do_not_fit_are_refused(scene, name, change, reason):
     occluder = occluder_of(scene)
     arrays = BouncePlaces.shot(occluder, 16, 0, lambda count: None)._asdict()
-    arrays["node"] = np.arange(len(scene.vertices), dtype=np.int32)  # of a scene without seams: the last is the highest
     with pytest.raises(InputError, match=f"kept bounces .*{reason}"):
         BouncePlaces.restored(
             arrays | {name: change(arrays[name])}, 16, len(occluder.faces), np.ones(len(scene.vertices), bool)
