@@ -56,13 +56,7 @@ def planned(
         thickened, direction_s = sample.thickened(foliage)
         measured = EffectErrors(thickened, environment, albedo, bouncing)
         error = measured.changed(sample.seen)
-        if error > SKIPPED * wish if effects is None else VOLUME in effects:
-            good = [count for count, noise in volume.NOISE.items() if noise * measured.leafy <= VOLUME_PART * wish]
-            count = min(good, default=max(volume.NOISE))
-            lost = volume.NOISE[count] * measured.leafy
-            leaves = Leaves(count, error, count * direction_s, len(foliage.rows), lost)
-        else:
-            leaves = Leaves(0, error, 0.0, len(foliage.rows), error)
+        leaves = leaves_for(error, measured.leafy, wish, effects, direction_s, len(foliage.rows))
     if leaves is None or not leaves.directions:
         measured = EffectErrors(sample, environment, albedo, bouncing)
     choice = Choice(measured, environment, options, tolerance, angles, leaves, there)
@@ -82,3 +76,35 @@ def planned(
         choice=choice,
         rows=sample.rows,
     )
+
+
+def leaves_for(
+    error: float, leafy: float, wish: float, effects: frozenset[str] | None, direction_s: float, vertices: int
+) -> Leaves:
+    """How leaves and grass are lit: as volumes where their being surfaces costs too much, or where that is asked for.
+
+    Parameters
+    ----------
+    error : float
+        Of their being surfaces, relative to all light.
+    leafy : float
+        Their light over all.
+    wish : float
+        The tolerance.
+    effects : frozenset of str or None
+        The effects that were asked for; None where nobody said.
+    direction_s : float
+        Seconds for each direction from which light comes to them.
+    vertices : int
+        How many of the scene they are.
+
+    Returns
+    -------
+    Leaves
+        With the fewest directions whose noise is within its part of the tolerance, or with the most there are.
+    """
+    if not (error > SKIPPED * wish if effects is None else VOLUME in effects):
+        return Leaves(0, error, 0.0, vertices, error)
+    good = [count for count, noise in volume.NOISE.items() if noise * leafy <= VOLUME_PART * wish]
+    count = min(good, default=max(volume.NOISE))
+    return Leaves(count, error, count * direction_s, vertices, volume.NOISE[count] * leafy)

@@ -7,8 +7,10 @@ from plan_scenes import corner, occluder_of
 from relight import Environment
 from relight.options import LightingOptions
 from relight.planning import decide
-from relight.planning.choice import SAFETY
+from relight.planning.choice import SAFETY, SKIPPED
+from relight.planning.decide import VOLUME_PART, leaves_for
 from relight.planning.sample import Sample
+from relight.transfer.volume import NOISE
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +52,70 @@ def test_a_plan_is_the_candidate_that_it_was_chosen_as(scene):
     assert plan.error == same.error <= SAFETY * 0.05
     assert plan.seconds == same.seconds - plan.choice.found_s(plan.settings)
     assert all(each.seconds >= same.seconds for each in plan.choice._candidates if each.error <= SAFETY * 0.05)
+
+
+# -- leaves and grass
+
+LEAST, MOST = min(NOISE), max(NOISE)
+
+
+@pytest.mark.parametrize("count", NOISE)
+def test_leaves_have_as_few_directions_as_the_tolerance_allows(count):
+    wish = 0.02
+    leafy = VOLUME_PART * wish / NOISE[count]  # whose noise is just within its part
+    found = leaves_for(1.0, 0.999 * leafy, wish, None, 0.5, 40)
+    assert found == (count, 1.0, 0.5 * count, 40, pytest.approx(0.999 * VOLUME_PART * wish))
+    finer = leaves_for(1.0, 1.001 * leafy, wish, None, 0.5, 40)
+    assert finer.directions == min((other for other in NOISE if other > count), default=MOST)
+    assert finer.lost == pytest.approx(NOISE[finer.directions] * 1.001 * leafy)
+
+
+def test_where_no_number_of_directions_is_enough_the_most_are_taken():
+    found = leaves_for(1.0, 1.0, 1e-6, None, 0.5, 40)
+    assert (found.directions, found.lost, found.seconds) == (MOST, NOISE[MOST], 0.5 * MOST)
+
+
+def test_leaves_that_cost_little_as_surfaces_stay_surfaces():
+    wish = 0.02
+    assert leaves_for(SKIPPED * wish, 1.0, wish, None, 0.5, 40) == (0, SKIPPED * wish, 0.0, 40, SKIPPED * wish)
+    assert leaves_for(1.001 * SKIPPED * wish, 0.0, wish, None, 0.5, 40).directions == LEAST
+
+
+@pytest.mark.parametrize("error", [0.0, 1.0])
+def test_effects_that_are_asked_for_decide_on_leaves(error):
+    assert leaves_for(error, 0.0, 0.02, frozenset({"shadows", "volume"}), 0.5, 40).directions == LEAST
+    assert leaves_for(error, 0.0, 0.02, frozenset({"shadows"}), 0.5, 40) == (0, error, 0.0, 40, error)
+
+
+class Thick:
+    """A Foliage of which half of all light is hidden from what is a volume: the planned choice asks nothing else."""
+
+    def __init__(self, count, share):
+        self.rows, self.probe_count, self._share = np.arange(count), 7, share
+
+    def seen(self, rows, directions):
+        return np.full(len(rows), self._share, np.float32), np.full((len(rows), len(directions)), 0.5, np.float32), 1
+
+
+def test_a_plan_tells_leaves_beside_what_they_were_chosen_for(scene):
+    light, sizes = Environment.load("overcast"), [len(scene.vertices)]
+
+    def plan(foliage, **asked):
+        options = LightingOptions(**asked)
+        return decide.planned(occluder_of(scene), sizes, light, options=options, foliage=foliage)
+
+    thick = plan(Thick(sizes[0], 1.0), tolerance=0.05)
+    assert thick.settings.volume in NOISE and thick.settings.rays
+    told = {effect: (error, decision) for effect, error, decision in thick.contributions}
+    assert told["volume"][0] > SKIPPED * 0.05
+    assert told["volume"][1].startswith(f"{thick.settings.volume} directions for {sizes[0]:,} vertices")
+    surfaces = plan(Thick(sizes[0], 0.0), tolerance=0.05)  # a volume of nothing
+    assert surfaces.settings == plan(None, tolerance=0.05).settings and surfaces.settings.volume == 0
+    assert dict((effect, decision) for effect, _, decision in surfaces.contributions)["volume"] == "skipped"
+
+
+def test_methods_that_trace_nothing_have_no_leaves(scene):
+    light, sizes = Environment.load("overcast"), [len(scene.vertices)]
+    options = LightingOptions(tolerance=0.05, method="analytic")
+    plan = decide.planned(occluder_of(scene), sizes, light, options=options, foliage=Thick(sizes[0], 1.0))
+    assert plan.settings.volume == 0 and "volume" not in [effect for effect, *_ in plan.contributions]
