@@ -22,7 +22,7 @@ from ..light.sun_split import split
 from ..transfer.bounces import Interreflection, visible_fraction, with_bounces
 from ..transfer.occluder import Frame, Occluder
 from ..transfer.sunlight import sunlight
-from . import lamps, strengths
+from . import lamps, received, strengths
 from .evenness import Evenness
 from .seen import seen_from
 
@@ -127,7 +127,7 @@ def room_of(
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
-        places = strengths.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
+        places = received.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
         colors = [lamp.color for lamp in found]
         solved = strengths.solve(places, np.array(colors).reshape(-1, 3))
         if solved is None:
@@ -162,11 +162,11 @@ def _rows_of_lamps(
     bounce, kept = interreflection.bounce(captured), []
     for k, lamp in enumerate(found):
         weight = areas[lamp.rows] / areas[lamp.rows].sum()
-        received = weight @ luminance(bounce[lamp.rows])
+        around = weight @ luminance(bounce[lamp.rows])
         for other, light in enumerate(lights):
             if other != k:
-                received += luminance(solved.radiance[other]) * float(weight @ light[lamp.rows])
-        if luminance(solved.radiance[k]) > LEAST_EXCESS * received and solved.evidence[k] > LEAST_EVIDENCE:
+                around += luminance(solved.radiance[other]) * float(weight @ light[lamp.rows])
+        if luminance(solved.radiance[k]) > LEAST_EXCESS * around and solved.evidence[k] > LEAST_EVIDENCE:
             kept.append(k)
     return kept
 
@@ -215,7 +215,7 @@ def _lit(
         by_lamps = np.where(glowing[:, None], by_lamps, captured)
     modelled = by_lamps + with_bounces(outside, albedo, interreflection)[0]
     off = srgb_from_linear(np.clip(modelled, 0.0, 1.0)) - srgb_from_linear(np.clip(captured, 0.0, 1.0))
-    judged = np.where(captured.max(axis=1) < strengths.SATURATED, shares, 0.0)
+    judged = np.where(captured.max(axis=1) < received.SATURATED, shares, 0.0)
     error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
@@ -227,7 +227,7 @@ def _lit(
 
 
 def _report(
-    frame: Frame, found: list[lamps.Lamp], places: strengths.RoomIrradiance, solved: strengths.Strengths
+    frame: Frame, found: list[lamps.Lamp], places: received.RoomIrradiance, solved: strengths.Strengths
 ) -> dict[str, Any]:
     """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained.
 
@@ -271,6 +271,6 @@ def _capture_light(sky: CapturedSky | None, patches: Directions, excess: Radianc
     if not len(patches):
         return Environment(np.zeros((HEIGHT, WIDTH, 3), np.float32), "no window")
     directions = projections.texel_directions(HEIGHT, WIDTH).reshape(-1, 3)
-    known, unknown = strengths.sky_parts(sky, directions, image=True)
+    known, unknown = received.sky_parts(sky, directions, image=True)
     radiance = known + unknown * excess[cKDTree(patches).query(directions)[1]]
     return Environment(radiance.reshape(HEIGHT, WIDTH, 3).astype(np.float32), "windows")

@@ -1,38 +1,26 @@
 """Which Gaussians make up each pixel of some views, and by how much: kept once, it draws any colours by sums.
 
-Rendering sums the colours of Gaussians by weights that no light changes. So the weights are found once, walking the
-footprints as `splat2mesh.render.rasterize` does, and every picture and its transpose is a product of sparse rows.
+Rendering sums the colours of Gaussians by weights that no light changes. So the weights are found once (`blend_lists`),
+and every picture and its transpose is a product of sparse rows.
 Each tile has one thread, and what goes to the Gaussians is added in a fixed order: bits do not depend on threads.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Integers, Mask
+from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import shared
-from splat2mesh.render.footprints import TILE, Footprint, camera_of, footprint_batches
-from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
-from splat2mesh.render.screentiles import AREA, ScreenTiles
+from splat2mesh.render.rasterize import ONE, ZERO
+from splat2mesh.render.screentiles import AREA
 from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
-LEAST_SHARE = np.float32(1 / 512)
-"""Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
-
-MOST_ITEMS = round(AREA / float(LEAST_SHARE))
-"""Of a tile: no pixel has more shares than go into one."""
-
-UNIT = np.float32(65535)
-"""Shares are kept as whole parts of it."""
-
-CLOSING_INTERVAL = 8  # as of `rasterize`
-
-LIGHT, MEDIAN, PLANES = np.uint64(0), np.uint64(AREA), 2  # what is kept of a tile's pixels while they are walked
+from .blend_lists import UNIT, in_tiles, listed, within
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 _serial = numba.njit(cache=True, nogil=True)
@@ -105,9 +93,6 @@ class Blending(NamedTuple):
             _add(self.splats[begin:end], seen, sums)
 
 
-Lists: TypeAlias = tuple[Integers, ...]
-"""Of a view's tiles: how many runs and items each has, then `splats`, `counts`, `pixels` and `shares` of a Blending."""
-
 Look: TypeAlias = Callable[[int, NDArray[np.float32], NDArray[np.float32]], Mask | None]
 """Takes the number of a view, its alpha (H, W) and its median depth (H, W), camera z."""
 
@@ -126,206 +111,15 @@ def blending_of(
     """
     tiles, parts = [0], []
     for number, view in enumerate(views):
-        part, alpha, depth = _listed(splats, view, near)
+        part, alpha, depth = listed(splats, view, near)
         wanted = look(number, alpha, depth)
         if wanted is not None:
-            part = _within(part, in_tiles(wanted))
+            part = within(part, in_tiles(wanted))
         parts.append(part)
         tiles.append(tiles[-1] + len(part[0]))
     runs, items, *lists = ([part[i] for part in parts] for i in range(6))
     starts = [np.append(0, np.cumsum(np.concatenate(counts), dtype=np.int64)) for counts in (runs, items)]
     return Blending(np.array(tiles, np.int64), *starts, *(np.concatenate(each) for each in lists))
-
-
-def in_tiles(image: NDArray[Any]) -> NDArray[Any]:
-    """An image (H, W, ...) as pixels of tiles, (P, ...), zeros beyond its edges."""
-    height, width, *rest = image.shape
-    tiles_y, tiles_x = -(-height // TILE), -(-width // TILE)
-    whole = np.zeros((tiles_y * TILE, tiles_x * TILE, *rest), image.dtype)
-    whole[:height, :width] = image
-    return whole.reshape(tiles_y, TILE, tiles_x, TILE, *rest).swapaxes(1, 2).reshape(-1, *rest)
-
-
-def _listed(splats: Splats, view: View, near: float) -> tuple[Lists, NDArray[np.float32], NDArray[np.float32]]:
-    """((runs and items of each tile, splats, counts, pixels, shares), alpha (H, W), median depth (H, W)) of a view."""
-    camera = camera_of(view, near)
-    tiles = ScreenTiles.empty(camera, PLANES, transmittance=0, median=1)
-    count = len(tiles.open)
-    found, left = [], np.full(count, MOST_ITEMS, np.int64)
-    for batch in footprint_batches(splats, camera, tiles.open):
-        wanted = np.where(tiles.open, np.minimum(AREA * np.diff(batch.starts), left), 0)
-        begins = np.append(0, np.cumsum(wanted))
-        raw = np.empty(begins[-1], np.uint8), np.empty(begins[-1], np.uint16)  # memory is taken as it is written
-        number, shared = np.empty(len(batch.entries), np.int32), np.empty(len(batch.entries), np.uint16)
-        used, ran = np.zeros(count, np.int64), np.zeros(count, np.int64)
-        lists = batch.footprints, batch.starts, batch.entries, tiles.dealt, tiles.open, tiles.across, tiles.pixels
-        _record(count, *lists, begins, *raw, number, shared, used, ran)
-        packed = [np.empty(ran.sum(), np.int32), np.empty(ran.sum(), np.uint16)]
-        packed += [np.empty(used.sum(), np.uint8), np.empty(used.sum(), np.uint16)]
-        _pack(batch.starts, ran, number, packed[0])
-        _pack(batch.starts, ran, shared, packed[1])
-        _pack(begins, used, raw[0], packed[2])
-        _pack(begins, used, raw[1], packed[3])
-        packed[0] = batch.order[packed[0]].astype(np.int32)
-        found.append((ran, used, *packed))
-        left -= used
-    images = tiles.images(camera)
-    return _merged(found, count), 1 - images[0], images[1].copy()
-
-
-def _merged(found: list[Lists], tiles: int) -> Lists:
-    """Batch after batch of tiles' lists as the lists of the tiles: the same fields."""
-    runs = sum((each[0] for each in found), np.zeros(tiles, np.int64))
-    items = sum((each[1] for each in found), np.zeros(tiles, np.int64))
-    result = []
-    for field, (counts, totals, kind) in enumerate(
-        ((0, runs, np.int32), (0, runs, np.uint16), (1, items, np.uint8), (1, items, np.uint16))
-    ):
-        whole, cursor = np.empty(totals.sum(), kind), np.append(0, np.cumsum(totals))[:-1]
-        for each in found:
-            _lay(each[2 + field], each[counts], cursor, whole)
-        result.append(whole)
-    return runs, items, *result
-
-
-def _within(part: Lists, wanted: Mask) -> Lists:
-    """The lists of a view's tiles with nothing but the pixels wanted, (P,) bool."""
-    runs, items, *lists = part
-    left, held = np.zeros_like(runs), np.zeros_like(items)
-    ends = _drop(runs, items, wanted, *lists, left, held)
-    return left, held, *(each[:end].copy() for each, end in zip(lists, np.repeat(ends, 2), strict=True))
-
-
-@_serial
-def _drop(
-    runs: NDArray[np.int64],
-    items: NDArray[np.int64],
-    wanted: Mask,
-    splats: NDArray[np.int32],
-    counts: NDArray[np.uint16],
-    pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint16],
-    left: NDArray[np.int64],
-    held: NDArray[np.int64],
-) -> tuple[int, int]:
-    """Move what is wanted of all lists to their beginnings: how many runs and items that is."""
-    run, item, to_run, to_item = 0, 0, 0, 0
-    for tile in range(len(runs)):
-        first_run, first_item = to_run, to_item
-        for _ in range(runs[tile]):
-            splat, before = splats[run], to_item
-            for _ in range(counts[run]):
-                if wanted[tile * AREA + pixels[item]]:
-                    pixels[to_item], shares[to_item] = pixels[item], shares[item]
-                    to_item += 1
-                item += 1
-            if to_item > before:
-                splats[to_run], counts[to_run] = splat, to_item - before
-                to_run += 1
-            run += 1
-        left[tile], held[tile] = to_run - first_run, to_item - first_item
-    return to_run, to_item
-
-
-@shared
-@_function
-def _record(
-    begin: int,
-    end: int,
-    footprints: NDArray[np.void],
-    starts: Integers,
-    entries: Integers,
-    dealt: Integers,
-    open_tiles: Mask,
-    tiles_x: int,
-    block: NDArray[np.float32],
-    begins: NDArray[np.int64],
-    pixels: NDArray[np.uint8],
-    shares: NDArray[np.uint16],
-    number: NDArray[np.int32],
-    count: NDArray[np.uint16],
-    used: NDArray[np.int64],
-    ran: NDArray[np.int64],
-) -> None:
-    """Note what each footprint gives each open tile from begins[tile] and starts[tile] on, and how much that was."""
-    for deal in range(begin, end):
-        tile = dealt[deal]
-        if not open_tiles[tile]:
-            continue
-        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-        mine, lane = block[tile], np.zeros(TILE, np.float32)
-        at, run = begins[tile], starts[tile]
-        for e in range(starts[tile], starts[tile + 1]):
-            s = footprints[entries[e]]
-            before = at
-            first = int(min(max(np.ceil(s.y - s.reach_y - 0.5), top), top + TILE))
-            last = int(max(min(np.floor(s.y + s.reach_y + 0.5), top + TILE), top))
-            for row in range(first, last):
-                dy = row + 0.5 - s.y
-                q_y = np.float32(s.precision_y * dy * dy)
-                dx = np.float32(left + 0.5 - s.x - s.slope * dy)
-                _row(mine, np.uint64((row - top) * TILE), s, q_y, dx, lane)
-                for column in range(TILE):
-                    if lane[column] >= LEAST_SHARE and at < begins[tile + 1]:
-                        pixels[at] = (row - top) * TILE + column
-                        shares[at] = np.uint16(lane[column] * UNIT + HALF)
-                        at += 1
-            if at > before:
-                number[run], count[run] = entries[e], at - before
-                run += 1
-            if e % CLOSING_INTERVAL == 0 and not _any_open(mine):
-                open_tiles[tile] = False
-                break
-        used[tile], ran[tile] = at - begins[tile], run - starts[tile]
-
-
-@_function
-def _row(
-    block: NDArray[np.float32], first: int, s: Footprint, q_y: float, dx: float, lane: NDArray[np.float32]
-) -> None:
-    """Shares of a footprint in the pixel row at `first`; like `rasterize`'s own without a branch."""
-    precision, cutoff, opacity, depth = np.float32(s.precision_x), np.float32(s.cutoff), s.opacity, s.depth
-    for column in range(np.uint64(TILE)):
-        i = first + column
-        offset = dx + np.float32(column)
-        q = q_y + precision * offset * offset
-        before = block[LIGHT + i]
-        alpha = min(opacity * exp_minus_half(q), MAX_ALPHA)
-        alpha = alpha if (q <= cutoff) & (before >= MIN_TRANSMITTANCE) else ZERO
-        after = before * (ONE - alpha)
-        lane[column] = before * alpha
-        median = block[MEDIAN + i]
-        block[MEDIAN + i] = depth if (before > HALF) & (after <= HALF) else median
-        block[LIGHT + i] = after
-
-
-@_function
-def _any_open(block: NDArray[np.float32]) -> bool:
-    unfinished = 0
-    for i in range(np.uint64(AREA)):
-        unfinished += block[i] >= MIN_TRANSMITTANCE
-    return unfinished > 0
-
-
-@_serial
-def _pack(begins: NDArray[np.int64], used: NDArray[np.int64], values: Integers, packed: Integers) -> None:
-    """The used beginnings of the tiles' parts, end to end."""
-    at = 0
-    for tile in range(len(used)):
-        for i in range(used[tile]):
-            packed[at] = values[begins[tile] + i]
-            at += 1
-
-
-@_serial
-def _lay(values: Integers, counts: NDArray[np.int64], cursor: NDArray[np.int64], whole: Integers) -> None:
-    """Copy each tile's part to where its cursor stands, and move that on."""
-    at = 0
-    for tile in range(len(counts)):
-        for i in range(counts[tile]):
-            whole[cursor[tile] + i] = values[at]
-            at += 1
-        cursor[tile] += counts[tile]
 
 
 @shared

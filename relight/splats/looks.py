@@ -14,7 +14,8 @@ from splat2mesh.render.view import View
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from .attachment import Surface
-from .blending import Blending, blending_of, in_tiles
+from .blend_lists import in_tiles
+from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
 
 DEPTH_TOLERANCE = 0.03

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from relight.rooms import lamps, strengths
+from relight.rooms import lamps, received, strengths
 from relight.rooms.evenness import Evenness
 from relight.rooms.seen import seen_from
 from relight.transfer.occluder import Occluder
@@ -97,11 +97,11 @@ def test_a_mean_of_directions_has_length_one():
 
 def test_a_room_without_emitters_has_no_strengths_and_a_sky_that_nobody_saw_is_dimmer_beneath():
     up_and_down = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    known, unknown = strengths.sky_parts(None, up_and_down)
+    known, unknown = received.sky_parts(None, up_and_down)
     assert not known.any()
-    np.testing.assert_array_equal(unknown, [[1.0] * 3, [strengths.GROUND] * 3])
+    np.testing.assert_array_equal(unknown, [[1.0] * 3, [received.GROUND] * 3])
     none = np.zeros((0, 3))
-    empty = strengths.RoomIrradiance(
+    empty = received.RoomIrradiance(
         np.arange(100), np.ones((100, 3)), np.zeros((0, 100, 3)), none, np.zeros((100, 3)), np.zeros((0, 2), int),
         np.zeros(0), np.zeros((100, 3)),
     )  # fmt: skip
@@ -116,7 +116,7 @@ def two_lamps(ratio, albedo=strengths.USUAL_ALBEDO):
     captured = albedo * (emitters[0] + ratio * emitters[1])
     pairs = np.stack([np.arange(380), np.arange(20, 400)], axis=1)
     still = np.zeros((400, 3))
-    return strengths.RoomIrradiance(
+    return received.RoomIrradiance(
         np.arange(400), still, emitters, np.zeros((0, 3)), still, pairs, np.full(380, 1.0 / 380.0), np.log(captured)
     )
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from ball_splats import solid_ball
 
-from relight.splats.blending import LEAST_SHARE, UNIT, blending_of, in_tiles
+from relight.splats.blend_lists import LEAST_SHARE, UNIT, in_tiles
+from relight.splats.blending import blending_of
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View

@@ -1,0 +1,200 @@
+"""What places of a room receive of each of its emitters: lamps, what is clipped of the sky in its windows, surfaces."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
+from splat2mesh.scene.measured import CapturedSky
+
+from ..albedo import samples
+from ..albedo.skylight import GROUND, SkyParts
+from ..sh.sphere import fibonacci_sphere
+from ..transfer.facing import met_in_front
+from ..transfer.occluder import Occluder
+
+PLACES, DIRECTIONS = 2500, 2048
+"""Places on the surface, and directions in which each looks for windows: 4.5 degrees apart."""
+
+HITS = 4
+"""One direction in this many looks up what other surfaces send."""
+
+ONE_PLANE = 0.5
+"""In diagonals: half of the distance that a place facing the other way counts as. So most pairs are of one wall, and of
+one paint: pairs by distance alone made the agreement in albedo worse than that in captured colours."""
+
+CELLS, MOST_PATCHES = 400, 24
+"""Cells of the sphere, 10 degrees wide, that make the patches of a sky in windows, and how many of those at most: the
+ones that bring most light; what lies in others goes to the nearest."""
+
+LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
+"""Mean part of the sky that places see, from which windows are an emitter, and the same where no sky was captured in
+them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
+which turned patches of a green wall blue."""
+
+DARK, SATURATED = 0.002, 0.97
+"""Linear colours between which a place says something about its light."""
+
+
+class RoomIrradiance(NamedTuple):
+    """What N places of a room receive of each emitter.
+
+    vertices: (N,) indices. known: (N, 3) light of the sky that was seen unclipped. emitters: (E, N, 3) of each
+    emitter at strength 1; the last W are what is not known of the sky, in patches about `patches`
+    (W, 3), unit directions. bounce: (N, 3) what other surfaces send. pairs, weights: of `samples.neighbor_pairs`.
+    log_captured: (N, 3).
+    """
+
+    vertices: NDArray[np.int64]
+    known: NDArray[np.float64]
+    emitters: NDArray[np.float64]
+    patches: Directions
+    bounce: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    weights: NDArray[np.float64]
+    log_captured: NDArray[np.float64]
+
+    @property
+    def lamps(self) -> int:
+        """How many of the emitters are lamps; they come first."""
+        return len(self.emitters) - len(self.patches)
+
+
+def places_of(
+    occluder: Occluder,
+    normals: NDArray[np.float32],
+    captured: NDArray[np.float32],
+    areas: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    lamps: list[NDArray[np.int64]],
+    lamp_light: NDArray[np.float32],
+    sky: CapturedSky | None,
+    seed: int = 0,
+) -> RoomIrradiance:
+    """Gather what places of a room receive of each of its emitters.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        The scene to trace rays in, V vertices.
+    normals : ndarray of float32, (V, 3)
+        Unit vectors, averaged along the surface.
+    captured : ndarray of float32, (V, 3)
+        Linear.
+    areas : ndarray of float64, (V,)
+        Around each vertex, in squared diagonals.
+    usable : ndarray of bool, (V,)
+        What was seen from within and is no lamp.
+    lamps : list of ndarray of int64
+        Vertices of each of L lamps.
+    lamp_light : ndarray of float32, (L, V)
+        What white vertices send on of each lamp, as `lamps.light_of` returns it.
+    sky : CapturedSky or None
+        What was captured in the windows.
+    seed : int
+        Seed of the choice of places.
+
+    Returns
+    -------
+    RoomIrradiance
+        It has no places where no vertex is usable.
+    """
+    told = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
+    vertices = samples.places(occluder, areas, told, PLACES, seed)
+    directions = fibonacci_sphere(DIRECTIONS)
+    unlit = captured.copy()
+    for rows in lamps:
+        unlit[rows] = 0.0
+    free = _free(occluder, normals, vertices, directions)
+    bounce = _sent(occluder, normals, vertices, fibonacci_sphere(DIRECTIONS // HITS), unlit)
+    emitters = [np.repeat(light[vertices, None].astype(np.float64), 3, axis=1) for light in lamp_light]
+    known: NDArray[np.float64] = np.zeros((len(vertices), 3))
+    patches: Directions = np.zeros((0, 3))
+    if len(vertices) and float(free.sum(axis=1).mean()) > (LEAST_UNSEEN if sky is None else LEAST_OPEN):
+        known_part, unknown_part = sky_parts(sky, directions)
+        known = free @ known_part
+        patches, owner = _patches(directions, free.sum(axis=0) * unknown_part.mean(axis=1))
+        for number in range(len(patches)):
+            some = np.flatnonzero(owner == number)
+            emitters.append(free[:, some] @ unknown_part[some])
+    lying = np.hstack([occluder.origins[vertices], ONE_PLANE * normals[vertices]]).astype(np.float64)
+    pairs, weights = samples.neighbor_pairs(lying)
+    stacked = np.stack(emitters) if emitters else np.zeros((0, len(vertices), 3))
+    logs = np.log(captured[vertices].astype(np.float64))
+    return RoomIrradiance(vertices, known, stacked, patches, bounce, pairs, weights, logs)
+
+
+def sky_parts(
+    sky: CapturedSky | None, directions: NDArray[np.float64], image: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Divide the radiance of a sky in windows into what was seen and what is unknown.
+
+    Parameters
+    ----------
+    sky : CapturedSky or None
+        None where no sky was captured: then all of it is unknown, equally bright, without a colour.
+    directions : ndarray of float64, (K, 3)
+        Unit vectors that share the sphere evenly, or those of an image's texels.
+    image : bool
+        Whether they are of an image's texels.
+
+    Returns
+    -------
+    known, unknown : ndarray of float64, (K, 3)
+        Radiance in the unit of the captured colours: what was seen, and what exceeds it, at strength 1.
+    """
+    if sky is None:
+        upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
+        return np.zeros((len(directions), 3)), np.repeat(upward, 3, axis=1)
+    parts = SkyParts.looked_up(sky, directions) if image else SkyParts.at(sky, directions)
+    seen = np.maximum(1.0 - parts.unseen, 0.0)
+    mean = parts.known.sum(axis=0) / max(float(seen.sum() / 3.0), 1e-9)
+    return parts.known + parts.unseen * mean, parts.clipped
+
+
+def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integers]:
+    """Centres (W, 3) of the patches, and which of them each direction (K, 3) is in. brought: (K,) light of each."""
+    cells = fibonacci_sphere(CELLS)
+    cell = cKDTree(cells).query(directions)[1]
+    total = np.bincount(cell, brought, CELLS)
+    kept = np.sort(np.argsort(-total, kind="stable")[:MOST_PATCHES])
+    kept = kept[total[kept] > 0.0]
+    return cells[kept], cKDTree(cells[kept]).query(directions)[1] if len(kept) else np.zeros(len(directions), int)
+
+
+def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions) -> NDArray[np.float32]:
+    """Free directions (N, K) float32, weighted by cosine to sum to the visible fraction."""
+    free = np.zeros((len(vertices), len(directions)), np.float32)
+    toward = np.ascontiguousarray(directions, np.float32)
+    for start in range(0, len(vertices), samples.BATCH):
+        some = vertices[start : start + samples.BATCH]
+        cosine = smooth[some] @ toward.T
+        place, direction = np.nonzero(cosine > 0.0)
+        blocked = occluder.occluded(np.hstack([occluder.origins[some][place], toward[direction]]))
+        weight = cosine[place, direction] * np.float32(4.0 / len(directions))
+        free[start + place, direction] = np.where(blocked, np.float32(0.0), weight)
+    return free
+
+
+def _sent(
+    occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
+) -> NDArray[np.float64]:
+    """Light (N, 3) float64 that other surfaces send. Backs of faces are black."""
+    bounce = np.zeros((len(vertices), 3))
+    toward = np.ascontiguousarray(directions, np.float32)
+    for start in range(0, len(vertices), samples.BATCH):
+        some = vertices[start : start + samples.BATCH]
+        cosine = smooth[some] @ toward.T
+        place, direction = np.nonzero(cosine > 0.0)
+        rays = np.hstack([occluder.origins[some][place], toward[direction]])
+        hits = occluder.first_hits(rays)
+        weight = cosine[place, direction] * np.float32(4.0 / len(directions))
+        corners = occluder.faces[np.maximum(hits.faces, 0)]
+        front = met_in_front(occluder, hits, toward[direction])
+        shares = np.stack([1.0 - hits.uv.sum(axis=1), *hits.uv.T], axis=1) * (weight * front)[:, None]
+        seen = np.einsum("rk,rkc->rc", shares, captured[corners])
+        for color in range(3):
+            bounce[start : start + len(some), color] = np.bincount(place, seen[:, color], len(some))
+    return bounce
