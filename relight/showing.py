@@ -133,8 +133,8 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
         assert gloss is not None  # else nobody asks
         return gloss.under(relit, look, light, radiance, received, exposure)
 
-    glossy = gloss is not None and mixture is None and gloss.of(look) is not None
-    looks = {chosen: SplatLook(look.irradiance, received, shining if glossy else None)}
+    shines = gloss is not None and mixture is None
+    looks = {chosen: SplatLook(look.irradiance, received, shining if shines else None)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))
         looks["captured"] = SplatLook(
