@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Floats
 from splat2mesh.scene.color import luminance
 
 from .fits import PatchFits
-from .material import DEGREE, FACTORS, LEAST_CURVED
+from .material import DEGREE, FACTORS
 
 TURNS = 30
 
@@ -27,7 +27,7 @@ def reflected_light(fits: PatchFits) -> NDArray[np.float64] | None:
 
     Returns (K,) SH coefficients of its luminance, K = BANDS^2 of `fits`, frame of the scene, scale unknown, mean 0.
     """
-    rows = np.flatnonzero((fits.curved > LEAST_CURVED) & (fits.pixels > 0))
+    rows = np.flatnonzero(fits.telling)
     if len(rows) < LEAST_PATCHES:
         return None
     gram, moments = fits.gram[rows][:, :, 0], fits.moments[rows][:, :, 0]

@@ -40,6 +40,10 @@ LEAST_COSINE = 0.15
 LEAST_VIEWS, LEAST_PIXELS = 5, 500
 """Pixels in which a place is seen, and those of a patch, from which it counts."""
 
+PLANE, CURVED = 0.01, 0.1
+"""`PatchFits.curved` of patches that are always taken for planes, and of those that never are: a trained table top has
+up to .012, its objects .03 to .45, and patches of one ball .01 to .03."""
+
 NUISANCE_RIDGE = 1e-4
 
 KINDS = 2  # dielectric and metal: with and without Fresnel's rise
@@ -59,6 +63,17 @@ class PatchFits(NamedTuple):
     power: NDArray[np.float64]
     pixels: NDArray[np.int64]
     curved: NDArray[np.float64]
+
+    @property
+    def telling(self) -> NDArray[np.bool_]:
+        """(P,) bool: the patches whose reflections are sure to be some: the more curved half, or more where most are.
+
+        Over a plane, the mirrored direction is the direction of view, and what harmonics show where no camera stood
+        looks like a reflection. Parts of one large ball are all curved alike, and little.
+        """
+        seen = self.pixels > 0
+        usual = float(np.median(self.curved[seen])) if seen.any() else 0.0
+        return seen & (self.curved >= np.clip(usual, PLANE, CURVED))
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "PatchFits":

@@ -17,10 +17,6 @@ ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
 """GGX roughness that is told apart. Degree 3 shows little between the first two; a noisy normal looks rough."""
 
 DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
-LEAST_CURVED = 0.1
-"""Of a patch that tells a reflection for sure: over a plane, the mirrored direction is the direction of view, and what
-harmonics show where no camera stood looks like one."""
-
 FACTORS = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])
 """(A, K) factor of each roughness on each coefficient but the mean."""
 
@@ -80,10 +76,9 @@ def materials(fits: PatchFits, light: Floats) -> Gloss | None:
             continue
         found = _best(fits, patch, light)
         explained[patch], reflectance[patch], alpha[patch], metal[patch] = found
-    sure = (explained > GLOSS.sure_explained) & (fits.curved > LEAST_CURVED)
-    if np.count_nonzero(sure) < GLOSS.sure_patches:
-        return None
     dull = (explained < GLOSS.least_explained) | (reflectance.max(axis=1) < GLOSS.least_reflectance)
+    if np.count_nonzero((explained > GLOSS.sure_explained) & fits.telling & ~dull) < GLOSS.sure_patches:
+        return None
     reflectance[dull] = 0.0
     of = fits.patch
     return Gloss(

@@ -5,7 +5,7 @@ Splats are bound to their mesh, and fitted to its light, in a thread: both take 
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ WAITING = "binding the splats to the mesh"
 """What the panel says until then; the captured splats are shown."""
 
 
+Shine: TypeAlias = Callable[[Splats, NDArray[np.float64], NDArray[np.float32], NDArray[np.floating], float], Splats]
+"""Of `SplatLook.gloss`."""
+
+
 class SplatLook(NamedTuple):
     """How splats take the light of one albedo. before: (V, 3) irradiance in the light of the capture, unit of the
     captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: takes relit
@@ -36,9 +40,7 @@ class SplatLook(NamedTuple):
 
     before: NDArray[np.float32]
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
-    gloss: Callable[[Splats, NDArray[np.float64], NDArray[np.float32], NDArray[np.floating], float], Splats] | None = (
-        None
-    )
+    gloss: Shine | None = None
 
 
 class SplatSource(NamedTuple):
