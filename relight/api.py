@@ -42,6 +42,7 @@ from .writing import Writer, report_of
 if TYPE_CHECKING:
     import pyvista
 
+    from .gloss.gloss_plan import GlossPlan
     from .planning.lamp_plan import LampPlan
 
 
@@ -210,7 +211,8 @@ class RelightPlan(NamedTuple):
 
     plan: the Plan of the environment; None where there is none, or the splat is not meshed yet. note: what it leaves
     open, or "". lamps: the LampPlan of the lamps that are put in, or None. lamp_count: how many.
-    lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any.
+    lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
+    GlossPlan of the scene, None where nothing is glossy or it was not looked at yet.
     """
 
     plan: Plan | None
@@ -218,11 +220,13 @@ class RelightPlan(NamedTuple):
     lamps: "LampPlan | None" = None
     lamp_count: int = 0
     lamps_picture: NDArray[np.uint8] | None = None
+    gloss: "GlossPlan | None" = None
 
     def table(self) -> list[str]:
         """Return it as lines of text."""
         lines = [] if self.plan is None else self.plan.table()
         lines += [f"  {self.note}"] * bool(self.note) if lines else [self.note] * bool(self.note)
+        lines += [] if self.gloss is None else self.gloss.table()
         return lines + ([] if self.lamps is None else self.lamps.table(self.lamp_count))
 
 
@@ -252,7 +256,8 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         raise InputError("no environment changes this room, so that there is nothing to plan")
     if plan is None and lamps is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
-    return RelightPlan(plan, note, lamps, count, picture)
+    gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
+    return RelightPlan(plan, note, lamps, count, picture, gloss)
 
 
 def view_request(

@@ -56,6 +56,12 @@ class Reflections:
         nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
         return [view.reflected(light, nodes) for view in self._views]
 
+    def pictures(self) -> list[NDArray[np.float32]]:
+        """The splats as captured, (P, 3) display values of each view."""
+        eyes = (view.pixels.eye for view in self._views)
+        shown = (self._drawn.colors_toward(eye).astype(np.float32) for eye in eyes)
+        return [view.pixels.blending.drawn(colors) for view, colors in zip(self._views, shown, strict=True)]
+
     def shining(self, emitters: Emitters, frame: Frame, scene_from_splat: Matrix4) -> list[NDArray[np.float64]]:
         """The highlights of emitters on the same pixels: `lamp_lobes`."""
         asked = self._binding.surface, emitters, frame, scene_from_splat

@@ -1,7 +1,7 @@
 """The gloss of one scene: observed once, kept with the scene, and shown anew in every light."""
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..sh import harmonics
 from ..transfer.store import Cache, array_key
 from .agreement import reflected_light
 from .fits import PatchFits, observed
+from .gloss_plan import GlossPlan, plan_gloss
 from .material import Gloss, materials
 from .reflections import Reflections
 from .views import outer_looks
@@ -127,6 +128,18 @@ class SceneGloss:
             log_gain = binding.log_gains(look.irradiance, received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 
+    def plan(self, look: "Appearance") -> GlossPlan | None:
+        """What gloss contributes and costs; None where nothing is glossy. It traces what a light needs next."""
+        gloss = self.of(look)
+        looks = None if gloss is None else self._looks
+        if gloss is None or looks is None or look.environment is None:
+            return None
+        own = look.environment.sh(harmonics.MAX_BANDS)
+        make = partial(Reflections, self._binding(), looks, gloss, self._rotation)
+        with self._stages.stage("plan"):
+            self._reflections, found = plan_gloss(make, gloss, own, look.captured)
+        return found
+
     def as_dict(self, look: "Appearance") -> dict[str, Any] | None:
         """What the report tells, JSON-clean; None where nothing is glossy."""
         gloss = self.of(look)
@@ -134,8 +147,8 @@ class SceneGloss:
             return None
         rows = gloss.glossy
         return {
-            "share": round(float(rows.mean()), 4),
-            "metal_share": round(float((rows & gloss.metal).mean()), 4),
+            "surface": round(float(rows.mean()), 4),
+            "metal": round(float((rows & gloss.metal).mean()), 4),
             "reflectance": np.median(gloss.reflectance[rows], axis=0).round(4).tolist(),
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
             "light_from_reflections": self.shape is not None,

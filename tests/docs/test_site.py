@@ -49,7 +49,7 @@ def site(tmp_path_factory):
     [
         ("index.html", "relight garden.ply --env sunset"),
         ("python/index.html", "relight_scene"),
-        ("limits/index.html", "Surfaces are diffuse"),
+        ("limits/index.html", "Highlights move"),
         ("integrations/blender/index.html", "Install from Disk"),
         ("reference/relight/index.html", "relight.Relighter"),
         ("reference/splat2mesh/index.html", "Make a scene from a trained splat"),

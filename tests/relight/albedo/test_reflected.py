@@ -36,7 +36,7 @@ def test_a_shape_becomes_a_positive_light(contrast):
     if contrast < 1.0:  # beyond, five bands of the logarithm hold too little of the dark half
         assert np.average(light, weights=weights) == pytest.approx(1.0, abs=0.1)
     about = harmonics.evaluate(directions, 5) @ shape
-    assert np.corrcoef(light, about)[0, 1] > 0.8
+    assert np.corrcoef(light, about)[0, 1] > 0.6  # its brightest parts grow, the dark end at 0
     np.testing.assert_allclose(log_shape(7.0 * shape, contrast, 5), log)  # its scale does not count
 
 
