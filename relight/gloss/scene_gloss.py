@@ -128,6 +128,19 @@ class SceneGloss:
             log_gain = binding.log_gains(look.irradiance, received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 
+    def roughness(self, look: "Appearance") -> NDArray[np.float32] | None:
+        """(V, 2) of the vertices: roughness as glTF has it, the root of alpha, 1 where it is matt; and metalness.
+
+        None where nothing is glossy.
+        """
+        gloss = self.of(look)
+        if gloss is None:
+            return None
+        rough = np.where(gloss.glossy, np.sqrt(gloss.alpha), np.float32(1.0))
+        metal = gloss.glossy & gloss.metal
+        node = self._binding().surface.node
+        return np.stack([rough, metal], axis=1).astype(np.float32)[node]
+
     def plan(self, look: "Appearance") -> GlossPlan | None:
         """What gloss contributes and costs; None where nothing is glossy. It traces what a light needs next."""
         gloss = self.of(look)

@@ -250,7 +250,8 @@ class Results:
             picture = self._relit_texture(shaded)
             write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
             albedo = self._texture.image(self._texture.albedo)
-            write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False)
+            gloss = None if self._gloss is None else self._gloss.roughness(self._appearance)
+            write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False, gloss=gloss)
             if "transfer" in self._baked:
                 names += write_transfer(folder, self._texture, self._relighter.transfer)
         return names

@@ -17,6 +17,7 @@ from .mesh_files import unit_normals
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
+    from ..texture.atlas import Atlas
     from ..texture.baking import Baked
 
 TRANSFER_BANDS = 3
@@ -33,6 +34,7 @@ def write_textured_glb(
     image: NDArray,  # (size, size, 3) uint8 sRGB
     unlit: bool = True,  # shown as it is; False: lit by whoever shows it, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
+    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
 ) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
 
@@ -48,9 +50,9 @@ def write_textured_glb(
         )
     file = Glb(
         extensionsUsed=["KHR_materials_unlit"] if unlit else [],
-        materials=[_material(gltf, unlit)],
+        materials=[_material(gltf, unlit, gloss is not None)],
         samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
-        textures=[gltf.Texture(sampler=0, source=0)],
+        textures=[gltf.Texture(sampler=0, source=source) for source in range(1 + (gloss is not None))],
     )
     normals, first = unit_normals(scene.normals), 0
     for index, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=True)):
@@ -64,6 +66,9 @@ def write_textured_glb(
         file.mesh(f"chunk_{index:04d}", attributes, indices=file.indices(faces, len(rows)), material=0)
     view = file.data(png_bytes(image))
     file.document.images = [gltf.Image(bufferView=view, mimeType="image/png", name="color")]
+    if gloss is not None:
+        view = file.data(png_bytes(_gloss_image(atlas, gloss)))
+        file.document.images.append(gltf.Image(bufferView=view, mimeType="image/png", name="gloss"))
     file.save(path, extras)
 
 
@@ -124,10 +129,19 @@ def _write_exr(path: Path, image: NDArray) -> None:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(image)}).write(str(staging))
 
 
-def _material(gltf: Any, unlit: bool) -> Any:
+def _gloss_image(atlas: "Atlas", gloss: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(size, size, 3) uint8 as glTF has it: roughness in green, metalness in blue."""
+    values = np.ones((atlas.vertices, 3), np.float32)
+    values[:, 1:] = gloss
+    return atlas.image(np.rint(255.0 * np.clip(atlas.interpolate(values), 0.0, 1.0)).astype(np.uint8))
+
+
+def _material(gltf: Any, unlit: bool, glossy: bool = False) -> Any:
     surface = gltf.PbrMetallicRoughness(
-        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=0.0, roughnessFactor=1.0
+        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=float(glossy), roughnessFactor=1.0
     )
+    if glossy:
+        surface.metallicRoughnessTexture = gltf.TextureInfo(index=1)
     return gltf.Material(
         name="relit" if unlit else "albedo",
         pbrMetallicRoughness=surface,

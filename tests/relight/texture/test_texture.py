@@ -327,6 +327,28 @@ def test_khronos_finds_nothing_wrong(tmp_path, ball, unlit):
     assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
 
 
+def test_gloss_is_in_a_texture_of_its_own_as_gltf_has_it(tmp_path, ball):
+    scene = scene_of(ball.vertices, ball.normals, ball.faces, ball.colors_srgb, 40_000)
+    baked = bake(scene, size=128)
+    gloss = np.stack([np.where(ball.vertices[:, 1] > 0, 0.4, 1.0), ball.vertices[:, 1] > 0], axis=1).astype(np.float32)
+    write_textured_glb(tmp_path / "a.glb", scene, baked, baked.image(baked.albedo), False, gloss=gloss)
+    issues = validator_issues(tmp_path / "a.glb")
+    assert (issues["numErrors"], issues["numWarnings"]) == (0, 0), issues["messages"]
+    data = (tmp_path / "a.glb").read_bytes()
+    document = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    surface = document["materials"][0]["pbrMetallicRoughness"]
+    assert surface["metallicFactor"] == surface["roughnessFactor"] == 1.0  # the texture's values count as they are
+    source = document["textures"][surface["metallicRoughnessTexture"]["index"]]["source"]
+    view = document["bufferViews"][document["images"][source]["bufferView"]]
+    start = 28 + int.from_bytes(data[12:16], "little") + view["byteOffset"]
+    image = iio.imread(data[start : start + view["byteLength"]])
+    rows, columns = np.clip(np.floor(baked.atlas.uv[:, ::-1] * 128).astype(int), 0, 127).T
+    upper = scene.vertices[baked.atlas.vertex][:, 1] > 0.3
+    np.testing.assert_array_equal(image[rows, columns][upper, 1:], [[102, 255]] * int(upper.sum()))
+    lower = scene.vertices[baked.atlas.vertex][:, 1] < -0.3
+    np.testing.assert_array_equal(image[rows, columns][lower, 1:], [[255, 0]] * int(lower.sum()))
+
+
 def test_a_shader_lights_the_mesh_by_the_documented_formula(tmp_path, ball):
     """Albedo times the sum of light and transfer, from the files alone, is what the vertices send out."""
     import OpenEXR
