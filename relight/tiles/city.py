@@ -19,6 +19,7 @@ from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
 from ..request import RelightRequest
+from .mixture import lamps_asked
 from .parts import room_for
 from .shared import LIGHT, write_sky
 from .streamed import FOLDER, META, lod_meta
@@ -34,7 +35,18 @@ KNOWN = (
 )
 """Fields of RelightRequest that a city takes, or that say nothing without another that it does not take."""
 
-KNOWN_LIGHTING = ("method", "bands", "rays", "effects", "tolerance", "budget_s", "seed")
+KNOWN_LIGHTING = (
+    "method",
+    "bands",
+    "rays",
+    "effects",
+    "tolerance",
+    "budget_s",
+    "seed",
+    "placed",
+    "captured",
+    "env_scale",
+)
 
 
 def is_city(path: str | os.PathLike[str]) -> bool:
@@ -55,7 +67,7 @@ def relight_city(
     ----------
     request : RelightRequest
         Its scene is what `convert_city` wrote. A city knows KNOWN alone, one angle, and of LightingOptions all but
-        what becomes of lamps.
+        what becomes of captured lamps.
     engine : Loop or Cluster, optional
         What runs the tasks, where it is not made of the request's `tiling`.
     folder : str, optional
@@ -107,6 +119,7 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
     plan = CityPlan(**store.read_json(FILE)["plan"])
     folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
     options = request.lighting.planned(PLACE_TOLERANCE)
+    lamps_asked(options)  # one that cannot be read fails before any work
     asked = {
         "environment": light.name,
         "angle_deg": angle_deg,

@@ -18,6 +18,7 @@ from ..albedo.division import Prior
 from ..light.environment import Environment
 from ..splats.light_ratio import Usual
 from .background import Background
+from .mixture import CityMixture
 
 SKY, LIGHT = "sky.npz", "light.npz"
 """Of a relit city's folder: the new light; and all that tiles share, the same for all of them."""
@@ -29,7 +30,7 @@ class Shared(NamedTuple):
     cores: (T, 2, 2) lowest and highest x and z. coarse: their coarse meshes, None where a tile has no surface. sky:
     the new light. capture: that of the capture, or None where none was told. prior: of the albedo, with `capture`.
     usual: change of light of the coarse city. background: of what belongs to no tile, None where all does or no splats
-    are written.
+    are written. mixture: what lights it beside the new light, or None.
     """
 
     scene_from_splat: NDArray[np.float64]
@@ -41,6 +42,12 @@ class Shared(NamedTuple):
     exposure: float = 1.0
     usual: Usual | None = None
     background: Background | None = None
+    mixture: CityMixture | None = None
+
+    @property
+    def sky_exposure(self) -> float:
+        """Display value per unit of the new light, as it is seen itself."""
+        return self.exposure * (1.0 if self.mixture is None else self.mixture.env_scale)
 
     @classmethod
     def read(cls, store: Store, folder: str, key: str) -> "Shared":
@@ -114,6 +121,8 @@ def write_shared(store: Store, folder: str, shared: Shared) -> str:
         arrays |= {f"usual_{name}": value for name, value in shared.usual._asdict().items()}
     if shared.background is not None:
         arrays |= {f"background_{name}": value for name, value in shared.background.arrays().items()}
+    if shared.mixture is not None:
+        arrays |= shared.mixture.arrays()
     for name in ("vertices", "faces"):
         counts = [0 if mesh is None else len(getattr(mesh, name)) for mesh in shared.coarse]
         arrays[f"coarse_{name}_counts"] = np.array(counts)
@@ -157,4 +166,5 @@ def _read_shared(root: str, folder: str, key: str) -> Shared:
         float(kept["exposure"]),
         Usual(*(kept[f"usual_{name}"] for name in Usual._fields)) if "usual_soft" in kept else None,
         Background.from_arrays({name.removeprefix("background_"): value for name, value in kept.items()}),
+        CityMixture.from_arrays(kept),
     )

@@ -23,6 +23,7 @@ from ..options import LightingOptions
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
 from .local import NEAR, Local, Surroundings, far_scene
+from .mixture import is_mixed, lamps_asked, look_of, mixture_of, tolerance_of
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
@@ -46,7 +47,7 @@ def common_light(
     """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
     from ..albedo import estimate
     from ..albedo.samples import vertex_areas
-    from ..engine.exposure import exposure_as_captured
+    from ..engine.exposure import exposure_as_captured, level_of
     from ..engine.relighter import Relighter
     from ..light.tonemap import auto_exposure
 
@@ -69,10 +70,20 @@ def common_light(
             "evidence": round(float(found.evidence), 3),
         }
         colors, brightness = found.albedo, found.brightness
-    radiance = relighter.shade(sky, colors)
-    exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(radiance)) if ev is None else 2.0**ev
+    shading = relighter.shading(sky, colors)
+    received = _irradiance(shading.radiance, colors)
+    exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(shading.radiance))
+    if is_mixed(options):
+        look = look_of(colors, captured, before)
+        exposure = auto_exposure(shading.radiance) if brightness is None else level_of(brightness, sky)
+        mixture = mixture_of(options, relighter, look, exposure, lamps_asked(options))
+        mixed = mixture.shading(look, shading, mixture.placed(relighter, look, tolerance_of(options)))
+        assert mixed.received is not None  # of a mixture it is known
+        shared, received = shared._replace(mixture=mixture), mixed.received
+        told["lamps"] = len(mixture.lamps)
+    exposure = exposure if ev is None else 2.0**ev
     shared = shared._replace(exposure=exposure)
-    after = _irradiance(radiance, colors) * np.float32(exposure)
+    after = received * np.float32(exposure)
     shares = vertex_areas(relighter.occluder)
     usual = Usual.of(before.astype(np.float64), after.astype(np.float64), shares)
     gain = log_gain(captured, before, after, shares, usual)[1]
@@ -168,17 +179,29 @@ def _lit_part(
     relighter = Relighter(local.scene, request.options, shown=lambda: local.shown)
     captured = local.scene.colors_linear
     colors, before = _albedo(relighter, captured, shared, request.albedo, request.options.seed)
+    mixture, placed, look = None, None, look_of(colors, captured, before)
+    if shared.mixture is not None:
+        shown = local.scene.vertices[local.shown][:, [0, 2]].astype(np.float64)
+        mixture = shared.mixture.near(shown.min(axis=0), shown.max(axis=0), tolerance_of(request.options))
+        placed = mixture.placed(relighter, look, tolerance_of(request.options))
     plan = relighter.plan_for(shared.sky, colors)
     if plan is not None:
         relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
     shading = relighter.shading(shared.sky, colors)
     del relighter, plan  # which hold all that was traced
     give_back()
+    received = _irradiance(shading.radiance, colors)
+    if mixture is not None:
+        shading = mixture.shading(look, shading, placed)
+        assert shading.received is not None  # of a mixture it is known
+        received = shading.received
     own = np.flatnonzero(local.own)
     told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
+    if mixture is not None:
+        told["lamps"] = len(mixture.lamps)
     relit = None
     if splats is not None:
-        relit = _relit_sh(splats, local, before, _irradiance(shading.radiance, colors), shared, request.spacing)
+        relit = _relit_sh(splats, local, before, received, shared, request.spacing)
     return shading.radiance[own], relit, told
 
 
@@ -249,4 +272,4 @@ def _far(store: Store, folder: str, key: str, piece: int, sky: str) -> Splats:
     shared, splats = Shared.read(store, folder, key), far_splats(store, piece)
     if shared.background is None:
         return splats
-    return relit_background(splats, shared.background, shared.sky, shared.scene_from_splat, shared.exposure, sky)
+    return relit_background(splats, shared.background, shared.sky, shared.scene_from_splat, shared.sky_exposure, sky)
