@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
-from splat2mesh.base.calibration import Provenance
+from splat2mesh.base.calibration import NOT_RECORDED, Provenance
 
 from ..sh import harmonics
 from .fits import BANDS, PatchFits
@@ -32,9 +32,9 @@ class GlossCalibration:
     """
 
     provenance: ClassVar = Provenance(
-        script="scripts/calibrate_gloss.py",
-        fitted_on="one trained table of glazed and metal objects",
-        held_out="the largest share of matte patches is in docs/gloss.md",
+        script=NOT_RECORDED,
+        fitted_on="a trained table of glazed and metal objects; matt: a trained object, tabletop and garden",
+        held_out=NOT_RECORDED,
     )
 
     least_explained: float = 0.025
