@@ -47,6 +47,10 @@ def closed_part(
     return part if part <= MOST_CLOSED else None
 
 
+BESIDE = "`placed` puts lamps in, `captured` dims what was there"
+"""What works in every room."""
+
+
 def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:
     """Mean visible fraction (V,) over what is seen from the eyes (E, 3), scene frame; 1 where there is nothing to see.
 
@@ -71,7 +75,7 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
     if found is None:
         line += f"{problem}, so that it stays as captured"
-        return f"{line} (`opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
+        return f"{line} ({BESIDE}, `opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
     lamps, windows = len(found["lamps"]), bool(found["windows"])
     line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
     if not windows:
@@ -81,4 +85,5 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     if lamps and windows:
         line += f"; that they are as bright as a median albedo of {found['assumed_albedo']:g} makes them is assumed"
     dims = "`lamps` off or a factor dims them, " * bool(lamps)
+    dims += "" if windows else f"{BESIDE}, "
     return f"{line} ({dims}`opened` ceiling lets {'more light' if windows else 'the new light'} in)"
