@@ -1,7 +1,7 @@
 """Write a scene with ground truth to a folder: its splat, mesh, albedo, cameras and light.
 
 Objects: object, tabletop, room (open). Places: garden, lounge (closed, two windows, a lamp), nook (an open box); small
-and hard on light: closed-box, forest, cabinet, one-window, white-sky.
+and hard on light: closed-box, forest, cabinet, one-window, white-sky. Gloss: ceramics, with harmonics of degree 3.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from splat2mesh.splats.formats import write_inria_ply
 
 from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap
 from .city import write_city
-from .files import write_place, write_truth_ply
+from .files import write_ceramics, write_place, write_truth_ply
 from .kinds import KINDS, build
 from .light import bake, exposure
 from .places import PLACES
@@ -30,6 +30,7 @@ EPILOG = """examples:
   python -m scenes room --kind room --splats 500000 --env sunset
   python -m scenes garden --kind garden --env cloudy --relit sunset
   python -m scenes big --splats 6000000 --seed 3
+  python -m scenes table --kind ceramics --env studio --relit noon
   python -m scenes city --kind city --splats 30e6
 """
 
@@ -50,7 +51,10 @@ def _parser():
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="folder to write")
     parser.add_argument(
-        "--kind", choices=[*KINDS, *PLACES, "city"], default="tabletop", help="what to build (default: tabletop)"
+        "--kind",
+        choices=[*KINDS, *PLACES, "ceramics", "city"],
+        default="tabletop",
+        help="what to build (default: tabletop)",
     )
     parser.add_argument(
         "--splats", type=_whole, default=100_000, metavar="N", help="number of splats (default: 100000)"
@@ -65,10 +69,11 @@ def _parser():
         action="append",
         default=[],
         metavar="NAME",
-        help="places: write the truth under this sky too; again for more",
+        help="places, ceramics: write the truth under this sky too; again for more",
     )
     parser.add_argument("--lamps", type=float, default=1.0, metavar="X", help="factor on a place's lamps under --relit")
     parser.add_argument("--degree", type=int, default=0, choices=(0, 1), help="of a place's harmonics (default: 0)")
+    parser.add_argument("--matte", action="store_true", help="ceramics: without glaze, its metals painted")
     parser.add_argument("--views", type=int, default=64, metavar="N", help="number of cameras (default: 64)")
     parser.add_argument("--overwrite", action="store_true", help="replace OUT where it exists")
     parser.add_argument("--json", action="store_true", help="print truth.json instead of a summary")
@@ -91,6 +96,10 @@ def _generate(options):
     check_output(options.out, options.overwrite)
     if options.kind in PLACES:
         return write_place(options)
+    if options.matte and options.kind != "ceramics":
+        raise InputError(f"--kind {options.kind}: --matte is for ceramics")
+    if options.kind == "ceramics":
+        return write_ceramics(options)
     if options.kind == "city":
         return write_city(options)
     if options.relit or options.degree:

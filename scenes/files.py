@@ -1,4 +1,4 @@
-"""The files of a generated place: what a capture leaves, and the truth beside it."""
+"""The files of generated places and glossy tables: what a capture leaves, and the truth beside it."""
 
 import json
 
@@ -8,8 +8,11 @@ from splat2mesh.base.outputs import staged_folder
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.splats.formats import write_inria_ply
 
-from .cameras import SCENE_FROM_SPLAT, capture_views, write_colmap, write_inria_cameras
+from .cameras import SCENE_FROM_SPLAT, capture_views, seen_faces, write_colmap, write_inria_cameras
 from .capture import capture, seen_distance
+from .ceramics import ceramics
+from .highlights import glossy_splats
+from .light import bake
 from .photograph import photograph
 from .places import build_place
 from .radiosity import light
@@ -67,6 +70,48 @@ def write_place(options):
             _write_truth(folder / "truth_capture.npz", lighting, made, views)
         for other in lights.values():
             _write_truth(folder / f"truth_{other.name}.npz", light(place, other, options.lamps), made, views)
+        (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    summary = f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"
+    return [summary], facts
+
+
+def write_ceramics(options):
+    """Generate the glossy table of parsed options into a folder; returns summary lines and facts.
+
+    splat.ply and sparse/0 are what a training leaves (y down); truth.ply, environment.exr and truth_gloss.npz, with the
+    reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are what it does not tell. truth_LIGHT.ply: the same
+    Gaussians, trained under another light at the same exposure.
+    """
+    environments = [capture_sky(name) for name in (options.env, *options.relit)]
+    truth = ceramics(options.seed, options.vertices or 20_000, not options.matte)
+    views = capture_views(truth, options.views)
+    faces = seen_faces(truth, views)
+    splats, factor = glossy_splats(truth, environments, views, options.splats, options.seed, faces)
+    seen = np.zeros(len(truth.vertices), bool)
+    seen[truth.faces[faces]] = True
+    facts = {
+        "kind": truth.kind,
+        "seed": truth.seed,
+        "environment": options.env,
+        "exposure": factor,
+        "splats": len(splats[0]),
+        "vertices": len(truth.vertices),
+        "faces": len(truth.faces),
+        "glossy": bool(truth.glossy.any()),
+        "views": len(views),
+        "lights": [environment.name for environment in environments[1:]],
+        "bounds": [truth.vertices.min(axis=0).tolist(), truth.vertices.max(axis=0).tolist()],
+        "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
+    }
+    with staged_folder(options.out, options.overwrite) as folder:
+        write_inria_ply(folder / "splat.ply", splats[0])
+        write_truth_ply(folder / "truth.ply", truth, factor * bake(truth, environments[0]), seen)
+        write_colmap(folder / "sparse" / "0", views)
+        write_exr(folder / "environment.exr", environments[0])
+        gloss = {"reflectance": truth.reflectance, "alpha": truth.alpha, "metal": truth.metal}
+        np.savez_compressed(folder / "truth_gloss.npz", **gloss)
+        for environment, relit in zip(environments[1:], splats[1:], strict=True):
+            write_inria_ply(folder / f"truth_{environment.name}.ply", relit)
         (folder / "truth.json").write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
     summary = f"{options.out}: {facts['splats']} splats, {facts['vertices']} vertices, {facts['views']} views"
     return [summary], facts

@@ -83,16 +83,16 @@ def build(kind="tabletop", seed=0, vertices=45_000):
 
 def _object(rng, edge):
     """One bumpy blob in empty space, for views from all around."""
-    points, faces = _placed(shapes.blob(0.5, 0.35, rng, edge), (0, 0.5, 0))
+    points, faces = placed(shapes.blob(0.5, 0.35, rng, edge), (0, 0.5, 0))
     return [(points, faces, albedo.patches(points, albedo.random_colors(rng, 24), rng))]
 
 
 def _tabletop(rng, edge):
     """Six solids on a slab: a column in the middle, the others around it in random order."""
-    slab, slab_faces = _placed(shapes.rounded_box((2.8, 0.14, 2.8), 0.04, edge), (0, -0.07, 0))
+    slab, slab_faces = placed(shapes.rounded_box((2.8, 0.14, 2.8), 0.04, edge), (0, -0.07, 0))
     solids = [(slab, slab_faces, albedo.patches(slab, albedo.random_colors(rng, 60), rng))]
     colors = albedo.random_colors(rng, 12)
-    column = _placed(shapes.turned(COLUMN, edge), (rng.uniform(-0.05, 0.05), -SINK, 0.0))
+    column = placed(shapes.turned(COLUMN, edge), (rng.uniform(-0.05, 0.05), -SINK, 0.0))
     solids.append((*column, albedo.mottled(column[0], colors[0], rng, 0.15)))
     radius = rng.uniform(0.26, 0.32)
     around = [
@@ -113,7 +113,7 @@ def _tabletop(rng, edge):
     places = rng.permutation(len(around)) + rng.uniform(-0.1, 0.1, len(around)) + rng.uniform()
     for (solid, height, paint), place in zip(around, places * 2 * np.pi / len(around), strict=True):
         height = -solid[0][:, 1].min() if height is None else height
-        points, faces = _placed(solid, (0.95 * np.cos(place), height - SINK, 0.95 * np.sin(place)), rng.uniform(0, 360))
+        points, faces = placed(solid, (0.95 * np.cos(place), height - SINK, 0.95 * np.sin(place)), rng.uniform(0, 360))
         solids.append((points, faces, paint(points)))
     return solids
 
@@ -149,9 +149,9 @@ def _room(rng, edge):
             points, faces = _slab(low + np.asarray(move), high + np.asarray(move), edge)
             solids.append((points, faces, albedo.mottled(points, color, rng, 0.5)))
     colors = albedo.random_colors(rng, 4)
-    vase, vase_faces = _placed(shapes.turned(np.array(VASE) * 0.8, edge), offset + np.array([0.2, 0.76 - SINK, 0.1]))
+    vase, vase_faces = placed(shapes.turned(np.array(VASE) * 0.8, edge), offset + np.array([0.2, 0.76 - SINK, 0.1]))
     solids.append((vase, vase_faces, albedo.stripes(vase, colors[:2], (0.2, 1, 0), 0.12)))
-    ball, ball_faces = _placed(shapes.blob(0.3, 0.25, rng, edge), (-0.8, 0.3 - 2 * SINK, 1.2))
+    ball, ball_faces = placed(shapes.blob(0.3, 0.25, rng, edge), (-0.8, 0.3 - 2 * SINK, 1.2))
     solids.append((ball, ball_faces, albedo.checker(ball, colors[2:], 0.17)))
     return solids
 
@@ -162,10 +162,10 @@ KINDS = {"tabletop": _tabletop, "room": _room, "object": _object}
 def _slab(low, high, edge):
     """A lightly rounded box between two corners."""
     low, high = np.asarray(low, np.float64), np.asarray(high, np.float64)
-    return _placed(shapes.rounded_box(high - low, 0.02, edge), (low + high) / 2)
+    return placed(shapes.rounded_box(high - low, 0.02, edge), (low + high) / 2)
 
 
-def _placed(solid, position, turn_deg=0.0):
+def placed(solid, position, turn_deg=0.0):
     """A solid turned about the y axis, then moved."""
     points, faces = solid
     sin, cos = np.sin(np.radians(turn_deg)), np.cos(np.radians(turn_deg))
