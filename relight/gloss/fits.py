@@ -37,7 +37,7 @@ PLACE, COLOR = 10.0, 4.0
 LEAST_COSINE = 0.15
 """Under flatter angles a pixel shows what lies behind, too."""
 
-LEAST_VIEWS, LEAST_PIXELS = 5, 500
+LEAST_VIEWS, LEAST_PIXELS = 4, 500
 """Pixels in which a place is seen, and those of a patch, from which it counts."""
 
 PLANE, CURVED = 0.01, 0.1

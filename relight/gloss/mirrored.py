@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Matrix3
+from splat2mesh.render.screentiles import AREA
 
 from ..sh import harmonics
 from ..splats.attachment import Surface
+from ..splats.blending import Blending
 from .ggx import fresnel_rise, lobe_direction, zonal_factors
 from .material import Gloss
 from .pixels import SurfacePixels
@@ -31,7 +33,8 @@ class MirroredPixels(NamedTuple):
 
     pixels: SurfacePixels. strength: (Q, 3), reflectance towards the eye. alpha: (Q,). visible: (Q,) share of the lobe
     that sees the light. corners: (Q, RAYS, 3) int32 nodes that rays hit, and weights: (Q, RAYS, 3) float32, whose sum
-    is the share of the lobe that is hidden. scene: (3, 3) rotation into the frame of the scene.
+    is the share of the lobe that is hidden. scene: (3, 3) rotation into the frame of the scene. blending: of the view,
+    as far as it is of these pixels.
     """
 
     pixels: SurfacePixels
@@ -41,6 +44,7 @@ class MirroredPixels(NamedTuple):
     corners: NDArray[np.int32]
     weights: NDArray[np.float32]
     scene: Matrix3
+    blending: Blending
 
     @classmethod
     def of(cls, seen: SurfacePixels, surface: Surface, gloss: Gloss, scene: Matrix3) -> "MirroredPixels":
@@ -65,7 +69,10 @@ class MirroredPixels(NamedTuple):
             total += weight
         weights /= total[:, None, None].astype(np.float32)
         share = np.where(total > 1e-9, visible / total, 1.0).astype(np.float32)
-        return cls(pixels, np.minimum(strength, 1.0).astype(np.float32), alpha, share, corners, weights, scene)
+        wanted = np.zeros(AREA * (len(seen.blending.runs) - 1), bool)
+        wanted[pixels.known] = True
+        strength = np.minimum(strength, 1.0).astype(np.float32)
+        return cls(pixels, strength, alpha, share, corners, weights, scene, seen.blending.of_pixels(wanted))
 
     def reflected(self, light: Floats, radiance: Floats) -> NDArray[np.float64]:
         """(Q, 3) radiance that each sends to the eye by reflection.

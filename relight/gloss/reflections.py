@@ -84,7 +84,7 @@ class Reflections:
         shown = splats.take(rows)
         errors = []
         for view, old, new in zip(self._views, before, after, strict=True):
-            picture = view.pixels.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
+            picture = view.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
             now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
             ratio = np.exp(2.4 * view.pixels.of_nodes(log_gain))
             change = new - ratio * old
@@ -97,7 +97,7 @@ class Reflections:
         if not any(error.any() for error in errors):
             return splats
         means = self._drawn.means
-        parts = [(view.pixels.blending, view.pixels.known, view.pixels.eye) for view in self._views]
+        parts = [(view.blending, view.pixels.known, view.pixels.eye) for view in self._views]
         found = fitted(means, self._glossy, parts, errors, DEGREE)
         sh = np.zeros((len(splats), (DEGREE + 1) ** 2, 3), np.float32)
         sh[:, : splats.sh.shape[1]] = splats.sh

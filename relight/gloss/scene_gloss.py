@@ -13,12 +13,12 @@ from splat2mesh.splats.splats import Splats
 
 from ..sh import harmonics
 from ..transfer.store import Cache, array_key
-from .agreement import reflected_light
+from .agreement import hints_at_gloss, reflected_light
 from .fits import PatchFits, observed
 from .gloss_plan import GlossPlan, plan_gloss
 from .material import Gloss, materials
 from .reflections import Reflections
-from .views import outer_looks
+from .views import GLANCE, outer_looks
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -55,15 +55,25 @@ class SceneGloss:
     @cached_property
     def fits(self) -> PatchFits | None:
         """What pictures of the splat show of reflections; None where its harmonics show too little."""
-        if self._splats.degree < LEAST_DEGREE or self._kept is not None:
-            return self._kept
+        if self._splats.degree < LEAST_DEGREE:
+            return None
+        found = self._kept
+        if found is None:
+            binding = self._binding()
+            if not self._scene.is_place:  # of which no pictures are there yet
+                with self._stages.stage("look at gloss"):
+                    glance = outer_looks(binding, self._scene, GLANCE)
+                found = self._observed(glance)
+            if found is None or hints_at_gloss(found):
+                found = self._observed(self._looks)
+            if found is not None and self._cache is not None:
+                self._cache.put("reflections", *self._key, **found._asdict())
+        return found if found is not None and hints_at_gloss(found) else None
+
+    def _observed(self, looks: "Looks | None") -> PatchFits | None:
         colors = self._scene.colors_srgb.astype(np.float64) / 255.0
-        binding, looks = self._binding(), self._looks
         with self._stages.stage("observe gloss"):
-            found = observed(binding, looks, self._rotation, colors, self._seed)
-        if found is not None and self._cache is not None:
-            self._cache.put("reflections", *self._key, **found._asdict())
-        return found
+            return observed(self._binding(), looks, self._rotation, colors, self._seed)
 
     @property
     def known(self) -> bool:

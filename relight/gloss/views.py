@@ -9,6 +9,9 @@ from splat2mesh.views.viewpoints import OUTER_FOV_DEG, even_directions
 from ..splats.binding import Binding
 from ..splats.looks import Looks
 
+GLANCE = 16
+"""Views that are looked at first, and tell whether anything may be glossy."""
+
 VIEWS, PIXELS = 40, 256
 """Of an object, and their side: 64 views or 384 pixels tell no more of the light."""
 
@@ -19,8 +22,9 @@ DISTANCE = 1.15
 """Of the eyes, over that at which the whole just fits in."""
 
 
-def outer_looks(binding: Binding, scene: Scene) -> Looks | None:
-    """Looks at an object from above the horizon; of a place those of its Binding, from where the capture stood."""
+def outer_looks(binding: Binding, scene: Scene, count: int = VIEWS) -> Looks | None:
+    """Looks at an object from some places above the horizon; of a place those of its Binding, from where the capture
+    stood."""
     if scene.is_place or binding.looks is None:
         return binding.looks
     matrix = np.asarray(scene.scene_from_splat, np.float64)
@@ -29,7 +33,7 @@ def outer_looks(binding: Binding, scene: Scene) -> Looks | None:
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     distance = DISTANCE * radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
-    directions = even_directions(round(2 * VIEWS / (1.0 - LOWEST)))
+    directions = even_directions(round(2 * count / (1.0 - LOWEST)))
     directions = directions[directions @ up > LOWEST]
     views = [View.look_at(center + distance * each, center, up, OUTER_FOV_DEG, PIXELS) for each in directions]
     return binding.looks_at(views)

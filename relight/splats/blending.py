@@ -68,6 +68,13 @@ class Blending(NamedTuple):
         lists = self.splats[run], self.counts[run], self.pixels[item], self.shares[item]
         return Blending(tiles, runs - runs[0], items - items[0], *lists)
 
+    def of_pixels(self, wanted: Mask) -> "Blending":
+        """What it has of some pixels, (P,) bool, alone; the others stay black."""
+        lists = (each.copy() for each in (self.splats, self.counts, self.pixels, self.shares))
+        left, held, *kept = within((np.diff(self.runs), np.diff(self.items), *lists), wanted)
+        starts = [np.append(0, np.cumsum(counts, dtype=np.int64)) for counts in (left, held)]
+        return Blending(self.tiles, *starts, *kept)
+
     def drawn(self, colors: NDArray[np.float32]) -> NDArray[np.float32]:
         """The pixels, (P, 3) float32 over black, of Gaussians of colours (N, 3) float32."""
         picture = np.zeros((AREA * (len(self.runs) - 1), 3), np.float32)

@@ -34,7 +34,8 @@ def ball(alpha, more=()):
     whole = trimesh.util.concatenate([mesh, *more])
     surface = SimpleNamespace(diagonal=0.1, caster=RayCaster(whole.vertices, whole.faces))
     one = np.ones((count, 3), np.float32)
-    return MirroredPixels(pixels, one, np.full(count, alpha, np.float32), one[:, 0], None, None, np.eye(3)), surface
+    rough = np.full(count, alpha, np.float32)
+    return MirroredPixels(pixels, one, rough, one[:, 0], None, None, np.eye(3), None), surface
 
 
 def highlight(lamp, alpha=0.1, more=(), frame=None):

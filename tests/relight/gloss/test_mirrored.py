@@ -10,6 +10,7 @@ from relight.gloss.material import Gloss
 from relight.gloss.mirrored import LEAST_ALPHA, RAYS, MirroredPixels
 from relight.gloss.pixels import SurfacePixels
 from relight.sh import harmonics
+from relight.splats.blending import Blending
 from splat2mesh.render.raycaster import RayCaster
 
 EYE = np.array([0.0, 0.0, 50.0])
@@ -29,7 +30,10 @@ def mirrored(alpha, metal=True, reflectance=1.0, more=(), scene=None, level=4):
     corners = np.repeat(number[:, None], 3, axis=1).astype(np.int32)
     weights = np.tile(np.float32([1, 0, 0]), (len(number), 1))
     way = 2 * cosine[:, None] * points - toward
-    pixels = SurfacePixels(None, number, corners, weights, points, points, toward, way, cosine, EYE)
+    tiles, none = -(-len(ball.vertices) // 256), np.zeros(0, np.uint16)
+    starts = np.zeros(tiles + 1, np.int64)
+    blending = Blending(np.array([0, tiles]), starts, starts, none.astype(np.int32), none, none.astype(np.uint8), none)
+    pixels = SurfacePixels(blending, number, corners, weights, points, points, toward, way, cosine, EYE)
     nodes = len(whole.vertices)
     gloss = Gloss(
         np.full((nodes, 3), reflectance, np.float32),
