@@ -1,6 +1,7 @@
 """What the relight command takes: its options, in the groups of its help. Imports nothing heavy."""
 
 import argparse
+from typing import Any
 
 from splat2mesh.base.commandline import Parser
 from splat2mesh.base.manual import add_manuals
@@ -21,12 +22,27 @@ EXAMPLES = """examples:
   relight garden --env sunset --rotate 0:350:10    a folder for each of 36 angles, the transfer computed once
   relight lounge --env overcast --lamps off --format splat
   relight lounge --captured .1 --lamp 1.5,1.5,-1.5 color=2700K   dusk, and a lamp put in
+  relight patio --insert statue.glb --at 1.55,0,-.6 --turn 30 --on floor   its shadow, and its own light
   relight city --env sunset --format splat --workers 8   a city that splat2mesh made in tiles
   relight garden --env noon --plan                 which effects this scene calls for, and what accuracy costs
   relight garden --env hdris/ --sheet              every light of a folder, and all of them in one picture
   relight garden --env sunset --format web         relit.html: a page to turn the light in, that any browser opens
 
 Every folder holds report.json: inputs, settings, times, warnings. A mesh's default folder is ./NAME_relit/."""
+
+
+class OfInsert(argparse.Action):
+    """A word for the object that was named last; `--at` of two numbers is of the sun."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        """Put it to the words of that object."""
+        inserted = getattr(namespace, "inserted", None)
+        if self.dest == "at" and str(values).count(",") < 2:
+            namespace.at = values
+        elif not inserted:
+            parser.error(f"--{self.dest} {values}: it belongs to an --insert before it")
+        else:
+            inserted[-1].append(f"{self.dest}={values}")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,7 +54,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed, parser.signed_words = ("--rotate", "--up", "--eye", "--at", "--north"), ("--lamp",)
+    parser.signed = "--rotate", "--up", "--eye", "--at", "--north", "--turn"
+    parser.signed_words = ("--lamp",)
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
@@ -48,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
         "--env",
         metavar="FILE|NAME|FOLDER",
         help=f".exr or .hdr file, a folder of them, each of which lights the scene, {names}, or captured, as it was "
-        "captured (default: captured where lamps are put in or that light is changed, else studio)",
+        "captured (default: captured where anything is put in or that light is changed, else studio)",
     )
     rotate = "turn the light about +y, counter-clockwise from above; a range, end included, fills several folders"
     add("--rotate", dest="angles_deg", metavar="DEG|A:B:STEP", help=rotate)
@@ -60,10 +77,18 @@ def parser() -> argparse.ArgumentParser:
     add("--captured", type=float, metavar="FACTOR", help=captured)
     sun = "instead of --env the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
     add("--sun", metavar="TIME", help=sun)
-    add("--at", metavar="LAT,LON", help="latitude and longitude of --sun (48.85,2.35)")
+    where = "of --sun latitude and longitude (48.85,2.35); behind --insert where its origin goes (1.55,0,-.6)"
+    add("--at", action=OfInsert, metavar="LAT,LON|X,Y,Z", help=where)
     add("--north", dest="north_deg", type=float, metavar="DEG", help="turn north from -z, counter-clockwise from above")
     day = "times of the day of --sun (05:00-21:30/15min): a folder for each, at one exposure, and with ffmpeg a film"
     add("--day", metavar="A-B/STEP", help=day)
+    insert = "put in a mesh or a splat, in the frame of the splat; or a layout of several (docs/insert.md); repeatable"
+    add("--insert", dest="inserted", nargs="+", action="append", metavar="FILE", help=insert)
+    turn = "turn the --insert before it about the vertical, counter-clockwise from above"
+    add("--turn", action=OfInsert, metavar="DEG", help=turn)
+    scale = "how many units of the splat a unit of the --insert before it is (default: 1)"
+    add("--scale", action=OfInsert, metavar="S", help=scale)
+    add("--on", action=OfInsert, metavar="floor", help="let the --insert before it down on what is below")
     add("--env-scale", type=float, metavar="FACTOR", help="dim or raise the light of --env (default: 1)")
     lamps = "captured lamps of a closed room: keep, off, a factor on their light, or a factor of each by its number "
     lamps += f"(default: {LightingOptions.lamps})"

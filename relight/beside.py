@@ -59,6 +59,16 @@ class Beside:
         given = self._options.captured
         return float(self.alone) if given is None else given
 
+    @property
+    def env_scale(self) -> float:
+        """How much of the light of the environment there is; 0 where none takes part."""
+        return 0.0 if self.alone else self._options.env_scale
+
+    @property
+    def lamp_factors(self) -> list[float]:
+        """The factor on each captured lamp of a closed room."""
+        return self._options.lamp_factors(self._room.lamps_found if self._room else 0)
+
     @cached_property
     def scale(self) -> "LampScale":
         """How long a metre is here, and how bright the captured light, for what is asked of lamps."""

@@ -69,6 +69,8 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
     tiling = tiling_options(words)
     if "placed" in light:
         light["placed"] = [" ".join(each).strip() for each in light["placed"]]
+    if "inserted" in asked:
+        asked["inserted"] = [" ".join(each).strip() for each in asked["inserted"]]
     if "method" in light:
         light["method"] = chosen("--method", light["method"], METHODS)
     if "tolerance" in light:

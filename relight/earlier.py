@@ -21,10 +21,12 @@ from splat2mesh.base.outputs import check_output
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
+from .insert.asked import asked_inserts, described
 from .lamps.placing import asked_lamps, in_brief
 from .light.daylight import DaylightRequest
 
 if TYPE_CHECKING:
+    from .insert.asked import AskedInsert
     from .lamps.asked import AskedLamp
     from .request import AnyLight, RelightRequest
 
@@ -66,6 +68,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     lighting = request.lighting
     found.update({each.name: getattr(lighting, each.name) for each in fields(lighting)})
     found["placed"] = [_described_lamp(each) for each in asked_lamps(lighting.placed)]
+    found["inserted"] = [_described_insert(each) for each in asked_inserts(request.inserted)]
     if not isinstance(found["effects"], str):
         found["effects"] = sorted(found["effects"])
     formats = set(request.formats or ())
@@ -85,6 +88,14 @@ def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
     bright = lamp.brightness
     told = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
     return {**told, "shape": plain}
+
+
+def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
+    """What is put in and where; its file by its content."""
+    source = asked.source
+    if isinstance(source, (str, os.PathLike)):
+        return {**described(asked), "file": _described(source)}
+    return {**described(asked), "file": _digest([source.vertices, source.normals, source.faces, source.colors_srgb])}
 
 
 def is_results(folder: str | os.PathLike[str]) -> bool:

@@ -5,35 +5,25 @@ job.plan                load, albedo, plan
 job.shaded()            shade
 """
 
-import os
 import warnings
 from collections.abc import Iterator
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.choices import check_choice
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.progress import Stages
-from splat2mesh.scene.foreign import as_scene
-from splat2mesh.scene.scene import Scene
-from splat2mesh.scene.sources import source_splats
-from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shaded, Shading
 from .light.captured import CapturedLight
-from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
 from .light.tonemap import auto_exposure
-from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import FILES, OF_SPLATS
-from .request import AnyLight, RelightRequest
+from .loaded import Loaded
+from .request import AnyLight
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
@@ -41,27 +31,21 @@ if TYPE_CHECKING:
     from .engine.placed import LampLight
     from .engine.relit_room import RelitRoom
     from .gloss import SceneGloss
-    from .lamps.asked import AskedLamp
+    from .insert.inserts import Inserts
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
     from .splats import Binding
-
-DEFAULT_FORMATS = ("glb", "png")
-"""What is written where nobody says; with a splat, that too."""
 
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 """Stages of a Job that another light does not share."""
 
 
-class Job:
+class Job(Loaded):
     """A request of a relight, done stage by stage. Nothing is read or computed before it is asked for.
 
     request: RelightRequest of one light. stages: Stages that time the work.
     Raises InputError, then, for whatever cannot be read or used.
     """
-
-    def __init__(self, request: RelightRequest, stages: Stages | None = None) -> None:
-        self.request, self.stages = request, stages or Stages()
 
     def under(self, env: AnyLight) -> "Job":
         """The same job under another light: all that does not depend on the light is shared."""
@@ -71,59 +55,7 @@ class Job:
         vars(other).update({name: made for name, made in done.items() if name not in OF_ONE_LIGHT})
         return other
 
-    def require(self, *stages: str) -> None:
-        """Do stages now, by the names of their attributes: what fails, fails before the work that follows."""
-        for name in stages:
-            getattr(self, name)
-
     # load
-
-    @cached_property
-    def environment(self) -> Environment:
-        """The light, not turned."""
-        with self.stages.stage("environment"):
-            return light_of(self.request.env)
-
-    @cached_property
-    def scene(self) -> Scene:
-        """What is lit; of an animation its first frame."""
-        self.require("environment", "asked_lamps")  # a light that cannot be read fails before a scene is read
-        with self.stages.stage("load"):
-            return self.animation.scene if self.request.animated else as_scene(self.request.scene)
-
-    @cached_property
-    def splats(self) -> tuple[Splats, list[Path]] | None:
-        """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
-
-        Where nobody asked for them and they are not found, None, with a DataWarning.
-        """
-        wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
-        asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
-        if not asked and "sha256" not in self.scene.source:
-            return None
-        with self.stages.stage("load"):
-            try:
-                return source_splats(self.scene, self.request.splat)
-            except InputError as error:
-                if asked:
-                    raise
-                message = f"{error}; without it no splat is relit, and the picture shows the mesh"
-                warnings.warn(message, DataWarning, stacklevel=2)
-                return None
-
-    @cached_property
-    def formats(self) -> tuple[str, ...]:
-        """What is written of each light, of `output.kinds.FILES`."""
-        if self.request.formats is not None:
-            for word in self.request.formats:
-                check_choice("formats", word, tuple(FILES))
-            return tuple(self.request.formats)
-        return DEFAULT_FORMATS if self.splats is None else (*DEFAULT_FORMATS, "splat")
-
-    @cached_property
-    def options(self) -> LightingOptions:
-        """The options that were given, with the tolerance that the scene calls for where they name none."""
-        return self.request.lighting.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -226,6 +158,15 @@ class Job:
             yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     @cached_property
+    def inserts(self) -> "Inserts | None":
+        """The objects that are put in, where they stand; None without."""
+        if not self.asked_inserts:
+            return None
+        from .insert.inserts import Inserts
+
+        return Inserts(self.asked_inserts, self.relighter, self.appearance)
+
+    @cached_property
     def room(self) -> "RelitRoom | None":
         """The closed room that the scene is, or None."""
         look, options = self.appearance, self.options
@@ -265,11 +206,6 @@ class Job:
         return isinstance(self.environment, CapturedLight)
 
     @property
-    def from_inside(self) -> bool:
-        """Whether the scene was captured from within."""
-        return self.scene.capture.get("from") == "inside"
-
-    @property
     def lamps_found(self) -> list[dict[str, Any]]:
         """What the report tells of the captured lamps of a closed room, by number."""
         room = self.appearance.room
@@ -281,13 +217,6 @@ class Job:
         options = self.options
         others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
         return others or self.keeps_captured
-
-    @cached_property
-    def asked_lamps(self) -> "list[AskedLamp]":
-        """The lamps that are put in, as they are asked for."""
-        from .lamps.placing import asked_lamps
-
-        return asked_lamps(self.request.lighting.placed)
 
     @cached_property
     def beside(self) -> "Beside":
@@ -304,7 +233,20 @@ class Job:
         return self.beside.lamps_shown(light, radiance, exposure)
 
     def _with_others(self, shaded: Shaded) -> Shaded:
-        return self.beside.mixed(shaded) if self.mixes else shaded
+        shaded = self.beside.mixed(shaded) if self.mixes else shaded
+        return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
+
+    def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
+        from .inserting import surroundings_under
+
+        look, shading = self.appearance, shaded.shading
+        around = surroundings_under(shaded, self.relighter, look, self.beside, self.mixes, self.steady)
+        received = shading.received
+        if received is None:
+            received = look.received(shading.radiance, shaded.exposure)
+        inserted = inserts.under(around, received)
+        shading = shading._replace(radiance=shading.radiance * inserted.ratio, received=received)
+        return shaded._replace(shading=shading, inserted=inserted)
 
     def shading(self, light: Environment) -> Shading:
         """The scene in the light of an environment alone; black for that of the capture."""
@@ -316,63 +258,6 @@ class Job:
 
     def _capture_env(self) -> Environment | None:
         return None if self.request.capture_env is None else light_of(self.request.capture_env)
-
-    @cached_property
-    def animation(self) -> Any:
-        """The Animation that the scene is a frame of."""
-        from .animation.animation import Animation
-
-        return Animation(str(self.request.scene))
-
-    @cached_property
-    def _of_splats(self) -> bool:
-        """Whether the scene was made from a splat: a mesh's colours are its maker's albedo, a splat's are not."""
-        return bool(self.scene.source) or (self.scene.path is not None and Path(self.scene.path).is_dir())
-
-    @property
-    def _choice(self) -> Any:
-        """What the albedo is taken from."""
-        return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
-
-    @property
-    def choice_name(self) -> str:
-        """What the albedo is taken from, as the report names it."""
-        return "array" if isinstance(self._choice, np.ndarray) else str(self._choice)
-
-    @cached_property
-    def lights(self) -> list[Environment]:
-        """The light, turned by each of the angles."""
-        return [self.environment.rotated(angle) for angle in self.request.angles_deg]
-
-    @property
-    def _shows_splats_alone(self) -> bool:
-        """Whether nothing of a place is shown but its splats, so that no vertex beside them needs light of its own."""
-        alone = (
-            not self.request.baked
-            and self.request.formats is not None
-            and set(self.request.formats) <= {"splat", "png"}
-        )
-        return alone and not self.request.animated and self.scene.is_place and self.splats is not None
-
-    @property
-    def shows_splats(self) -> bool:
-        """Whether any result needs the splats: pictures show them too."""
-        baked, formats = self.request.baked, self.request.formats
-        return bool(baked) or formats is None or not {*OF_SPLATS, "png"}.isdisjoint(formats)
-
-    @property
-    def name(self) -> str:
-        """The scene as the report names it."""
-        given = self.request.scene
-        if isinstance(given, (str, os.PathLike)):
-            return str(Path(given))
-        return str(self.scene.path or self.scene.source.get("file", "a mesh in memory"))
-
-    @property
-    def light_name(self) -> str:
-        """The light as the report names it."""
-        env = self.request.env
-        return env.name if isinstance(env, (Environment, DaylightRequest)) else str(env)
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within

@@ -54,7 +54,7 @@ class RelightRequest:
         A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
     env : Environment, path or name
         The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
-        as it was captured; "auto" is captured where lamps are put in or that light is changed, else studio.
+        as it was captured; "auto" is captured where anything is put in or that light is changed, else studio.
     sun : str
         Instead of `env` the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
     at : str
@@ -67,6 +67,8 @@ class RelightRequest:
         How exactly the light is computed, and what becomes of captured lamps.
     angles_deg : sequence of float
         Turns of the light about +y, counter-clockwise from above; each fills a folder.
+    inserted : sequence
+        Objects that are put in: texts such as "statue.glb at=1.5,0,-.6 turn=30", files of a layout, or AskedInsert.
     albedo : optional
         What light falls on: "estimated" (for what was made of a splat the default), "captured" (of other meshes),
         "white", a .npy file, or (V, 3) linear float.
@@ -120,6 +122,7 @@ class RelightRequest:
     at: str = ""
     north_deg: float = 0.0
     day: str = ""
+    inserted: Sequence[Any] = ()
     albedo: "AnyAlbedo | None" = None
     capture_env: "AnyLight | None" = None
     exposure_ev: float | None = None
@@ -142,13 +145,16 @@ class RelightRequest:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("angles_deg", "baked", "lights"):
+        if isinstance(self.inserted, (str, os.PathLike)):
+            object.__setattr__(self, "inserted", (self.inserted,))
+        for name in ("angles_deg", "baked", "lights", "inserted"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
         self._check_sun()
+        changes = self.lighting.changes_captured_light or bool(self.inserted)
         if self.env == AUTO:
-            object.__setattr__(self, "env", CAPTURED if self.lighting.changes_captured_light else "studio")
+            object.__setattr__(self, "env", CAPTURED if changes else "studio")
         self._check_words()
         _ = self.times  # or an InputError
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:

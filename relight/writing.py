@@ -23,6 +23,7 @@ from splat2mesh.splats.splats import Splats
 
 from .earlier import REPORT, Earlier, check_results, is_results, settings_of
 from .engine.relighter import Shaded
+from .insert.asked import described
 from .job import Job
 from .light.loading import light_of
 from .light.skies import BUILTIN
@@ -155,6 +156,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "angle_deg": light.rotation_deg,
         "lamps": job.options.lamps if isinstance(job.options.lamps, tuple) else job.options.lamp_factor,
         "placed": job.beside.in_words,
+        "inserted": [described(each) for each in job.asked_inserts],
         "captured": job.beside.captured_factor if job.mixes else None,
         "env_scale": job.options.env_scale,
         "open": job.options.opened,

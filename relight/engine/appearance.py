@@ -112,6 +112,7 @@ def _without_light(
     reflected: NDArray[np.float64] | None,
 ) -> Appearance:
     from ..albedo import Prior
+    from ..light.environment import Environment
     from ..rooms.keeping import room_from
 
     cache = relighter.cache
@@ -136,12 +137,10 @@ def _without_light(
     check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
-    light = None
-    if kept["separable"] and not kept["closed"]:
-        from ..light.environment import Environment
-
-        light = Environment(kept["light"], described["light"], float(kept["light_turn"]))
-    return look._replace(kept=described["left_as_captured"], room=room, environment=light)
+    sky = room.environment if room is not None else None
+    if room is None:
+        sky = Environment(kept["environment"], "captured", float(kept["light_turn"]))
+    return look._replace(kept=described["left_as_captured"], room=room, environment=sky)
 
 
 def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
@@ -151,8 +150,10 @@ def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str,
     names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
     for name in (*names, *(f"prior_{name}" for name in Prior._fields)):
         kept[name]  # or a KeyError
-    if not kept["closed"]:
-        kept["light"], kept["light_turn"]
+    if "room_environment" not in kept and kept["light_turn"].shape:
+        raise ValueError("its light has no angle")
+    if "room_environment" not in kept and kept["environment"].shape[2:] != (3,):
+        raise ValueError("its light is no picture")
     for name in ("albedo", "irradiance"):
         if kept[name].shape != shape or kept[name].dtype.kind != "f" or not np.isfinite(kept[name]).all():
             raise ValueError(f"its {name} does not fit the scene")
@@ -260,10 +261,10 @@ def _estimated(
         **check,
         "under_sky": np.array(found.under_sky),
         "closed": np.array(part is not None),
-        "light": found.environment.radiance,
         "light_turn": np.array(found.environment.rotation_deg),
         "albedo": found.albedo,
         "irradiance": found.irradiance,
+        "environment": found.environment.radiance,
         **{f"prior_{name}": np.asarray(value) for name, value in found.prior._asdict().items()},
         **{name: np.asarray(getattr(found, name)) for name in _DESCRIBED},
     }

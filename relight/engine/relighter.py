@@ -59,7 +59,8 @@ class Shaded(NamedTuple):
     """A scene in one light. light: the Environment. exposure: display value per unit of the radiance of `shading`.
     backdrop: factor on what is seen of the light itself, in the far background. environment, captured: factors on the
     light itself and on that of the capture beside it. level: units of the picture, in which those and lamps are told,
-    per unit of the light."""
+    per unit of the light. inserted: the InsertedLight of
+    objects that were put in, whose shadows `shading.radiance` has, `shading.received` has not; or None."""
 
     light: "Environment"
     shading: Shading
@@ -68,6 +69,7 @@ class Shaded(NamedTuple):
     environment: float = 1.0
     captured: float = 0.0
     level: float = 1.0
+    inserted: Any = None
 
 
 class Relighter:

@@ -89,7 +89,8 @@ class SceneGloss:
 
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under the light that it was captured in, or None where nothing is glossy."""
-        if self.fits is None or look.environment is None:
+        told = look.capture is None or bool(look.capture["separable"])
+        if look.environment is None or look.room is not None or look.kept or not told or self.fits is None:
             return None
         return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
 

@@ -28,6 +28,9 @@ PICTURE_SIZE = 960, 720
 BEFORE = "captured", "albedo"
 """What stands before the lights on the sheet."""
 
+INSERTED = "inserted.glb", "inserted.png"
+"""What was put in, and a picture of it in the scene."""
+
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
 
@@ -94,6 +97,8 @@ class Results:
             relit = self.relit_splats(shaded)
         if "splat" in self._kinds and relit is not None:
             names += self._write_splats(folder, relit)
+        if shaded.inserted is not None:
+            names += self._write_inserted(folder, relit, shaded)
         if self._baked:
             names += self._write_textures(folder, shaded, told)
         if self._engines is not None:
@@ -109,16 +114,39 @@ class Results:
             told["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, told
 
+    def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
+        """The objects that were put in, in their light, and a picture of them in the scene: names of the files."""
+        from .inserted_glb import write_inserted_glb
+        from .inserted_picture import camera_of
+        from .picture import RelitPicture
+
+        with self._stages.stage("write"):
+            write_inserted_glb(folder / INSERTED[0], shaded.inserted, shaded.exposure)
+        if relit is None:
+            return [INSERTED[0]]
+        with self._stages.stage("preview"):
+            picture = RelitPicture(self._scene, camera_of(shaded.inserted, self._scene), *PICTURE_SIZE)
+            mesh_files.write_png(folder / INSERTED[1], self._of_splats(picture, relit, shaded))
+        return list(INSERTED)
+
+    def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
+        """A picture of relit splats, and of what was put in among them."""
+        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        if shaded.inserted is not None:
+            from .inserted_picture import with_objects
+
+            relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene)
+        return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
+
     def _drawn(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         from .picture import RelitPicture
 
         light = None if isinstance(shaded.light, CapturedLight) else shaded.light
         exposure, behind = shaded.exposure, shaded.exposure * shaded.backdrop
-
         self._picture = self._picture or RelitPicture(self._scene, None, *PICTURE_SIZE)
         if relit is not None:
-            return self._picture.of_splats(relit, light, behind)
+            return self._of_splats(self._picture, relit, shaded)
         if self._texture is not None:
             return self._picture.of_texture(self._texture.atlas, self._relit_texture(shaded), light, behind)
         return self._picture.of_vertices(shaded.shading.radiance, light, exposure)
@@ -170,6 +198,7 @@ class Results:
         if self._sky_rows is None:
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
         light, shading, exposure, backdrop = shaded[:4]
+        inserted = shaded.inserted
         rows, frame = self._sky_rows, self._scene.scene_from_splat
         capture = self._appearance.capture
         if (
@@ -183,6 +212,8 @@ class Results:
             relit = binding.relit(self._appearance.irradiance, received, exposure)
         if self._gloss is not None:
             relit = self._gloss.relit(relit, self._appearance, shaded, received)
+        if inserted is not None:
+            relit = inserted.on_splats(relit)
         with self._stages.stage("relight splats"):
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
                 return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)

@@ -1,0 +1,192 @@
+"""What a person asks to have put in: a file, where it goes, which way it faces, how large it is, on what it stands.
+
+    statue.glb at=1.55,0,-.6
+    statue.glb at=1.55,0,-.6 turn=30 scale=.5 on=floor
+    layout.json
+
+A value ends where the next word with a = begins, so that paths may have spaces.
+"""
+
+import json
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.inputs import inside
+from splat2mesh.scene.mesh import Mesh
+
+Vector: TypeAlias = tuple[float, float, float]
+
+WORDS = ("at", "turn", "scale", "on", "albedo")
+"""What stands behind a file, as name=value."""
+
+SUPPORTS = ("floor",)
+"""What an object may be let down on."""
+
+MOST_SCALE = 1e6
+
+LONGEST_TEXT = 4096
+
+_WORD = re.compile(r"(?<!\s)\s+(?=\w+\s*=)")
+_KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True, eq=False)
+class AskedInsert:
+    """An object to be put in.
+
+    source: a mesh file, a splat, or a Mesh whose y points up. at: where its origin goes, in the frame of the splat that
+    the scene was made of. turn_deg: about the vertical, counter-clockwise from above. scale: its own units times this
+    are those of the splat; None for 1, and for less where it would be larger than the scene. on: "floor" lets it down
+    on what is below, or lifts it up on it. albedo: linear, times its own colours; None for those, or for grey where it
+    has none.
+    """
+
+    source: "str | os.PathLike[str] | Mesh"
+    at: Vector = (0.0, 0.0, 0.0)
+    turn_deg: float = 0.0
+    scale: float | None = None
+    on: str | None = None
+    albedo: Vector | None = None
+
+    def __post_init__(self) -> None:
+        set_to = object.__setattr__
+        set_to(self, "at", _vector("at", self.at))
+        set_to(self, "turn_deg", _number("turn", self.turn_deg, -math.inf, math.inf))
+        if self.scale is not None:
+            set_to(self, "scale", _number("scale", self.scale, 0.0, MOST_SCALE))
+        if self.on is not None and self.on not in SUPPORTS:
+            raise InputError(f"on {_clip(self.on)}: expected {' or '.join(SUPPORTS)}")
+        if self.albedo is not None:
+            set_to(self, "albedo", _albedo(self.albedo))
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        return "mesh" if isinstance(self.source, Mesh) else Path(self.source).name
+
+
+def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
+    """Return the objects that are asked for, in order.
+
+    inserted: each an AskedInsert, a Mesh, a path, or a text as above. Raises InputError, in one line, for others.
+    """
+    found: list[AskedInsert] = []
+    for each in inserted:
+        if isinstance(each, AskedInsert):
+            found.append(each)
+        elif isinstance(each, Mesh):
+            found.append(AskedInsert(each))
+        elif isinstance(each, (str, os.PathLike)):
+            found += _parsed(os.fspath(each))
+        else:
+            raise InputError(f"`inserted` {_clip(each)}: expected a file, a text, a Mesh or an AskedInsert")
+    return found
+
+
+def described(asked: AskedInsert) -> dict[str, Any]:
+    """Where and how an object is put in, JSON-clean; what it is, its file says."""
+    place = {"at": list(asked.at), "turn_deg": asked.turn_deg, "scale": asked.scale, "on": asked.on}
+    return {"name": asked.name, **place, "albedo": asked.albedo and list(asked.albedo)}
+
+
+def _parsed(text: str) -> list[AskedInsert]:
+    try:
+        if len(text) > LONGEST_TEXT:
+            raise InputError(f"{len(text)} letters, expected at most {LONGEST_TEXT}")
+        words = _WORD.split(text.strip())
+        head = words.pop(0)
+        if _KEY.fullmatch(head) or not head:
+            raise InputError("expected a file first, such as statue.glb at=1.5,0,-.6")
+        given: dict[str, Any] = {}
+        for word in words:
+            match = _KEY.fullmatch(word)
+            if match is None:  # unreachable by the split, and no reason to trust that
+                raise InputError(f"{_clip(word)}: expected name=value")
+            if match[1] in given:
+                raise InputError(f"{_clip(match[1])}: given twice")
+            given[match[1]] = match[2]
+        if not os.path.lexists(head):
+            raise InputError("no such file")
+        layout = _layout(Path(head)) if head.lower().endswith(".json") else None
+        if layout is None:
+            return [_made(head, given)]
+        if given:
+            raise InputError(f"{next(iter(given))}: a layout says where its objects go")
+        return layout
+    except InputError as error:
+        told = " ".join(str(error).split()).replace("`", "")
+        raise InputError(f"`inserted` {_clip(text)}: {told}") from None
+
+
+def _layout(path: Path) -> list[AskedInsert] | None:
+    """The objects of a layout: a list, or {"objects": [...]}, of {"file", "at", ...}. None for JSON of another kind,
+    such as a splat's."""
+    try:
+        content = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"not a layout of objects ({str(error)[:80]})") from None
+    if isinstance(content, dict):
+        if "objects" not in content:
+            return None
+        content = content["objects"]
+    if not isinstance(content, list) or not content:
+        raise InputError("expected a list of objects, each with a file and where it goes, as at")
+    found = []
+    for number, each in enumerate(content, 1):
+        if not isinstance(each, dict) or not isinstance(each.get("file"), str):
+            raise InputError(f"object {number}: expected a file, as text")
+        fields = {name: value for name, value in each.items() if name != "file"}
+        file = inside(path.parent, each["file"], path)
+        if not file.exists():
+            raise InputError(f"object {number}: {_clip(each['file'])}: no such file beside the layout")
+        found.append(_made(str(file), fields))
+    return found
+
+
+def _made(file: str, given: Mapping[str, Any]) -> AskedInsert:
+    for word in given:
+        if word not in WORDS:
+            raise InputError(f"{_clip(word)}: expected some of {', '.join(WORDS)}")
+    fields = {{"turn": "turn_deg"}.get(word, word): value for word, value in given.items()}
+    if "at" not in fields:
+        raise InputError("at: missing; say where it goes, such as at=1.5,0,-.6")
+    return AskedInsert(file, **fields)
+
+
+def _vector(name: str, value: Any) -> Vector:
+    parts = value.split(",") if isinstance(value, str) else value
+    try:
+        x, y, z = (_number(name, each, -1e12, 1e12) for each in parts)
+    except (TypeError, ValueError):  # InputError is one
+        raise InputError(f"{name} {_clip(value)}: expected three numbers, such as 1.5,0,-.6") from None
+    return x, y, z
+
+
+def _albedo(value: Any) -> Vector:
+    parts = value.split(",") if isinstance(value, str) else value
+    parts = [parts] * 3 if isinstance(parts, (int, float)) else list(parts) * (3 if len(parts) == 1 else 1)
+    red, green, blue = _vector("albedo", parts)
+    if not all(0.0 <= each <= 1.0 for each in (red, green, blue)):
+        raise InputError(f"albedo {_clip(value)}: expected one or three linear values from 0 to 1")
+    return red, green, blue
+
+
+def _number(name: str, value: Any, least: float, most: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and least <= number <= most) or (name == "scale" and number == 0.0):
+        raise InputError(f"{name} {_clip(value)}: expected a number" + " above 0" * (name == "scale"))
+    return number
+
+
+def _clip(value: Any) -> str:
+    words = " ".join(str(value).split())
+    return words if len(words) <= 60 else words[:57] + "..."

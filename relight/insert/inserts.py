@@ -1,0 +1,160 @@
+"""Objects in a scene under one light after another: what they receive, and what they change around them."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.color import luminance
+
+from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
+from ..transfer.occluder import Frame
+from .asked import AskedInsert
+from .gathering import change_at, light_on
+from .objects import read_object
+from .placing import placed_by
+from .standing import Standing
+from .surroundings import Receiving, Surroundings
+
+if TYPE_CHECKING:
+    from splat2mesh.splats.splats import Splats
+
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+
+RAYS = 32
+"""From each vertex to each object, where it is first asked what that changes."""
+
+LATER_BOUNCES = 4
+"""Of what surfaces send less or more for it: in a garden they darken the shade of an object by a tenth."""
+
+SOFTNESS = 0.05
+"""Of the median irradiance, added to what was there before and after: where next to nothing was received, what an
+object hides of it is as uncertain."""
+
+LEAST_RATIO = 0.03
+"""Least light that stays, of what was there: no shade is black, and the colours of a capture tell no such shades."""
+
+LEAST_CHANGE = 0.004
+"""Of the logarithm of the light: less is not seen, and is left out, so that what is far off keeps every bit."""
+
+BURIED = 0.9
+"""Part of the vertices of an object that must be in the dark for it to stand in a wall."""
+
+
+class Inserts:
+    """Objects in the scene of a Relighter.
+
+    asked: what is put in. look: the Appearance, whose albedo bounces take.
+    Raises InputError, on first use, for files that cannot be read.
+    """
+
+    def __init__(self, asked: Sequence[AskedInsert], relighter: "Relighter", look: "Appearance") -> None:
+        self.asked, self.relighter, self.look = list(asked), relighter, look
+
+    @cached_property
+    def standing(self) -> Standing:
+        """The objects where they stand."""
+        scene, occluder = self.relighter.scene, self.relighter.occluder
+        with self.relighter.stages.stage("objects"):
+            objects = [read_object(each) for each in self.asked]
+            placed = [
+                placed_by(asked, each.joined("vertices"), scene, occluder)
+                for asked, each in zip(self.asked, objects, strict=True)
+            ]
+            return Standing.of(Frame.around(scene.vertices, scene.faces), objects, placed)
+
+    @cached_property
+    def leaf(self) -> NDArray[np.float32]:
+        """(V,): which part of each vertex of the scene is a leaf."""
+        foliage, leaf = self.relighter.precomputed.foliage, np.zeros(len(self.relighter.scene.vertices), np.float32)
+        if foliage is not None:
+            leaf[foliage.rows] = foliage.share[:, 0]
+        return leaf
+
+    def under(self, around: Surroundings, received: NDArray[np.float32]) -> "InsertedLight":
+        """Return what the objects receive and change. around: the light on the scene without them. received: (V, 3)
+        irradiance over pi of its vertices in it."""
+        stages, seed = self.relighter.stages, self.relighter.seed
+        with stages.stage("light on objects"):
+            light = light_on(around, self.standing, seed)
+        self._check_lit(light, received)
+        radiance = self.standing.albedo * light + self.standing.emission
+        with stages.stage("shadows of objects", len(received)) as advance:
+            at = Receiving(around.occluder.origins, around.occluder.normals, self.leaf)
+            direct = change_at(around, self.standing, radiance, RAYS, at, seed, advance)
+        return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
+
+    def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
+        """What surfaces send to each other less, or more, for a change of light (V, 3) on them."""
+        albedo, later = self.look.albedo, np.zeros_like(direct)
+        if albedo is None or not direct.any():
+            return later
+        settings = CAPTURE_OF_PLACE if self.relighter.scene.is_place else CAPTURE
+        interreflection, sent = self.relighter.computed(settings)["interreflection"], direct
+        with self.relighter.stages.stage("bounces"):
+            for _ in range(LATER_BOUNCES):
+                sent = interreflection.bounce(albedo * sent)
+                later += sent
+        return later
+
+    def _check_lit(self, light: NDArray[np.float32], received: NDArray[np.float32]) -> None:
+        usual = float(np.median(luminance(received)))
+        starts = self.standing.starts
+        for asked, first, last in zip(self.asked, starts[:-1], starts[1:], strict=True):
+            dark = float((luminance(light[first:last]) < LEAST_RATIO * usual).mean())
+            if dark > BURIED and usual > 0.0:
+                message = f"{asked.name} stands in the dark, in a wall or below the ground: move it"
+                warnings.warn(message, DataWarning, stacklevel=4)
+
+
+@dataclass(frozen=True, eq=False)
+class InsertedLight:
+    """Objects in one light; V vertices of the scene, W of the objects.
+
+    around: the light without them. received: (V, 3) irradiance over pi in it. light: (W, 3) float32 irradiance over pi
+    of the objects. radiance: (W, 3) what they send out. direct, later: (V, 3) by how much they change the irradiance
+    over pi of the scene, by what is seen of them and by light that surfaces throw on.
+    """
+
+    inserts: Inserts
+    around: Surroundings
+    received: NDArray[np.float32]
+    light: NDArray[np.float32]
+    radiance: NDArray[np.float32]
+    direct: NDArray[np.float32]
+    later: NDArray[np.float32]
+
+    @property
+    def standing(self) -> Standing:
+        return self.inserts.standing
+
+    @cached_property
+    def softness(self) -> float:
+        """What is added to all irradiance before it is compared."""
+        return SOFTNESS * float(np.median(self.received))
+
+    @cached_property
+    def ratio(self) -> NDArray[np.float32]:
+        """(V, 3): light of the scene's vertices with the objects over that without; exactly 1 where they change
+        nothing that is seen."""
+        return self.compared(self.received, self.direct + self.later)
+
+    def compared(self, received: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The ratio of light (V, 3) that changes by so much to that before."""
+        before = np.asarray(received, np.float64) + max(self.softness, 1e-12)
+        logs = np.log(np.maximum((before + change) / before, LEAST_RATIO))
+        shrunk = np.sign(logs) * np.maximum(np.abs(logs) - LEAST_CHANGE, 0.0)
+        return np.exp(shrunk).astype(np.float32)
+
+    def on_splats(self, splats: "Splats") -> "Splats":
+        """Splats of the scene, lit without the objects, with their shadows and the light that they throw on."""
+        from .shadowed import shadowed
+
+        with self.inserts.relighter.stages.stage("shadows on splats"):
+            return shadowed(self, splats)

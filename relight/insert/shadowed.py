@@ -1,0 +1,113 @@
+"""Splats in the shadow of objects: the change of light is found anew on finer triangles about them.
+
+A mesh of a place has vertices a hand apart, and a shadow that touches its object has an edge. So the triangles that
+change are cut until they are fine beside the object, their vertices traced, and the splats bound to them; views from
+where the capture stood, all towards the objects, tell which splats show what.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices
+from splat2mesh.render.view import View
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
+
+from ..albedo.seen import standing as eyes_of
+from ..splats import Binding
+from ..splats.light_ratio import Usual
+from .gathering import change_at
+from .refine import carried, refined, unit
+from .surroundings import Receiving
+
+if TYPE_CHECKING:
+    from .inserts import InsertedLight
+
+FINENESS = 20.0
+"""Edges along the radius of the smallest object, in what it changes."""
+
+MOST_FACES = 600_000
+"""Of the changed faces, more than all others, from which none is cut."""
+
+SEEN_CHANGE = 0.01
+"""Of the logarithm of the light: where it changes by less, triangles stay as they are."""
+
+RAYS = 96
+"""To each object from the vertices of finer triangles."""
+
+VIEWS, PIXELS, AROUND = 16, 256, 3.5
+"""Views of the fit, their side, and how far about an object they look, in its radii."""
+
+WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
+"""Of those views; and how far from an object they stand at least, in its radii."""
+
+
+def shadowed(light: "InsertedLight", splats: Splats) -> Splats:
+    """The splats with the change of light of an InsertedLight: a splat that it does not reach keeps every bit."""
+    scene = light.inserts.relighter.scene
+    if not (light.ratio != 1.0).any():
+        return splats
+    finer, ratio = _finer(light, scene)
+    binding = Binding(splats, finer, _views(light, finer))
+    ones, none = np.ones_like(ratio), np.zeros(3)
+    relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
+    reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
+    sh = splats.sh.copy()
+    sh[reached] = relit.sh[reached]
+    return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+
+
+def _finer(light: "InsertedLight", scene: Scene) -> tuple[Scene, NDArray[np.float32]]:
+    """The scene in finer triangles where it changes, and the ratio (V, 3) of light at their vertices."""
+    smallest = min(radius for _, radius in light.standing.spheres) * light.standing.frame.diagonal
+    changed: NDArray[np.bool_] = np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
+    most = MOST_FACES + len(scene.faces)
+    faces, rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
+    vertices, normals = carried(scene.vertices, rounds), unit(carried(scene.normals, rounds))
+    origins, colors = carried(light.around.occluder.origins, rounds), carried(scene.colors_srgb, rounds)
+    leaf = carried(light.inserts.leaf, rounds)
+    received, later = carried(light.received, rounds), carried(light.later, rounds)
+    rows = np.flatnonzero(carried(changed.astype(np.float32), rounds) > 0.0)
+    at = Receiving(origins[rows], normals[rows], leaf[rows])
+    change = carried(light.direct, rounds)
+    change[rows] = change_at(light.around, light.standing, light.radiance, RAYS, at, light.inserts.relighter.seed)
+    mesh = Mesh(vertices, normals, faces, colors)
+    finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
+    return finer, light.compared(received, change + later)
+
+
+def _views(light: "InsertedLight", scene: Scene) -> list[View] | None:
+    """Views towards the objects from where the capture stood, in the frame of the splats; None where nobody stood."""
+    back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
+    scale = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
+    eyes = eyes_of(scene) if scene.capture else np.zeros((0, 3))
+    if not len(eyes):
+        return None
+    up, frame = back[:3, 1] / np.linalg.norm(back[:3, 1]), light.standing.frame
+    views: list[View] = []
+    each = max(VIEWS // len(light.standing.spheres), 4)
+    for middle, radius in light.standing.spheres:
+        center, reach = middle * frame.diagonal + frame.center, radius * frame.diagonal
+        for eye in eyes[_apart(eyes - center, LEAST_AWAY * reach, each)]:
+            distance = float(np.linalg.norm(eye - center))
+            wide = np.degrees(2.0 * np.arctan(AROUND * reach / distance))
+            place, target = (back[:3, :3] @ point + back[:3, 3] for point in (eye, center))
+            views.append(View.look_at(place, target, up * scale, min(wide, WIDEST_DEG), PIXELS, PIXELS))
+    return views or None
+
+
+def _apart(ways: NDArray[np.float64], least: float, count: int) -> Indices:
+    """The rows of so many ways (E, 3) of at least this length whose directions are far from each other, the shortest
+    first."""
+    distance = np.linalg.norm(ways, axis=1)
+    far = np.flatnonzero(distance > least)
+    if not len(far):
+        return far
+    directions = ways[far] / distance[far, None]
+    chosen = [int(np.argmin(distance[far]))]
+    while len(chosen) < min(count, len(far)):
+        chosen.append(int(np.argmin((directions @ directions[chosen].T).max(axis=1))))
+    return far[chosen]

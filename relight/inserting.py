@@ -1,0 +1,67 @@
+"""What stands around objects in a scene under one light of a job: its skies, surfaces, suns and lamps."""
+
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import DataWarning
+
+from .engine.appearance import Appearance
+from .engine.relighter import Relighter, Shaded
+from .light.captured import CapturedLight
+from .light.environment import Environment
+
+if TYPE_CHECKING:
+    from .beside import Beside
+    from .insert.surroundings import Surroundings
+    from .lamps.shapes import Lamp
+
+
+def surroundings_under(
+    shaded: Shaded, relighter: Relighter, look: Appearance, beside: "Beside", mixes: bool, steady: bool
+) -> "Surroundings":
+    """Return the Surroundings of a scene in a light, in the unit of its radiance.
+
+    mixes: whether that has other parts than an environment. steady: whether no environment gets in.
+    """
+    from .insert.surroundings import Sky, surroundings_of
+
+    level = beside.level(shaded.shading.radiance) if mixes else shaded.exposure
+    captured = beside.captured_factor if mixes else float(steady)
+    new = 0.0 if steady or isinstance(shaded.light, CapturedLight) else beside.env_scale
+    skies = [Sky(shaded.light, new)] if new > 0.0 else []
+    if captured > 0.0:
+        skies.append(Sky(captured_sky(look), captured / level))
+    lamps: list[Lamp] = []
+    if mixes and beside.lamp_light is not None:
+        from .lamps.photometry import times
+
+        lamps = [times(lamp, 1.0 / level) for lamp in beside.lamp_light.lamps]
+    return surroundings_of(
+        *(relighter.scene, relighter.occluder, shaded.shading.radiance, skies, lamps),
+        _glow(shaded, look, beside, (captured if mixes else 1.0) / level),
+    )
+
+
+def captured_sky(look: Appearance) -> Environment:
+    """The light of the capture from far away; an even one where nothing tells it, with a DataWarning."""
+    if look.environment is not None:
+        return look.environment
+    told = "nothing tells the light of the capture: objects stand in an even light from all around"
+    warnings.warn(told, DataWarning, stacklevel=3)
+    even = np.broadcast_to(np.median(look.irradiance, axis=0), (2, 4, 3))
+    return Environment(np.array(even, np.float32), "even")
+
+
+def _glow(shaded: Shaded, look: Appearance, beside: "Beside", factor: float) -> NDArray[np.float32] | None:
+    """(V, 3) float32: what the captured lamps of a closed room send, in the unit of the radiance; None without any.
+
+    factor: on what they sent on the capture day, besides that of the options."""
+    room = look.room
+    if room is None or not room.glow.any():
+        return None
+    factors = np.array([*beside.lamp_factors, 1.0], np.float32)[room.lamp_of]
+    shown = np.maximum(shaded.shading.radiance, np.float32(factor) * factors[:, None] * room.glow)
+    return np.where(room.glow.any(axis=1, keepdims=True), shown, np.float32(0.0)).astype(np.float32)

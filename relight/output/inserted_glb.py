@@ -1,0 +1,126 @@
+"""inserted.glb: the objects that were put in, in their light, with the materials and pictures of their files.
+
+The light is in COLOR_0, with which the picture of a material is multiplied; materials are unlit, so that no viewer
+lights them again. What is brighter than 1 ends there, as in `relit.glb`.
+"""
+
+import json
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.glb import Glb
+from splat2mesh.scene.gltf import GltfData
+
+from ..insert.objects import Part
+
+if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight
+
+UNLIT = "KHR_materials_unlit"
+
+KEPT = "name", "alphaMode", "alphaCutoff", "doubleSided"
+"""Fields of a material that stay as they are."""
+
+
+def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", exposure: float) -> int:
+    """Write the objects of an InsertedLight, in the frame of `relit.glb`. exposure: display value per unit of radiance.
+
+    Returns the number of vertices that are brighter than 1.
+    """
+    import pygltflib as gltf
+
+    standing, clipped, first = inserted.standing, 0, 0
+    file = Glb(extensionsUsed=[UNLIT], materials=[], textures=[], images=[], samplers=[])
+    for number, each in enumerate(standing.objects):
+        materials = _Materials(file, each.document)
+        for part in each.parts:
+            rows = slice(first, first + len(part.vertices))
+            first = rows.stop
+            color = _shown(part, inserted.light[rows], exposure)
+            clipped += int((color[:, :3] > 1.0).any(axis=1).sum())
+            attributes = {
+                "POSITION": file.positions(standing.vertices[rows]),
+                "NORMAL": file.values(standing.normals[rows]),
+                "COLOR_0": file.values(np.clip(color, 0.0, 1.0).astype(np.float32)),
+            }
+            if part.uv is not None:
+                attributes["TEXCOORD_0"] = file.values(part.uv)
+            indices = file.indices(part.faces, len(part.vertices))
+            file.mesh(f"{number + 1} {each.name}", attributes, indices=indices, material=materials.of(part))
+    if not file.document.images:
+        file.document.textures, file.document.samplers = [], []
+    assert isinstance(file.document, gltf.GLTF2)
+    file.save(path, {"exposure": float(exposure), "clipped_vertices": clipped})
+    return clipped
+
+
+def _shown(part: Part, light: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
+    """COLOR_0 (V, 4), linear: what the picture is multiplied with; where there is none, all that is sent."""
+    color = np.ones((len(light), 4), np.float32)
+    color[:, 3] = part.color[:, 3]
+    if part.uv is None:
+        color[:, :3] = part.albedo * light + part.emission
+    else:
+        color[:, :3] = part.color[:, :3] * light
+    color[:, :3] *= np.float32(exposure)
+    return color
+
+
+class _Materials:
+    """The materials of one object in a new file, each once, with the pictures they show."""
+
+    def __init__(self, file: Glb, document: GltfData | None) -> None:
+        self._file, self._data = file, document
+        self._known: dict[tuple[int | None, bool], int] = {}
+        self._textures: dict[int, int] = {}
+
+    def of(self, part: Part) -> int:
+        """Index of the material of a Part."""
+        key = part.material, part.uv is not None
+        if key not in self._known:
+            self._file.document.materials.append(self._made(part))
+            self._known[key] = len(self._file.document.materials) - 1
+        return self._known[key]
+
+    def _made(self, part: Part) -> Any:
+        import pygltflib as gltf
+
+        surface = gltf.PbrMetallicRoughness(baseColorFactor=[1.0] * 4, metallicFactor=0.0, roughnessFactor=1.0)
+        made = gltf.Material(name="inserted", pbrMetallicRoughness=surface, extensions={UNLIT: {}})
+        if self._data is None or part.material is None:
+            made.doubleSided = True
+            return made
+        source = self._data.document.materials[part.material]
+        for name in KEPT:
+            if getattr(source, name) is not None:
+                setattr(made, name, getattr(source, name))
+        texture = source.pbrMetallicRoughness and source.pbrMetallicRoughness.baseColorTexture
+        if part.uv is not None and texture:
+            extensions = json.loads(json.dumps(texture.extensions or {}))
+            surface.baseColorTexture = gltf.TextureInfo(index=self._texture(texture.index), extensions=extensions)
+        return made
+
+    def _texture(self, index: int) -> int:
+        import pygltflib as gltf
+
+        if index in self._textures:
+            return self._textures[index]
+        assert self._data is not None  # of a part with a picture
+        document, made = self._data.document, self._file.document
+        texture = document.textures[index]
+        image = document.images[texture.source]
+        content = self._data.encoded(image)
+        kind = "image/png" if content[:4] == b"\x89PNG" else "image/jpeg"
+        made.images.append(gltf.Image(bufferView=self._file.data(content), mimeType=kind))
+        sampler = None
+        if texture.sampler is not None:
+            given = document.samplers[texture.sampler]
+            fields = ("magFilter", "minFilter", "wrapS", "wrapT")
+            made.samplers.append(gltf.Sampler(**{name: getattr(given, name) for name in fields}))
+            sampler = len(made.samplers) - 1
+        made.textures.append(gltf.Texture(source=len(made.images) - 1, sampler=sampler))
+        self._textures[index] = len(made.textures) - 1
+        return self._textures[index]

@@ -1,0 +1,85 @@
+"""Pictures of objects among splats: a splat for each sample of a pixel that meets an object, drawn with the others.
+
+So what stands before an object hides it, and the edges of both are smooth.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from splat2mesh.render.view import View
+from splat2mesh.scene.color import srgb_from_linear
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import SH_C0, Splats
+
+from ..light.tonemap import compress_highlights
+
+if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight
+
+SAMPLES = 2
+"""Along the side of a pixel."""
+
+SIZE = 0.45
+"""Standard deviation of such a splat, in its sample's width: they overlap without a gap."""
+
+OPAQUE = 0.99
+
+FIELD_DEG, AWAY = 55.0, 4.5
+"""Of the picture of an object: its field of view, and the distance that is best, in radii of the object."""
+
+
+def with_objects(splats: Splats, inserted: "InsertedLight", exposure: float, view: View, scene: Scene) -> Splats:
+    """The splats and what a view in the frame of the scene sees of the objects, in the frame of the splats."""
+    standing, frame = inserted.standing, inserted.standing.frame
+    width, height = view.width * SAMPLES, view.height * SAMPLES
+    column, row = np.meshgrid((np.arange(width) + 0.5) / SAMPLES, (np.arange(height) + 0.5) / SAMPLES)
+    seen = np.stack([(column - view.cx) / view.fx, (row - view.cy) / view.fy, np.ones_like(column)], -1).reshape(-1, 3)
+    ways = seen @ view.camera_from_world[:3, :3]
+    rays = np.empty((len(ways), 6), np.float32)
+    rays[:, :3], rays[:, 3:] = frame.unit(view.center[None]), ways
+    hits = standing.caster.first_hits(rays)
+    met = np.flatnonzero(hits.faces >= 0)
+    if not len(met):
+        return splats
+    weights = np.concatenate([1.0 - hits.uv[met].sum(axis=1, keepdims=True), hits.uv[met]], axis=1)
+    radiance = np.einsum("nk,nkc->nc", weights, inserted.radiance[standing.faces[hits.faces[met]]])
+    color = srgb_from_linear(compress_highlights(radiance * np.float32(exposure)))
+    depth = hits.distance[met].astype(np.float64) * frame.diagonal  # along the axis: the rays' third component is 1
+    points = view.center + depth[:, None] * ways[met]
+    back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
+    scale = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
+    size = SIZE * depth / (view.fx * SAMPLES) * scale
+    count = len(met)
+    quats = np.zeros((count, 4), np.float32)
+    quats[:, 0] = 1.0
+    sh = np.zeros((count, splats.sh.shape[1], 3), np.float32)
+    sh[:, 0] = (color - 0.5) / SH_C0
+    return Splats(
+        np.concatenate([splats.means, (points @ back[:3, :3].T + back[:3, 3]).astype(np.float32)]),
+        np.concatenate([splats.scales, np.repeat(size[:, None], 3, axis=1).astype(np.float32)]),
+        np.concatenate([splats.quats_wxyz, quats]),
+        np.concatenate([splats.opacities, np.full(count, OPAQUE, np.float32)]),
+        np.concatenate([splats.sh, sh]),
+    )
+
+
+def camera_of(inserted: "InsertedLight", scene: Scene) -> dict[str, Any]:
+    """A camera that shows all objects, from where the capture stood, or from slightly above: as of `Preview`."""
+    points = inserted.standing.vertices.astype(np.float64)
+    low, high = points.min(axis=0), points.max(axis=0)
+    center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
+    frame, best = inserted.standing.frame, None
+    if len(eyes):
+        distance = np.linalg.norm(eyes - center, axis=1)
+        rays = np.concatenate([frame.unit(eyes), (center - eyes) / frame.diagonal], axis=1).astype(np.float32)
+        part = (1.0 - 1.5 * radius / np.maximum(distance, 1e-9)).astype(np.float32)
+        rays[:, 3:] *= np.maximum(part, 0.0)[:, None]
+        free = ~inserted.around.occluder.occluded(rays, 1.0) & (distance > 2.0 * radius)
+        if free.any():
+            best = eyes[np.flatnonzero(free)[np.argmin(np.abs(np.log(distance[free] / (AWAY * radius))))]]
+    eye = center + AWAY * radius * np.array([0.55, 0.45, 0.7]) if best is None else best
+    wide = 2.0 * np.degrees(np.arctan(2.2 * radius / float(np.linalg.norm(eye - center))))
+    fov = float(np.clip(wide, 15.0, FIELD_DEG)) if best is not None else FIELD_DEG
+    return {"eye": eye.tolist(), "target": center.tolist(), "up": [0.0, 1.0, 0.0], "fov_deg": fov}
