@@ -71,8 +71,8 @@ class MirroredPixels(NamedTuple):
         share = np.where(total > 1e-9, visible / total, 1.0).astype(np.float32)
         wanted = np.zeros(AREA * (len(seen.blending.runs) - 1), bool)
         wanted[pixels.known] = True
-        strength = np.minimum(strength, 1.0).astype(np.float32)
-        return cls(pixels, strength, alpha, share, corners, weights, scene, seen.blending.of_pixels(wanted))
+        part = np.minimum(strength, 1.0).astype(np.float32)
+        return cls(pixels, part, alpha, share, corners, weights, scene, seen.blending.of_pixels(wanted))
 
     def reflected(self, light: Floats, radiance: Floats) -> NDArray[np.float64]:
         """(Q, 3) radiance that each sends to the eye by reflection.
