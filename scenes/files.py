@@ -80,32 +80,32 @@ def write_ceramics(options):
 
     splat.ply and sparse/0 are what a training leaves (y down); truth.ply, environment.exr and truth_gloss.npz, with the
     reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are what it does not tell. truth_LIGHT.ply: the same
-    Gaussians, trained under another light at the same exposure.
+    Gaussians, trained under another light, whose exposure truth.json tells.
     """
     environments = [capture_sky(name) for name in (options.env, *options.relit)]
     truth = ceramics(options.seed, options.vertices or 20_000, not options.matte)
     views = capture_views(truth, options.views)
     faces = seen_faces(truth, views)
-    splats, factor = glossy_splats(truth, environments, views, options.splats, options.seed, faces)
+    splats, factors = glossy_splats(truth, environments, views, options.splats, options.seed, faces)
     seen = np.zeros(len(truth.vertices), bool)
     seen[truth.faces[faces]] = True
     facts = {
         "kind": truth.kind,
         "seed": truth.seed,
         "environment": options.env,
-        "exposure": factor,
+        "exposure": float(factors[0]),
         "splats": len(splats[0]),
         "vertices": len(truth.vertices),
         "faces": len(truth.faces),
         "glossy": bool(truth.glossy.any()),
         "views": len(views),
-        "lights": [environment.name for environment in environments[1:]],
+        "lights": {light.name: float(factor) for light, factor in zip(environments[1:], factors[1:], strict=True)},
         "bounds": [truth.vertices.min(axis=0).tolist(), truth.vertices.max(axis=0).tolist()],
         "scene_from_splat": SCENE_FROM_SPLAT.tolist(),
     }
     with staged_folder(options.out, options.overwrite) as folder:
         write_inria_ply(folder / "splat.ply", splats[0])
-        write_truth_ply(folder / "truth.ply", truth, factor * bake(truth, environments[0]), seen)
+        write_truth_ply(folder / "truth.ply", truth, factors[0] * bake(truth, environments[0]), seen)
         write_colmap(folder / "sparse" / "0", views)
         write_exr(folder / "environment.exr", environments[0])
         gloss = {"reflectance": truth.reflectance, "alpha": truth.alpha, "metal": truth.metal}

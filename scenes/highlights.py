@@ -18,7 +18,7 @@ from splat2mesh.splats.splats import Splats, sh_basis_3dgs
 
 from .cameras import FLIP
 from .light import CLEARANCE, bake, exposure
-from .splat import COLOR_NOISE, PLASTIC, aligned, surface_samples
+from .splat import COLOR_NOISE, PLASTIC, _from_z_to, surface_samples
 
 SAMPLES = 12
 """Rays of a lobe towards one eye; harmonics are fitted to dozens of eyes, each with other rays."""
@@ -38,6 +38,11 @@ RIDGE = 0.3
 VIEW_NOISE = 0.02
 """Standard deviation of each of those coefficients, as training leaves it."""
 
+WIDTH, THICKNESS, SPREAD, OPACITY = 0.7, 0.05, 0.2, 0.9
+"""Discs on the surface: standard deviations in spacings along it and across, spread of their log, opacity. Splats that
+lie as untidily as those of `scenes.splat` show other neighbours from every side, which buries what glazes reflect:
+training makes up for that, and nobody trains here."""
+
 LEAST_COSINE = 0.05
 """Under flatter angles no eye is asked."""
 
@@ -47,17 +52,18 @@ BLOCK = 1024
 def glossy_splats(truth, environments, views, count, seed=0, seen=None):
     """`count` Gaussians of degree 3 as if trained on photographs of a GlossyTruth, under each of some lights.
 
-    environments: of relight.Environment; the first is that of the capture, whose exposure all photographs have. views:
-    of View in the splat's frame. seen: (F,) bool, the faces that are covered; all unless given. Returns a list of
-    Splats in the splat's frame, which differ in their harmonics alone, and the exposure.
+    environments: of relight.Environment, each exposed as a photographer would. views: of View in the splat's frame.
+    seen: (F,) bool, the faces that are covered; all unless given. Returns a list of Splats in the splat's frame, which
+    differ in their harmonics alone, and the exposures (L,). The same arguments give the same splats.
     """
     rng = np.random.default_rng(seed)
-    points, normals, rows, _, weights, bend, thickness, spacing = surface_samples(truth, count, rng, seen)
-    placed = aligned(points, normals, np.zeros_like(points), bend, thickness, spacing, rng)
+    points, normals, rows, _, weights, _, _, spacing = surface_samples(truth, count, rng, seen)
+    scales = spacing[:, None] * [WIDTH, WIDTH, THICKNESS] * np.exp(SPREAD * rng.standard_normal((count, 3)))
+    means, quats = points - THICKNESS * spacing[:, None] * normals, _from_z_to(normals)
     diffuse = [bake(truth, environment) for environment in environments]
     matte = np.unique(truth.faces[rows if seen is None else np.flatnonzero(seen)])
-    lit = diffuse[0][matte][~truth.metal[matte]]
-    factor = float(exposure(lit))
+    matte = matte[~truth.metal[matte]]
+    factors = np.array([exposure(each[matte]) for each in diffuse])
     eyes = np.stack([view.center for view in views]) * FLIP
     found = np.zeros((len(environments), count, (DEGREE + 1) ** 2, 3), np.float32)
     caster = RayCaster(truth.vertices, truth.faces)
@@ -65,12 +71,11 @@ def glossy_splats(truth, environments, views, count, seed=0, seen=None):
     for start in range(0, count, BLOCK):
         block = slice(start, start + BLOCK)
         place = points[block], normals[block], truth.faces[rows[block]], weights[block]
-        found[:, block] = _harmonics(truth, caster, place, eyes, diffuse, lights, factor)
+        found[:, block] = _harmonics(truth, caster, place, eyes, diffuse, lights, factors)
     noise = rng.standard_normal(found.shape[1:], np.float32) * np.float32(VIEW_NOISE)
     noise[:, 0] *= COLOR_NOISE / VIEW_NOISE / 0.2820948
-    means, scales, quats, opacities, _ = placed
-    bare = Splats(means * FLIP, scales, quats * [1.0, *FLIP], opacities, found[0] + noise)
-    return [replace(bare, sh=sh + noise) for sh in found], factor
+    bare = Splats(means * FLIP, scales, quats * [1.0, *FLIP], np.full(count, OPACITY), found[0] + noise)
+    return [replace(bare, sh=sh + noise) for sh in found], factors
 
 
 def mirrored_radiance(truth, caster, points, normals, faces, weights, toward, diffuse, lights):
@@ -133,7 +138,7 @@ def _smith(cosine, alpha):
     return (np.sqrt(1.0 + alpha**2 * (1.0 / cosine**2 - 1.0)) - 1.0) / 2.0
 
 
-def _harmonics(truth, caster, place, eyes, diffuse, lights, factor):
+def _harmonics(truth, caster, place, eyes, diffuse, lights, factors):
     """(L, N, K, 3) harmonics, fitted to what each eye sees of points of the surface, display-referred and clipped."""
     points, normals, faces, weights = place
     away = eyes[None] - points[:, None]
@@ -148,7 +153,7 @@ def _harmonics(truth, caster, place, eyes, diffuse, lights, factor):
     shown[:, rows] += mirrored_radiance(
         truth, caster, points[of], normals[of], faces[of], weights[of], toward, diffuse, lights
     )
-    shown = np.clip(srgb_from_linear(factor * shown), 0.0, 1.0) - 0.5
+    shown = np.clip(srgb_from_linear(factors[:, None, None] * shown), 0.0, 1.0) - 0.5
     basis = sh_basis_3dgs(-away[point, eye] * FLIP, DEGREE)
     full = np.zeros((*away.shape[:2], basis.shape[1]))
     full[point, eye] = basis * np.sqrt(cosine[point, eye])[:, None]
