@@ -32,13 +32,15 @@ Every folder holds report.json: inputs, settings, times, warnings. A mesh's defa
 
 
 class OfInsert(argparse.Action):
-    """A word for the object that was named last; `--at` of two numbers is of the sun."""
+    """A word for the object that was named last; `--at` of two numbers is of the sun, one that is left of a probe."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
         """Put it to the words of that object."""
         inserted = getattr(namespace, "inserted", None)
         if self.dest == "at" and str(values).count(",") < 2:
             namespace.at = values
+        elif self.dest == "at" and (not inserted or any(word.startswith("at=") for word in inserted[-1])):
+            namespace.probe_at = [*getattr(namespace, "probe_at", []), values]
         elif not inserted:
             parser.error(f"--{self.dest} {values}: it belongs to an --insert before it")
         else:
@@ -77,7 +79,8 @@ def parser() -> argparse.ArgumentParser:
     add("--captured", type=float, metavar="FACTOR", help=captured)
     sun = "instead of --env the clear sky of a date and time with its zone (2026-06-21T19:30+02:00)"
     add("--sun", metavar="TIME", help=sun)
-    where = "of --sun latitude and longitude (48.85,2.35); behind --insert where its origin goes (1.55,0,-.6)"
+    where = "of --sun latitude and longitude (48.85,2.35); behind --insert where its origin goes, else "
+    where += "where a probe stands (1.55,0,-.6)"
     add("--at", action=OfInsert, metavar="LAT,LON|X,Y,Z", help=where)
     add("--north", dest="north_deg", type=float, metavar="DEG", help="turn north from -z, counter-clockwise from above")
     day = "times of the day of --sun (05:00-21:30/15min): a folder for each, at one exposure, and with ffmpeg a film"

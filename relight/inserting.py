@@ -15,6 +15,7 @@ from .light.environment import Environment
 
 if TYPE_CHECKING:
     from .beside import Beside
+    from .insert.probe import Light
     from .insert.surroundings import Surroundings
     from .lamps.shapes import Lamp
 
@@ -26,23 +27,35 @@ def surroundings_under(
 
     mixes: whether that has other parts than an environment. steady: whether no environment gets in.
     """
-    from .insert.surroundings import Sky, surroundings_of
+    from .insert.surroundings import surroundings_of
 
-    level = beside.level(shaded.shading.radiance) if mixes else shaded.exposure
-    captured = beside.captured_factor if mixes else float(steady)
-    new = 0.0 if steady or isinstance(shaded.light, CapturedLight) else beside.env_scale
-    skies = [Sky(shaded.light, new)] if new > 0.0 else []
-    if captured > 0.0:
-        skies.append(Sky(captured_sky(look), captured / level))
+    light, level = light_under(shaded, look, beside, mixes, steady), _level(shaded, beside, mixes)
     lamps: list[Lamp] = []
     if mixes and beside.lamp_light is not None:
         from .lamps.photometry import times
 
         lamps = [times(lamp, 1.0 / level) for lamp in beside.lamp_light.lamps]
-    return surroundings_of(
-        *(relighter.scene, relighter.occluder, shaded.shading.radiance, skies, lamps),
-        _glow(shaded, look, beside, (captured if mixes else 1.0) / level),
-    )
+    radiance = shaded.shading.radiance
+    return surroundings_of(relighter.scene, relighter.occluder, radiance, light.skies, lamps, light.glow)
+
+
+def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool, steady: bool) -> "Light":
+    """Return the skies of a light, and what captured lamps send in it. Arguments as of `surroundings_under`."""
+    from .insert.probe import Light
+    from .insert.surroundings import Sky
+
+    level = _level(shaded, beside, mixes)
+    captured = beside.captured_factor if mixes else float(steady)
+    new = 0.0 if steady or isinstance(shaded.light, CapturedLight) else beside.env_scale
+    skies = [Sky(shaded.light, new)] if new > 0.0 else []
+    if captured > 0.0:
+        skies.append(Sky(captured_sky(look), captured / level))
+    return Light(skies, _glow(shaded, look, beside, (captured if mixes else 1.0) / level))
+
+
+def _level(shaded: Shaded, beside: "Beside", mixes: bool) -> float:
+    """Units of the picture per unit of the radiance."""
+    return beside.level(shaded.shading.radiance) if mixes else shaded.exposure
 
 
 def captured_sky(look: Appearance) -> Environment:

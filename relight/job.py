@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from .engine.relit_room import RelitRoom
     from .gloss import SceneGloss
     from .insert.inserts import Inserts
+    from .insert.probe import Light
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
     from .splats import Binding
@@ -235,6 +236,12 @@ class Job(Loaded):
     def _with_others(self, shaded: Shaded) -> Shaded:
         shaded = self.beside.mixed(shaded) if self.mixes else shaded
         return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
+
+    def light_around(self, shaded: Shaded) -> "Light":
+        """The skies of one of the lights, and what captured lamps send in it."""
+        from .inserting import light_under
+
+        return light_under(shaded, self.appearance, self.beside, self.mixes, self.steady)
 
     def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
         from .inserting import surroundings_under

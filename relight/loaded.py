@@ -20,7 +20,7 @@ from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import FILES, OF_SPLATS
+from .output.kinds import AROUND, FILES, OF_SPLATS
 from .request import RelightRequest
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class Loaded:
         alone = (
             not self.request.baked
             and self.request.formats is not None
-            and set(self.request.formats) <= {"splat", "png"}
+            and set(self.request.formats) <= {"splat", "png", *AROUND}
         )
         return alone and not self.request.animated and self.scene.is_place and self.splats is not None
 

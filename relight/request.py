@@ -3,6 +3,7 @@
 The library fills in no default elsewhere, and checks every field here, before any work. Imports nothing heavy.
 """
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -89,6 +90,8 @@ class RelightRequest:
         Far background of a relit splat.
     lights : sequence
         Other lights that the page and the bundle hold.
+    probe_at : sequence of (3,)
+        Where the probes of the format probe stand, in the frame of the splat; one where the capture stood without.
     live_mesh : bool
         Write `live.glb` too, a mesh whose light shaders turn.
     harmonics : {"zero", "keep"}
@@ -132,6 +135,7 @@ class RelightRequest:
     sheet: bool = False
     sky: str = "new"
     lights: Sequence[AnyLight] = ()
+    probe_at: Sequence[Any] = ()
     live_mesh: bool = False
     harmonics: str = "zero"
     splat: str | os.PathLike[str] | None = None
@@ -147,7 +151,7 @@ class RelightRequest:
     def __post_init__(self) -> None:
         if isinstance(self.inserted, (str, os.PathLike)):
             object.__setattr__(self, "inserted", (self.inserted,))
-        for name in ("angles_deg", "baked", "lights", "inserted"):
+        for name in ("angles_deg", "baked", "lights", "inserted", "probe_at"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
@@ -155,6 +159,9 @@ class RelightRequest:
         changes = self.lighting.changes_captured_light or bool(self.inserted)
         if self.env == AUTO:
             object.__setattr__(self, "env", CAPTURED if changes else "studio")
+        object.__setattr__(self, "probe_at", tuple(_place(each) for each in self.probe_at))
+        if self.probe_at and "probe" not in (self.formats or ()):
+            raise InputError("`probe_at`: it belongs to the format probe; give that too")
         self._check_words()
         _ = self.times  # or an InputError
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
@@ -229,3 +236,14 @@ class RelightRequest:
     def under(self, env: AnyLight) -> "RelightRequest":
         """Return the same request under another light."""
         return replace(self, env=env, sun="", at="", north_deg=0.0, day="")
+
+
+def _place(value: Any) -> tuple[float, float, float]:
+    """Three finite numbers, of a sequence or of a text with commas."""
+    try:
+        x, y, z = (float(each) for each in (value.split(",") if isinstance(value, str) else value))
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if not all(map(math.isfinite, (x, y, z))):
+        raise InputError(f"`probe_at` {value}: expected three numbers, such as 0,1.2,0")
+    return x, y, z

@@ -27,8 +27,9 @@ from .insert.asked import described
 from .job import Job
 from .light.loading import light_of
 from .light.skies import BUILTIN
+from .output.around_files import AroundFiles
 from .output.engine_files import EngineFiles
-from .output.kinds import FOR_ENGINES
+from .output.kinds import AROUND, FOR_ENGINES
 from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .request import AnyLight
@@ -133,9 +134,11 @@ class Writer:
                 relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown
             )
         more = asked.texture_size, seed, asked.sky, live, engines
-        return Results(
-            relighter, look, formats, asked.baked, splats, *more, lambda: job.binding, job.lamps_shown, job.gloss
-        )
+        around = None
+        if {*AROUND} & {*formats}:
+            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, asked.probe_at)
+        shown = lambda: job.binding, job.lamps_shown, job.gloss, around
+        return Results(relighter, look, formats, asked.baked, splats, *more, *shown)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())

@@ -60,7 +60,7 @@ def light_on(around: Surroundings, standing: Standing, seed: int = 0) -> NDArray
         rows.append((start + hit // OBJECT_RAYS).astype(np.int32))
         faces.append(own.faces[hit])
         weights.append(weights_of(own.uv[hit]))
-    places = Receiving(at.origins, at.normals, np.zeros(count, np.float32))
+    places = Receiving(at.origins, at.normals)
     received += _direct(around, Together(around.occluder, places, standing.caster), places)
     return _thrown_on(received, standing, np.concatenate(rows), np.concatenate(faces), np.concatenate(weights))
 
@@ -97,7 +97,7 @@ def change_at(
         toward = middle - at.origins
         distance = np.linalg.norm(toward, axis=1)
         height = np.einsum("ij,ij->i", at.normals, toward)
-        reached = (radius**2 > LEAST_CONE * distance**2) & ((height > -radius) | (at.leaf > 0.0))
+        reached = (radius**2 > LEAST_CONE * distance**2) & (height > -radius)
         near = reached & (distance < NEAR * radius)
         for inside, count in ((False, rays), (True, NEAR_RAYS * rays)):
             place = np.flatnonzero(near if inside else reached & ~near)
@@ -132,7 +132,7 @@ def _through(
     size = len(at.origins)
     rays, weights = np.zeros((size, count, 6), np.float32), np.zeros((size, count), np.float32)
     offsets = hashed_offsets(at.origins, at.normals, seed)
-    in_slices(_aim, size, at.origins, at.normals, at.leaf, *cone, fibonacci_azimuths(count), offsets, rays, weights)
+    in_slices(_aim, size, at.origins, at.normals, *cone, fibonacci_azimuths(count), offsets, rays, weights)
     live = np.flatnonzero(weights.ravel() > 0.0)
     flat = rays.reshape(-1, 6)[live]
     own = standing.caster.first_hits(flat)
@@ -191,7 +191,7 @@ def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[
     if len(around.suns):
         found += sunlight(occluder, slice(None), around.suns)
     if around.lamps is not None:
-        found += lamplight(occluder, around.lamps, LAMP_RAYS, leaf=at.leaf)
+        found += lamplight(occluder, around.lamps, LAMP_RAYS)
     return found
 
 
@@ -201,7 +201,6 @@ def _aim(
     end: int,
     origins: NDArray,
     normals: NDArray,
-    leaf: NDArray,
     axes: NDArray,
     cosines: NDArray,
     azimuths: NDArray,
@@ -210,7 +209,7 @@ def _aim(
     weights: NDArray,
 ) -> None:
     """Directions even over a cone about an axis, and what each counts of the irradiance over pi: its solid angle times
-    cosine over pi, of a leaf over four pi; below -1 the cone is the cosine lobe itself, in which all count alike."""
+    cosine over pi; below -1 the cone is the cosine lobe itself, in which all count alike."""
     count, one = len(azimuths), np.float32(1)
     for v in range(begin, end):
         lobe = cosines[v] < -one
@@ -240,4 +239,4 @@ def _aim(
                 weights[v, i] = one / np.float32(count)
             else:
                 cosine = max(nx * dx + ny * dy + nz * dz, np.float32(0)) * np.float32(1.0 / np.pi)
-                weights[v, i] = solid * ((one - leaf[v]) * cosine + leaf[v] * np.float32(0.25 / np.pi))
+                weights[v, i] = solid * cosine

@@ -69,14 +69,6 @@ class Inserts:
             ]
             return Standing.of(Frame.around(scene.vertices, scene.faces), objects, placed)
 
-    @cached_property
-    def leaf(self) -> NDArray[np.float32]:
-        """(V,): which part of each vertex of the scene is a leaf."""
-        foliage, leaf = self.relighter.precomputed.foliage, np.zeros(len(self.relighter.scene.vertices), np.float32)
-        if foliage is not None:
-            leaf[foliage.rows] = foliage.share[:, 0]
-        return leaf
-
     def under(self, around: Surroundings, received: NDArray[np.float32]) -> "InsertedLight":
         """Return what the objects receive and change. around: the light on the scene without them. received: (V, 3)
         irradiance over pi of its vertices in it."""
@@ -86,7 +78,9 @@ class Inserts:
         self._check_lit(light, received)
         radiance = self.standing.albedo * light + self.standing.emission
         with stages.stage("shadows of objects", len(received)) as advance:
-            at = Receiving(around.occluder.origins, around.occluder.normals, self.leaf)
+            # Leaves too by their normals: beside an object it counts which of them turn to it (.70 of the shadow in a
+            # trained garden, .69 as volumes).
+            at = Receiving(around.occluder.origins, around.occluder.normals)
             direct = change_at(around, self.standing, radiance, RAYS, at, seed, advance)
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
 

@@ -71,12 +71,10 @@ class Surroundings:
 
 
 class Receiving(NamedTuple):
-    """Places that receive light. origins: (M, 3) float32, where rays start, unit frame. normals: (M, 3) float32. leaf:
-    (M,) float32 in [0, 1], how far each is a leaf."""
+    """Places that receive light. origins: (M, 3) float32, where rays start, unit frame. normals: (M, 3) float32."""
 
     origins: NDArray[np.float32]
     normals: NDArray[np.float32]
-    leaf: NDArray[np.float32]
 
     def of(self, rows: Indices) -> "Receiving":
         """Some of them."""

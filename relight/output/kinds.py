@@ -11,12 +11,16 @@ FILES = {
     "png": "preview.png",
     "live": "live/live.json",
     "web": "relit.html",
+    "probe": "probe.exr",
 }
 
 FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 """Those that `engine_files.EngineFiles` writes."""
 
-OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES)
+AROUND = ("probe",)
+"""Those that tell of the light around, which `around_files.AroundFiles` writes."""
+
+OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND)
 """Those that need the splats that the scene was made from."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")

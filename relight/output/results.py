@@ -12,8 +12,9 @@ from splat2mesh.splats.splats import Splats
 
 from ..light.captured import CapturedLight
 from . import mesh_files
+from .around_files import AroundFiles
 from .engine_files import EngineFiles
-from .kinds import FILES, FOR_ENGINES, SHEET
+from .kinds import AROUND, FILES, FOR_ENGINES, SHEET
 from .lamps_glb import NO_LAMPS, PlacedLamps
 from .live_files import LiveFiles
 
@@ -42,7 +43,8 @@ class Results:
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
-    what was put in beside it. gloss: SceneGloss, or None where gloss stays as captured.
+    what was put in beside it. gloss: SceneGloss, or None where gloss stays as captured. around: writes what tells of the
+    light around.
     """
 
     def __init__(
@@ -60,8 +62,9 @@ class Results:
         binding: Callable[[], Any] = lambda: None,
         lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
         gloss: "SceneGloss | None" = None,
+        around: AroundFiles | None = None,
     ) -> None:
-        self._gloss = gloss
+        self._gloss, self._around = gloss, around
         self._live, self._engines, self._lamps = live, engines, lamps
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
@@ -80,7 +83,7 @@ class Results:
         light, exposure, radiance = shaded.light, shaded.exposure, shaded.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
-        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES)]
+        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES, *AROUND)]
         told: dict = {}
         relit = None
         with self._stages.stage("write"):
@@ -93,7 +96,9 @@ class Results:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
                 mesh_files.write_npy(folder / FILES["npy"], self._scene, radiance)
-        if self._splats is not None and (pictured or (self._engines is not None and self._engines.wants_relit)):
+        if self._splats is not None and (
+            pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
+        ):
             relit = self.relit_splats(shaded)
         if "splat" in self._kinds and relit is not None:
             names += self._write_splats(folder, relit)
@@ -103,6 +108,9 @@ class Results:
             names += self._write_textures(folder, shaded, told)
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
+        if self._around is not None and relit is not None:
+            with self._stages.stage("around"):
+                names += self._around.write(folder, relit, shaded)
         if self._live is not None:
             written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
             names += written

@@ -41,6 +41,7 @@ def test_each_option_of_relight_is_a_field_and_each_field_an_option():
     fields = names_of(RelightRequest, LightingOptions, ConvertOptions, TilingOptions, Display)
     options = set(option_names(relight.cli.parser()))
     python_only = {"scene", "lighting", "meshing", "tiling", "tile_splats"}  # SCENE is no option, the others are nested
+    python_only |= {"probe_at"}  # which --at fills
     assert options - CALLS - SESSION - OF_INSERT == fields - python_only
 
 

@@ -46,7 +46,16 @@ def test_two_numbers_after_at_are_where_the_sun_shines(statue):
     assert asked_inserts(request.inserted)[0].at == (0.0, 0.0, 1.0)
 
 
-@pytest.mark.parametrize("option", ["--at", "--turn", "--scale", "--on"])
+def test_three_numbers_that_no_object_takes_are_where_a_probe_stands(statue):
+    line = ["garden", "--format", "probe", "--at", "-1,2,3", "--insert", statue, "--at", "0,0,1", "--at", "4,5,6"]
+    request = request_of(parser().parse_args(line))
+    assert request.probe_at == ((-1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+    assert asked_inserts(request.inserted)[0].at == (0.0, 0.0, 1.0)
+    with pytest.raises(InputError, match="belongs to the format probe"):
+        request_of(parser().parse_args(["garden", "--at", "-1,2,3"]))
+
+
+@pytest.mark.parametrize("option", ["--turn", "--scale", "--on"])
 def test_an_option_without_an_object_is_refused(option, capsys):
     with pytest.raises(SystemExit) as ended:
         parser().parse_args(["garden", option, "1,2,3"])

@@ -51,7 +51,7 @@ def floor(albedo=0.0, side=101, size=10.0):
 
 
 def every(occluder):
-    return Receiving(occluder.origins, occluder.normals, np.zeros(len(occluder.origins), np.float32))
+    return Receiving(occluder.origins, occluder.normals)
 
 
 def form_factor(distance, height, radius):

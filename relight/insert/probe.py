@@ -1,0 +1,126 @@
+"""The light that arrives at a place: what the splats show in each direction, and where they clip what is known of it.
+
+A splat shows the sky, a window, a lamp as white at most. So what the rays of the mesh miss takes the sky that was
+estimated, or is given, and what glows takes the radiance that was solved for.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Vector
+from splat2mesh.base.sphere import texel_directions
+from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.view import View
+from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
+
+from ..transfer.occluder import Frame, Occluder
+from .surroundings import Sky, weights_of
+
+HEIGHT = 256
+"""Rows of the picture, half its columns: texels of .7 degrees."""
+
+FACE = 320
+"""Side of a face of the cube that is rendered, in pixels."""
+
+FIELD_DEG = 92.0
+"""Angle of a face: a little over a quarter turn, so that they overlap."""
+
+NEAR = 0.004
+"""Near plane, in diagonals of the scene: what hangs at the very place itself hides nothing."""
+
+SURE, CLIPPED = 0.85, 0.98
+"""Display values of the brightest channel up to which the splats show a sky as it was, and from which they clip it."""
+
+
+class Light(NamedTuple):
+    """What is known of the light besides the splats. skies: with their suns. glow: (V, 3) float32 of the scene's
+    vertices, what lamps send, or None. Both in the unit of the radiance."""
+
+    skies: list[Sky]
+    glow: NDArray[np.float32] | None
+
+
+def probe(
+    splats: Splats,  # in the light, in their own frame
+    scene: Scene,
+    occluder: Occluder,
+    light: Light,
+    exposure: float,  # units of the picture per unit of the radiance
+    place: Vector,  # (3,) in the frame of the splats
+) -> NDArray[np.float32]:
+    """Return the lat-long picture (HEIGHT, 2 HEIGHT, 3) float32 of the light, scene frame, units of the picture."""
+    directions = texel_directions(HEIGHT, 2 * HEIGHT).reshape(-1, 3)
+    matrix = np.asarray(scene.scene_from_splat, np.float64)
+    frame = Frame.around(scene.vertices, scene.faces)
+    at = matrix[:3, :3] @ np.asarray(place, np.float64) + matrix[:3, 3]
+    rays = np.empty((len(directions), 6), np.float32)
+    rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
+    hits = occluder.first_hits(rays)
+    shown, alpha = _shown(splats, scene, np.asarray(place, np.float64), directions)
+    sky = np.zeros_like(shown)
+    for each in light.skies:
+        sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
+    away = hits.faces < 0
+    found = linear_from_srgb(shown).astype(np.float32)
+    clipped = np.clip((shown.max(axis=1) - SURE) / (CLIPPED - SURE), 0.0, 1.0)[:, None]
+    free = found + (1.0 - alpha[:, None]) * sky
+    found[away] = (free + clipped * (np.maximum(sky, free) - free))[away]
+    if light.glow is not None:
+        met = np.flatnonzero(~away)
+        corners = occluder.faces[hits.faces[met]]
+        glow = np.einsum("nk,nkc->nc", weights_of(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
+        found[met] = np.maximum(found[met], glow)
+    return found.reshape(HEIGHT, 2 * HEIGHT, 3)
+
+
+def usual_place(scene: Scene, occluder: Occluder) -> Vector:
+    """Where a probe stands that nobody places, in the frame of the splats: where the capture stood in a room, in the
+    middle of where it stood about anything else, or above an object."""
+    back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
+    eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
+    if len(eyes) and scene.capture.get("from") == "inside":
+        middle = np.median(eyes, axis=0)
+        found = eyes[np.argmin(np.linalg.norm(eyes - middle, axis=1))]
+    else:
+        found = np.median(eyes, axis=0) if len(eyes) else scene.bounds.mean(axis=0)
+        if not len(eyes):
+            found[1] = scene.bounds[1, 1] + 0.1 * scene.diagonal
+    return back[:3, :3] @ found + back[:3, 3]
+
+
+def _shown(
+    splats: Splats, scene: Scene, place: NDArray[np.float64], directions: NDArray
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Display values (N, 3), premultiplied, in [0, 1], and alpha (N,), of splats in unit directions of the scene."""
+    matrix = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
+    scale = float(np.cbrt(abs(np.linalg.det(matrix))))
+    turned = directions @ (matrix / scale)  # into the frame of the splats
+    color, alpha = np.zeros((len(turned), 3), np.float32), np.zeros(len(turned), np.float32)
+    axis = np.abs(turned).argmax(axis=1)
+    side = np.sign(turned[np.arange(len(turned)), axis])
+    for number in range(6):
+        forward = np.zeros(3)
+        forward[number // 2] = 1.0 - 2.0 * (number % 2)
+        rows = np.flatnonzero((axis == number // 2) & (side == forward[number // 2]))
+        up = np.roll(np.abs(forward), 1)
+        view = View.look_at(place, place + forward, up, FIELD_DEG, FACE, FACE)
+        seen = rasterize(splats, view, NEAR * scene.diagonal / scale)
+        x, y, z = view.camera_from_world[:3, :3] @ turned[rows].T
+        column, row = view.fx * x / z + view.cx - 0.5, view.fy * y / z + view.cy - 0.5
+        for image, target in ((np.clip(seen.color, 0.0, 1.0), color), (seen.alpha, alpha)):
+            target[rows] = _between(image, column, row)
+    return color, alpha
+
+
+def _between(image: NDArray, column: NDArray, row: NDArray) -> NDArray[np.float32]:
+    """Bilinear values of an image at places, which lie within it."""
+    left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)
+    a, b = column - left, row - top
+    a, b = (part.reshape(-1, *[1] * (image.ndim - 2)) for part in (a, b))
+    upper = image[top, left] * (1 - a) + image[top, left + 1] * a
+    lower = image[top + 1, left] * (1 - a) + image[top + 1, left + 1] * a
+    return np.asarray(upper * (1 - b) + lower * b, np.float32)

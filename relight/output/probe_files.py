@@ -1,0 +1,77 @@
+"""probe.exr: the light that arrives at a place, and a picture of a chrome and a grey ball in it."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Vector
+from splat2mesh.base.outputs import staged_file
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.splats import Splats
+
+from ..insert.probe import Light, probe, usual_place
+from ..light.environment import Environment
+from ..light.tonemap import compress_highlights
+from ..sh import harmonics
+from ..transfer.occluder import Occluder
+from . import mesh_files
+
+BALL = 360
+"""Side of the picture of a ball, in pixels."""
+
+GREY = 0.5
+"""Albedo of the grey ball."""
+
+
+def write_probes(
+    folder: Path,
+    splats: Splats,
+    scene: Scene,
+    occluder: Occluder,
+    light: Light,
+    exposure: float,
+    places: "list[Vector]",  # frame of the splats; the usual one without any
+) -> list[str]:
+    """Write a probe for each place: probe.exr, probe_2.exr ..., and pictures of their balls. Returns the names."""
+    names = []
+    for number, place in enumerate(places or [usual_place(scene, occluder)], 1):
+        image = probe(splats, scene, occluder, light, exposure, place)
+        stem = "probe" if number == 1 else f"probe_{number}"
+        write_exr(folder / f"{stem}.exr", {"RGB": image})
+        mesh_files.write_png(folder / f"{stem}.png", balls(image))
+        names += [f"{stem}.exr", f"{stem}.png"]
+    return names
+
+
+def write_exr(path: Path, channels: dict[str, NDArray]) -> None:
+    """Write an OpenEXR file of float32 channels, (H, W, 3) or (H, W)."""
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    packed = {name: np.ascontiguousarray(each, np.float32) for name, each in channels.items()}
+    with staged_file(path) as staging:
+        OpenEXR.File(header, packed).write(str(staging))
+
+
+def balls(image: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """A chrome and a grey ball in the light of a lat-long picture, from the +z side: (BALL, 2 BALL, 3) uint8 sRGB."""
+    environment = Environment(image, "probe")
+    across = (np.arange(BALL) + 0.5) / BALL * 2.2 - 1.1
+    x, y = np.meshgrid(across, -across)
+    inside = x**2 + y**2 < 1.0
+    normal = np.stack([x, y, np.sqrt(np.maximum(1.0 - x**2 - y**2, 0.0))], axis=-1)
+    mirrored = 2.0 * normal[..., 2:] * normal - np.array([0.0, 0.0, 1.0])
+    plain = np.full((BALL, BALL, 3), 0.02, np.float32)
+    chrome, grey = plain.copy(), plain.copy()
+    chrome[inside] = environment.lookup(mirrored[inside])
+    grey[inside] = GREY * irradiance(image, normal[inside])
+    return bytes_from_unit(srgb_from_linear(compress_highlights(np.concatenate([chrome, grey], axis=1))))
+
+
+def irradiance(image: NDArray[np.float32], normals: NDArray) -> NDArray[np.float32]:
+    """Irradiance over pi, (N, 3), of unit normals (N, 3) in a lat-long picture: by nine harmonics."""
+    light = Environment(image, "probe").sh(3)
+    lobe = np.repeat([1.0, 2.0 / 3.0, 0.25], [1, 3, 5])
+    return np.maximum(harmonics.evaluate(normals, 3) @ (lobe[:, None] * light), 0.0).astype(np.float32)
