@@ -43,8 +43,8 @@ class Results:
     result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
-    what was put in beside it. gloss: SceneGloss, or None where gloss stays as captured. around: writes what tells of the
-    light around.
+    what was put in beside it. gloss: SceneGloss; None where gloss stays as captured. around: writes what
+    tells of the light around.
     """
 
     def __init__(
