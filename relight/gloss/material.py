@@ -33,13 +33,13 @@ class GlossCalibration:
 
     provenance: ClassVar = Provenance(
         script="scripts/bench gloss",
-        fitted_on="a trained table of glazed and metal objects; matt: a trained object, tabletop and garden",
-        held_out="generated tables, whose figures scripts/bench gloss prints",
+        fitted_on="one trained table of glazed and metal objects",
+        held_out="matte patches of five generated tables explain up to .02, .01, .07, .12 and .43",
     )
 
-    least_explained: float = 0.025
-    sure_explained: float = 0.15
-    sure_patches: int = 2
+    least_explained: float = 0.05
+    sure_explained: float = 0.2
+    sure_patches: int = 3
     least_reflectance: float = 0.004
 
 
