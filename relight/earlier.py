@@ -94,7 +94,7 @@ def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
     """What is put in and where; its file by its content."""
     source = asked.source
     if isinstance(source, (str, os.PathLike)):
-        return {**described(asked), "file": _described(source)}
+        return {**described(asked), "file": _described_scene(source)}
     return {**described(asked), "file": _digest([source.vertices, source.normals, source.faces, source.colors_srgb])}
 
 

@@ -14,16 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.options import ConvertOptions
+from splat2mesh.scene.mesh import Mesh
 
 from .engine.appearance import Appearance, albedo_kept, appearance_of
 from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shaded, Shading
+from .light import CAPTURED
 from .light.captured import CapturedLight
 from .light.environment import Environment
 from .light.loading import light_of
 from .light.tonemap import auto_exposure
 from .loaded import Loaded
-from .request import AnyLight
+from .meshing import is_scene, of_splats, scene_folder
+from .request import AnyLight, RelightRequest
 from .transfer.store import Cache
 
 if TYPE_CHECKING:
@@ -31,7 +35,9 @@ if TYPE_CHECKING:
     from .engine.placed import LampLight
     from .engine.relit_room import RelitRoom
     from .gloss import SceneGloss
+    from .insert.asked import AskedInsert
     from .insert.inserts import Inserts
+    from .insert.objects import InsertedObject
     from .insert.probe import Light
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
@@ -61,8 +67,9 @@ class Job(Loaded):
     @cached_property
     def relighter(self) -> Relighter:
         """The Relighter of the scene."""
+        self.require("inserted_meshes")  # a broken object fails before any work
         if self.shows_splats:
-            self.require("splats")  # a missing splat fails before any work
+            self.require("splats")  # so does a missing splat
         if "usd" in (self.request.formats or ()):
             from .output.usd import library
 
@@ -159,13 +166,34 @@ class Job(Loaded):
             yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     @cached_property
+    def inserted_meshes(self) -> "dict[AskedInsert, InsertedObject]":
+        """Those of the objects that are no splats, read."""
+        from .insert.objects import read_object
+
+        splats = {each for each in self.asked_inserts if not isinstance(each.source, Mesh) and of_splats(each.source)}
+        return {each: read_object(each) for each in self.asked_inserts if each not in splats}
+
+    @cached_property
     def inserts(self) -> "Inserts | None":
         """The objects that are put in, where they stand; None without."""
         if not self.asked_inserts:
             return None
         from .insert.inserts import Inserts
 
-        return Inserts(self.asked_inserts, self.relighter, self.appearance)
+        return Inserts(self.asked_inserts, self.relighter, self.appearance, self._object_of)
+
+    def _object_of(self, asked: "AskedInsert") -> "InsertedObject":
+        """What was asked to be put in; a splat is meshed first, as a scene is, and told from its own light."""
+        if asked in self.inserted_meshes:
+            return self.inserted_meshes[asked]
+        from .insert.splat_object import splat_object
+
+        folder, source = asked.source, asked.source
+        if not isinstance(source, Mesh) and not is_scene(source):
+            folder, _ = scene_folder(source, ConvertOptions(), self.stages)
+        own = Job(RelightRequest(folder, CAPTURED, formats=("splat",)), self.stages)
+        assert own.splats is not None  # or an InputError
+        return splat_object(asked.name, own.scene, own.binding, len(own.splats[0]), own.appearance)
 
     @cached_property
     def room(self) -> "RelitRoom | None":

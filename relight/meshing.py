@@ -24,6 +24,18 @@ _UNRECORDED = ("cameras", "eyes")
 """Fields whose values scene.json does not keep."""
 
 
+def is_scene(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a scene folder."""
+    return (Path(path) / META).is_file()
+
+
+def of_splats(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a splat, or a scene folder made of one. Raises InputError for a path that is not there."""
+    if not os.path.lexists(path):
+        raise InputError(f"{path}: no such file")
+    return is_scene(path) or is_splat(path)
+
+
 def is_splat(path: str | os.PathLike[str]) -> bool:
     """Whether a path that exists is a splat or a layout of several, by what it holds; not whether it is sound."""
     path = Path(path)

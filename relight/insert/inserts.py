@@ -1,7 +1,7 @@
 """Objects in a scene under one light after another: what they receive, and what they change around them."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
 from .gathering import change_at, light_on
-from .objects import read_object
+from .objects import InsertedObject, read_object
 from .placing import placed_by
 from .standing import Standing
 from .surroundings import Receiving, Surroundings
@@ -50,19 +50,26 @@ BURIED = 0.9
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: what is put in. look: the Appearance, whose albedo bounces take.
+    asked: what is put in. look: the Appearance, whose albedo bounces take. read: reads what is asked for, as
+    `read_object` reads meshes.
     Raises InputError, on first use, for files that cannot be read.
     """
 
-    def __init__(self, asked: Sequence[AskedInsert], relighter: "Relighter", look: "Appearance") -> None:
-        self.asked, self.relighter, self.look = list(asked), relighter, look
+    def __init__(
+        self,
+        asked: Sequence[AskedInsert],
+        relighter: "Relighter",
+        look: "Appearance",
+        read: Callable[[AskedInsert], InsertedObject] = read_object,
+    ) -> None:
+        self.asked, self.relighter, self.look, self._read = list(asked), relighter, look, read
 
     @cached_property
     def standing(self) -> Standing:
         """The objects where they stand."""
         scene, occluder = self.relighter.scene, self.relighter.occluder
         with self.relighter.stages.stage("objects"):
-            objects = [read_object(each) for each in self.asked]
+            objects = [self._read(each) for each in self.asked]
             placed = [
                 placed_by(asked, each.joined("vertices"), scene, occluder)
                 for asked, each in zip(self.asked, objects, strict=True)
@@ -145,6 +152,19 @@ class InsertedLight:
         logs = np.log(np.maximum((before + change) / before, LEAST_RATIO))
         shrunk = np.sign(logs) * np.maximum(np.abs(logs) - LEAST_CHANGE, 0.0)
         return np.exp(shrunk).astype(np.float32)
+
+    def splats_put_in(self, exposure: float) -> "Splats | None":
+        """The splats among the objects, lit, in the frame of the place's splat; None without. exposure: units of the
+        picture per unit of the radiance."""
+        from splat2mesh.splats.joining import joined
+
+        back = np.linalg.inv(np.asarray(self.inserts.relighter.scene.scene_from_splat, np.float64))
+        found, starts = [], self.standing.starts
+        for number, each in enumerate(self.standing.objects):
+            if each.splat is not None:
+                light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
+                found.append(each.splat.relit(light, back @ self.standing.placed[number]))
+        return joined(found) if found else None
 
     def on_splats(self, splats: "Splats") -> "Splats":
         """Splats of the scene, lit without the objects, with their shadows and the light that they throw on."""

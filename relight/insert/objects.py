@@ -4,7 +4,7 @@ import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from splat2mesh.scene.meshfile import read_mesh
 
 from .asked import AskedInsert
 from .refine import carried, refined, unit
+
+if TYPE_CHECKING:
+    from .splat_object import SplatObject
 
 FINENESS = 48
 """Edges along the diagonal of an object at least: light is told at its vertices."""
@@ -58,11 +61,13 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class InsertedObject:
-    """An object in its own frame and unit, parts end to end. document: of its glTF file, None for others."""
+    """An object in its own frame and unit, parts end to end. document: of its glTF file, None for others. splat: the
+    SplatObject that it is, or None."""
 
     name: str
     parts: list[Part]
     document: GltfData | None = None
+    splat: "SplatObject | None" = None
 
     def joined(self, name: str) -> NDArray:
         """An attribute of all parts: `vertices`, `normals`, `albedo` or `emission`."""

@@ -21,8 +21,10 @@ def refined(
     points, corners = np.asarray(points, np.float64), faces.astype(np.int64)
     wanted = np.ones(len(points), bool) if wanted is None else wanted
     rounds: list[Integers] = []
+    near = wanted[corners].any(axis=1)  # no other face has an edge that is halved
+    others, corners = corners[~near], corners[near]
     for _ in range(MOST_ROUNDS):
-        if len(corners) > most_faces:
+        if len(corners) + len(others) > most_faces:
             break
         edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1)
         length = np.linalg.norm(points[edges[..., 0]] - points[edges[..., 1]], axis=-1)
@@ -33,7 +35,7 @@ def refined(
         rounds.append(parents)
         points = np.concatenate([points, points[parents].mean(axis=1)])
         wanted = np.concatenate([wanted, wanted[parents].any(axis=1)])
-    return corners.astype(np.int32), rounds
+    return np.concatenate([others, corners]).astype(np.int32), rounds
 
 
 def carried(values: NDArray, rounds: list[Integers]) -> NDArray:

@@ -5,6 +5,7 @@ change are cut until they are fine beside the object, their vertices traced, and
 where the capture stood, all towards the objects, tell which splats show what.
 """
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,7 +58,7 @@ def shadowed(light: "InsertedLight", splats: Splats) -> Splats:
     reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
     sh = splats.sh.copy()
     sh[reached] = relit.sh[reached]
-    return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
+    return replace(splats, sh=sh)
 
 
 def _finer(light: "InsertedLight", scene: Scene) -> tuple[Scene, NDArray[np.float32]]:

@@ -23,7 +23,7 @@ class Standing:
     """Objects that stand in a scene, V vertices in all, ends to ends.
 
     frame: of the scene. objects: as read. vertices, normals: (V, 3) float32, scene frame. faces: (F, 3) int32.
-    albedo, emission: (V, 3) float32. starts: (N + 1,), where the vertices of each object begin.
+    albedo, emission: (V, 3) float32. starts: (N + 1,), where the vertices of each object begin. placed: the matrices.
     """
 
     frame: Frame
@@ -34,6 +34,7 @@ class Standing:
     albedo: NDArray[np.float32]
     emission: NDArray[np.float32]
     starts: NDArray[np.int64]
+    placed: list[NDArray[np.float64]]
 
     @classmethod
     def of(cls, frame: Frame, objects: list[InsertedObject], placed: list[NDArray[np.float64]]) -> "Standing":
@@ -48,7 +49,8 @@ class Standing:
         albedo, emission = (np.concatenate([each.joined(name) for each in objects]) for name in ("albedo", "emission"))
         joined = np.concatenate(faces).astype(np.int32)
         starts = np.array(first)
-        return cls(frame, objects, np.concatenate(vertices), np.concatenate(normals), joined, albedo, emission, starts)
+        arrays = np.concatenate(vertices), np.concatenate(normals), joined, albedo, emission, starts
+        return cls(frame, objects, *arrays, placed)
 
     @cached_property
     def occluder(self) -> Occluder:

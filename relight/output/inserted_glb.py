@@ -35,6 +35,9 @@ def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", 
     standing, clipped, first = inserted.standing, 0, 0
     file = Glb(extensionsUsed=[UNLIT], materials=[], textures=[], images=[], samplers=[])
     for number, each in enumerate(standing.objects):
+        if each.splat is not None:
+            first += len(each.joined("vertices"))
+            continue
         materials = _Materials(file, each.document)
         for part in each.parts:
             rows = slice(first, first + len(part.vertices))

@@ -10,6 +10,7 @@ import numpy as np
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.scene.scene import Scene
+from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import SH_C0, Splats
 
 from ..light.tonemap import compress_highlights
@@ -39,7 +40,11 @@ def with_objects(splats: Splats, inserted: "InsertedLight", exposure: float, vie
     rays = np.empty((len(ways), 6), np.float32)
     rays[:, :3], rays[:, 3:] = frame.unit(view.center[None]), ways
     hits = standing.caster.first_hits(rays)
+    meshes = np.array([each.splat is None for each in standing.objects])
     met = np.flatnonzero(hits.faces >= 0)
+    met = met[meshes[standing.owner[hits.faces[met]]]]
+    put_in = inserted.splats_put_in(exposure)
+    splats = splats if put_in is None else joined([splats, put_in])
     if not len(met):
         return splats
     weights = np.concatenate([1.0 - hits.uv[met].sum(axis=1, keepdims=True), hits.uv[met]], axis=1)

@@ -126,16 +126,23 @@ class Results:
         """The objects that were put in, in their light, and a picture of them in the scene: names of the files."""
         from .inserted_glb import write_inserted_glb
         from .inserted_picture import camera_of
+        from .joined_splats import append_splats
         from .picture import RelitPicture
 
+        names: list[str] = []
         with self._stages.stage("write"):
-            write_inserted_glb(folder / INSERTED[0], shaded.inserted, shaded.exposure)
+            if any(each.splat is None for each in shaded.inserted.standing.objects):
+                write_inserted_glb(folder / INSERTED[0], shaded.inserted, shaded.exposure)
+                names.append(INSERTED[0])
+            splats = shaded.inserted.splats_put_in(shaded.exposure)
+            if splats is not None and "splat" in self._kinds and relit is not None:
+                append_splats(folder / FILES["splat"], splats)
         if relit is None:
-            return [INSERTED[0]]
+            return names
         with self._stages.stage("preview"):
             picture = RelitPicture(self._scene, camera_of(shaded.inserted, self._scene), *PICTURE_SIZE)
             mesh_files.write_png(folder / INSERTED[1], self._of_splats(picture, relit, shaded))
-        return list(INSERTED)
+        return [*names, INSERTED[1]]
 
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
         """A picture of relit splats, and of what was put in among them."""

@@ -1,0 +1,209 @@
+"""Objects put into a scene, from a request to files."""
+
+import json
+
+import numpy as np
+import pygltflib
+import pytest
+import trimesh
+from gltf_check import validator_issues
+from place_splats import wall
+
+from relight import RelightRequest
+from relight.cli import main
+from relight.folders import relight_files
+from relight.insert.asked import AskedInsert
+from relight.insert.placing import placed_by
+from relight.job import Job
+from relight.transfer.occluder import Occluder
+from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.sources import describe
+from splat2mesh.splats.formats.inria import write_inria_ply
+from splat2mesh.splats.splats import SH_C0, Splats
+
+GREY = 127
+UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+pytestmark = pytest.mark.filterwarnings("ignore:nothing tells the light of the capture")
+
+
+def grid_floor(side=41, size=8.0):
+    across = np.linspace(-size / 2, size / 2, side)
+    x, z = np.meshgrid(across, across)
+    vertices = np.stack([x.ravel(), 0 * x.ravel(), z.ravel()], axis=1).astype(np.float32)
+    a = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
+    faces = np.concatenate([np.stack([a, a + side, a + 1], 1), np.stack([a + 1, a + side, a + side + 1], 1)])
+    normals = np.tile(np.float32([0, 1, 0]), (len(vertices), 1))
+    return Mesh(vertices, normals, faces.astype(np.int32), np.full((len(vertices), 3), GREY, np.uint8))
+
+
+@pytest.fixture
+def place(tmp_path):
+    """A grey floor of splats, as captured in an even light, and its scene folder."""
+    splats = wall([-4, 0, -4], [0, 0, 8], [8, 0, 0], 0.1)
+    write_inria_ply(tmp_path / "floor.ply", splats)
+    scene = Scene([grid_floor()], source=describe(tmp_path / "floor.ply"))
+    scene.save(tmp_path / "floor")
+    return tmp_path / "floor"
+
+
+def obj(path, mesh):
+    path.write_text(trimesh.exchange.obj.export_obj(mesh, include_normals=False))
+    return path
+
+
+def disc(tmp_path, radius=0.5):
+    return obj(tmp_path / "disc.obj", trimesh.creation.cylinder(radius, 0.01, sections=64).apply_transform(_upright()))
+
+
+def _upright():
+    return np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+
+
+def request(place, inserted, output, **more):
+    return RelightRequest(place, inserted=inserted, albedo="captured", output=output, formats=("splat",), **more)
+
+
+def rows(path):
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    return np.frombuffer(body, "<u4").reshape(-1, header.count(b"property"))
+
+
+def test_a_black_disc_darkens_the_splats_below_it_by_its_form_factor(place, tmp_path):
+    asked = f"{disc(tmp_path)} at=0,.5,0 albedo=0"
+    relight_files(request(place, [asked], tmp_path / "out"))
+    splats = Splats.load(tmp_path / "out" / "relit_splat.ply")
+    shown = 0.5 + SH_C0 * splats.sh[:, 0]
+    distance = np.linalg.norm(splats.means[:, [0, 2]], axis=1)
+    z = 1 + (0.495**2 - 0.25) / np.maximum(distance, 1e-9) ** 2
+    both = (1 + (0.495**2 + 0.25) / np.maximum(distance, 1e-9) ** 2) ** 2 - 4 * 0.25 / np.maximum(distance, 1e-9) ** 2
+    factor = 0.5 * (1 - z / np.sqrt(both))
+    ratio = (1.05 - factor) / 1.05  # a twentieth of the light is added to both
+    wanted = (0.5 + 0.055) * ratio ** (1 / 2.4) - 0.055
+    judged = (distance > 0.02) & (distance < 1.5)
+    # Of the disc's albedo of .02 and of the change that is left out: a hundredth.
+    np.testing.assert_allclose(shown[judged].mean(axis=1), wanted[judged], atol=0.02)
+
+
+def test_what_is_not_reached_keeps_every_bit_and_nothing_put_in_changes_nothing(place, tmp_path):
+    source = rows(tmp_path / "floor.ply")
+    relight_files(request(place, [f"{disc(tmp_path, 0.2)} at=-2,.3,-2"], tmp_path / "with"))
+    changed = (rows(tmp_path / "with" / "relit_splat.ply") != source).any(axis=1)
+    apart = np.linalg.norm(source.view("<f4")[:, [0, 2]] + 2, axis=1)
+    assert changed[apart < 0.2].all()
+    assert not changed[apart > 2.0].any()
+    relight_files(RelightRequest(place, "captured", albedo="captured", output=tmp_path / "no", formats=("splat",)))
+    np.testing.assert_array_equal(rows(tmp_path / "no" / "relit_splat.ply"), source)
+
+
+def test_a_white_wall_throws_light_on_the_floor_in_its_new_light(place, tmp_path):
+    """Under a light from one side alone, what faces a wall that it lights is brighter than without."""
+    sunny = np.full((32, 64, 3), 1e-3, np.float32)
+    sunny[10, 16] = 300.0  # from +x, 33 degrees above the horizon
+    from relight.light.environment import Environment
+
+    light = Environment(sunny, "low")
+    slab = obj(tmp_path / "wall.obj", trimesh.creation.box((0.05, 1.0, 2.0)))
+    job = Job(request(place, [f"{slab} at=-1,.5,0 albedo=.9"], None, env=light))
+    shaded = next(job.shaded())
+    before = Job(RelightRequest(place, light, albedo="captured", formats=("splat",)))
+    ratio = shaded.shading.radiance / next(before.shaded()).shading.radiance
+    x, _, z = job.scene.vertices.T
+    lit, shade = (x > -0.9) & (x < -0.5) & (abs(z) < 0.3), (x < -1.2) & (x > -1.8) & (abs(z) < 0.3)
+    assert (ratio[lit] > 1.05).all()
+    assert (ratio[shade] < 0.2).all()
+
+
+def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
+    from PIL import Image
+
+    ball = trimesh.creation.icosphere(2, radius=0.3)
+    image = Image.fromarray(np.full((4, 4, 3), (255, 0, 0), np.uint8))
+    material = trimesh.visual.material.PBRMaterial(baseColorTexture=image, alphaMode="MASK", alphaCutoff=0.25)
+    uv = np.random.default_rng(0).random((len(ball.vertices), 2))
+    ball.visual = trimesh.visual.TextureVisuals(uv, material=material)
+        np.random.default_rng(0).random((len(ball.vertices), 2)), material=material
+    )
+    (tmp_path / "ball.glb").write_bytes(trimesh.Scene(ball).export(file_type="glb"))
+    done = relight_files(request(place, [f"{tmp_path / 'ball.glb'} at=0,.3,0"], tmp_path / "out"))
+    assert {"inserted.glb", "inserted.png"} <= set(done.reports[0]["files"])
+    assert done.reports[0]["inserted"][0]["at"] == [0.0, 0.3, 0.0]
+    file = pygltflib.GLTF2().load(tmp_path / "out" / "inserted.glb")
+    made = file.materials[0]
+    assert (made.alphaMode, made.alphaCutoff) == ("MASK", 0.25)
+    assert "KHR_materials_unlit" in made.extensions and made.pbrMetallicRoughness.baseColorTexture is not None
+    mesh = trimesh.load(tmp_path / "out" / "inserted.glb", force="mesh")
+    np.testing.assert_allclose(mesh.bounds, [[-0.3, 0.0, -0.3], [0.3, 0.6, 0.3]], atol=2e-3)
+    assert validator_issues(tmp_path / "out" / "inserted.glb")["messages"] == []
+
+
+def test_a_splat_takes_the_light_of_the_place_and_stands_behind_its_rows(place, tmp_path):
+    own = wall([-0.5, 0, 0], [1, 0, 0], [0, 1, 0], 0.1)
+    write_inria_ply(tmp_path / "card.ply", own)
+    upright = np.stack([own.means[:, 0], own.means[:, 1], own.means[:, 2]], axis=1)
+    side = grid_floor(11, 1.0)
+    vertices = np.stack([side.vertices[:, 0], 0.5 - side.vertices[:, 2], 0 * side.vertices[:, 0]], 1).astype(np.float32)
+    facing = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
+    scene = Scene([Mesh(vertices, facing, side.faces, side.colors_srgb)], source=describe(tmp_path / "card.ply"))
+    scene.save(tmp_path / "card")
+    with pytest.warns(DataWarning, match="could not be told"):
+        relight_files(request(place, [f"{tmp_path / 'card'} at=1,.2,0 turn=90 scale=2"], tmp_path / "out"))
+    found = Splats.load(tmp_path / "out" / "relit_splat.ply")
+    count = len(Splats.load(tmp_path / "floor.ply"))
+    assert len(found) == count + len(own)
+    moved = np.stack([1 + 2 * upright[:, 2], 0.2 + 2 * upright[:, 1], -2 * upright[:, 0]], axis=1)
+    np.testing.assert_allclose(found.means[count:], moved, atol=1e-5)
+    np.testing.assert_allclose(found.scales[count:], 2 * own.scales, rtol=1e-5)
+    assert not (tmp_path / "out" / "inserted.glb").exists()
+
+
+@pytest.mark.parametrize("matrix", [np.eye(4), UPSIDE_DOWN], ids=["upright", "upside down"])
+def test_an_object_stands_upright_on_the_floor_whichever_way_the_splat_is_turned(matrix):
+    floor = grid_floor()
+    scene = Scene([floor], scene_from_splat=matrix)
+    occluder = Occluder(floor.vertices, floor.normals, floor.faces)
+    box = trimesh.creation.box((0.2, 0.6, 0.4)).vertices.astype(np.float32)
+    at = np.linalg.inv(matrix) @ [1.0, 2.0, -1.0, 1.0]
+    placed = placed_by(AskedInsert("box.obj", tuple(at[:3]), 90.0, 0.5, "floor"), box, scene, occluder)
+    corners = box @ placed[:3, :3].T + placed[:3, 3]
+    np.testing.assert_allclose(corners.min(axis=0), [0.9, 0.0, -1.05], atol=1e-4)
+    np.testing.assert_allclose(corners.max(axis=0), [1.1, 0.3, -0.95], atol=1e-4)
+
+
+def test_what_has_another_unit_is_scaled_and_that_is_said():
+    floor = grid_floor()
+    scene, occluder = Scene([floor]), Occluder(floor.vertices, floor.normals, floor.faces)
+    box = (1800 * trimesh.creation.box().vertices).astype(np.float32)  # millimetres
+    with pytest.warns(DataWarning, match="another unit"):
+        placed = placed_by(AskedInsert("box.obj"), box, scene, occluder)
+    np.testing.assert_allclose(placed[0, 0], 0.001)
+    with pytest.warns(DataWarning, match="too small"):
+        placed_by(AskedInsert("box.obj", scale=1e-8), box, scene, occluder)
+
+
+def test_what_stands_below_the_ground_is_told(place, tmp_path):
+    ball = obj(tmp_path / "ball.obj", trimesh.creation.icosphere(1, radius=0.1))
+    shell = trimesh.creation.icosphere(2, radius=0.2)
+    around = (shell.vertices - [0, 0.25, 0]).astype(np.float32)
+    white = np.full(shell.vertices.shape, 255, np.uint8)
+    below = Scene([grid_floor(), Mesh(around, shell.vertices.astype(np.float32), np.int32(shell.faces), white)])
+    with pytest.warns(DataWarning, match="stands in the dark"):
+        next(Job(RelightRequest(below, inserted=[f"{ball} at=0,-.25,0"], albedo="captured", formats=("npy",))).shaded())
+
+
+@pytest.mark.parametrize("content", ["", "v 0 0 0\n", "v 0 0 0\nf 1 2 3\n"])
+def test_broken_files_end_with_one_line_and_exit_code_2(place, tmp_path, content, capsys):
+    (tmp_path / "broken.obj").write_text(content)
+    words = ["--insert", str(tmp_path / "broken.obj"), "--at", "0,0,0", "-o", str(tmp_path / "out")]
+    assert main([str(place), "--albedo", "captured", *words]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_the_same_objects_add_to_a_folder_and_others_are_refused(place, tmp_path):
+    asked = f"{disc(tmp_path)} at=0,.5,0"
+    relight_files(request(place, [asked], tmp_path / "out"))
+    relight_files(request(place, [asked], tmp_path / "out"))
+    with pytest.raises(InputError, match="inserted"):
+        relight_files(request(place, [asked.replace(".5", ".6")], tmp_path / "out"))
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["inserted"][0]["name"] == "disc.obj"
