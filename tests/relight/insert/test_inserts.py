@@ -123,8 +123,6 @@ def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
     material = trimesh.visual.material.PBRMaterial(baseColorTexture=image, alphaMode="MASK", alphaCutoff=0.25)
     uv = np.random.default_rng(0).random((len(ball.vertices), 2))
     ball.visual = trimesh.visual.TextureVisuals(uv, material=material)
-        np.random.default_rng(0).random((len(ball.vertices), 2)), material=material
-    )
     (tmp_path / "ball.glb").write_bytes(trimesh.Scene(ball).export(file_type="glb"))
     done = relight_files(request(place, [f"{tmp_path / 'ball.glb'} at=0,.3,0"], tmp_path / "out"))
     assert {"inserted.glb", "inserted.png"} <= set(done.reports[0]["files"])
