@@ -91,8 +91,8 @@ def test_little_memory_is_told(city):
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs 0\.\d GiB at least"):
         room_for(0.3, 0, 0)
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs"):
-        relit_city(city, "noon", OPTIONS, memory=0.3, folder="relit/none")
-    assert not (city / "relit/none").exists()
+        relit_city(city, "noon", OPTIONS, memory=0.3, folder="relit/little")
+    assert not (city / "relit/little").exists()
 
 
 def test_a_city_in_parts_is_lit_as_uncut(city, cut, uncut):
