@@ -165,10 +165,3 @@ class InsertedLight:
                 light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
                 found.append(each.splat.relit(light, back @ self.standing.placed[number]))
         return joined(found) if found else None
-
-    def on_splats(self, splats: "Splats") -> "Splats":
-        """Splats of the scene, lit without the objects, with their shadows and the light that they throw on."""
-        from .shadowed import shadowed
-
-        with self.inserts.relighter.stages.stage("shadows on splats"):
-            return shadowed(self, splats)

@@ -6,7 +6,6 @@ where the capture stood, all towards the objects, tell which splats show what.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +20,9 @@ from ..albedo.seen import standing as eyes_of
 from ..splats import Binding
 from ..splats.light_ratio import Usual
 from .gathering import change_at
+from .inserts import InsertedLight
 from .refine import carried, refined, unit
 from .surroundings import Receiving
-
-if TYPE_CHECKING:
-    from .inserts import InsertedLight
 
 FINENESS = 20.0
 """Edges along the radius of the smallest object, in what it changes."""
@@ -46,22 +43,23 @@ WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
 """Of those views; and how far from an object they stand at least, in its radii."""
 
 
-def shadowed(light: "InsertedLight", splats: Splats) -> Splats:
+def shadowed(light: InsertedLight, splats: Splats) -> Splats:
     """The splats with the change of light of an InsertedLight: a splat that it does not reach keeps every bit."""
-    scene = light.inserts.relighter.scene
+    relighter = light.inserts.relighter
     if not (light.ratio != 1.0).any():
         return splats
-    finer, ratio = _finer(light, scene)
-    binding = Binding(splats, finer, _views(light, finer))
-    ones, none = np.ones_like(ratio), np.zeros(3)
-    relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
-    reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
-    sh = splats.sh.copy()
-    sh[reached] = relit.sh[reached]
+    with relighter.stages.stage("shadows on splats"):
+        finer, ratio = _finer(light, relighter.scene)
+        binding = Binding(splats, finer, _views(light, finer))
+        ones, none = np.ones_like(ratio), np.zeros(3)
+        relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
+        reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
+        sh = splats.sh.copy()
+        sh[reached] = relit.sh[reached]
     return replace(splats, sh=sh)
 
 
-def _finer(light: "InsertedLight", scene: Scene) -> tuple[Scene, NDArray[np.float32]]:
+def _finer(light: InsertedLight, scene: Scene) -> tuple[Scene, NDArray[np.float32]]:
     """The scene in finer triangles where it changes, and the ratio (V, 3) of light at their vertices."""
     smallest = min(radius for _, radius in light.standing.spheres) * light.standing.frame.diagonal
     changed: NDArray[np.bool_] = np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
@@ -79,7 +77,7 @@ def _finer(light: "InsertedLight", scene: Scene) -> tuple[Scene, NDArray[np.floa
     return finer, light.compared(received, change + later)
 
 
-def _views(light: "InsertedLight", scene: Scene) -> list[View] | None:
+def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
     """Views towards the objects from where the capture stood, in the frame of the splats; None where nobody stood.
 
     None at all in a closed room: the fit costs a trained parlour a tenth of the truth's shadow, where it gains a garden

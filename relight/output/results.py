@@ -228,7 +228,9 @@ class Results:
         if self._gloss is not None:
             relit = self._gloss.relit(relit, self._appearance, shaded, received)
         if inserted is not None:
-            relit = inserted.on_splats(relit)
+            from ..insert.shadowed import shadowed
+
+            relit = shadowed(inserted, relit)
         with self._stages.stage("relight splats"):
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
                 return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
