@@ -4,12 +4,14 @@ A splat shows the sky, a window, a lamp as white at most. So what the rays of th
 estimated, or is given, and what glows takes the radiance that was solved for.
 """
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Vector
+from splat2mesh.base.arrays import Integers, Vector
+from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.sphere import texel_directions
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -34,6 +36,9 @@ NEAR = 0.004
 
 SURE, CLIPPED = 0.85, 0.98
 """Display values of the brightest channel up to which the splats show a sky as it was, and from which they clip it."""
+
+INSIDE = 0.5
+"""Share of directions in which a place sees the backs of faces, from which on it lies inside something."""
 
 
 class Light(NamedTuple):
@@ -60,6 +65,7 @@ def probe(
     rays = np.empty((len(directions), 6), np.float32)
     rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
     hits = occluder.first_hits(rays)
+    _check_free(scene, hits.faces, directions, place)
     shown, alpha = _shown(splats, scene, np.asarray(place, np.float64), directions)
     sky = np.zeros_like(shown)
     for each in light.skies:
@@ -75,6 +81,18 @@ def probe(
         glow = np.einsum("nk,nkc->nc", weights_of(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
         found[met] = np.maximum(found[met], glow)
     return found.reshape(HEIGHT, 2 * HEIGHT, 3)
+
+
+def _check_free(scene: Scene, faces: Integers, directions: NDArray, place: Vector) -> None:
+    """Warn of a place inside something, with a DataWarning. faces: (N,) first met in each direction (N, 3); -1 none."""
+    met = np.flatnonzero(faces >= 0)
+    a, b, c = np.moveaxis(scene.vertices[scene.faces[faces[met]]].astype(np.float64), 1, 0)
+    backs = (np.cross(b - a, c - a) * directions[met]).sum(axis=1) > 0.0
+    if backs.sum() > INSIDE * len(directions):
+        at = ",".join(f"{each:g}" for each in place)
+        warnings.warn(
+            f"the probe at {at} stands inside something, where little light arrives", DataWarning, stacklevel=4
+        )
 
 
 def usual_place(scene: Scene, occluder: Occluder) -> Vector:

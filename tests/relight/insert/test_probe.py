@@ -1,6 +1,9 @@
 """The light that arrives at a place."""
 
+import warnings
+
 import numpy as np
+import open3d as o3d
 import pytest
 
 from relight.insert.probe import Light, probe, usual_place
@@ -8,6 +11,7 @@ from relight.insert.surroundings import Sky
 from relight.light.environment import Environment
 from relight.output.probe_files import balls, irradiance
 from relight.transfer.occluder import Occluder
+from splat2mesh.base.errors import DataWarning
 from splat2mesh.base.sphere import fibonacci_sphere, row_solid_angles, texel_directions
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -54,6 +58,19 @@ def test_a_clipped_sky_takes_what_is_known_of_it_and_any_other_stays():
     np.testing.assert_allclose(np.median(white, axis=(0, 1)), 4.0, rtol=1e-3)
     grey = probe(shell(lambda d: np.full_like(d, 0.6)), scene, occluder, light, 2.0, PLACE)
     np.testing.assert_allclose(np.median(grey, axis=(0, 1)), ((0.6 + 0.055) / 1.055) ** 2.4, atol=0.08)
+
+
+def test_a_place_inside_of_a_body_is_warned_of_and_one_beside_it_is_not():
+    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
+    points = np.asarray(ball.vertices, np.float32)
+    mesh = Mesh(points, points, np.asarray(ball.triangles, np.int32), np.zeros(points.shape, np.uint8))
+    scene, occluder = Scene([mesh]), Occluder(points, points, mesh.faces)
+    splats = shell(np.ones_like).take(slice(0, 1))
+    with pytest.warns(DataWarning, match="the probe at 0.2,0,0 stands inside something"):
+        probe(splats, scene, occluder, Light([], None), 1.0, (0.2, 0.0, 0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        probe(splats, scene, occluder, Light([], None), 1.0, (1.1, 0.0, 0.0))
 
 
 def test_where_no_splat_is_the_sky_is_seen():
