@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         argument_default=argparse.SUPPRESS,
     )
-    parser.signed = "--rotate", "--up", "--eye", "--at", "--north", "--turn"
+    parser.signed = "--rotate", "--up", "--eye", "--at", "--north", "--turn", "--white"
     parser.signed_words = ("--lamp",)
     scene = "scene folder of splat2mesh, a splat, which is meshed first, or a mesh: .ply .obj .glb .stl"
     parser.add_argument("scene", metavar="SCENE", help=scene)
@@ -105,6 +105,10 @@ def parser() -> argparse.ArgumentParser:
     add("--albedo", metavar="WHICH", help=albedo)
     capture = "the light of the capture, where it is known (.exr, .hdr): then only its exposure is estimated"
     add("--capture-env", metavar="FILE", help=capture)
+    tint = "the colour of the captured light, where the estimate is wrong: 5600K, linear red,green,blue, or a name"
+    add("--capture-tint", metavar="R,G,B|KELVIN", help=tint)
+    white = "instead of --capture-tint a place in the frame of the splat whose surface is white or grey"
+    add("--white", dest="white_at", metavar="X,Y,Z", help=white)
     method = f"{', '.join(METHODS)}; the last three know no shadows, auto is raytraced "
     method += f"(default: {LightingOptions.method})"
     add("--method", metavar="NAME", help=method)

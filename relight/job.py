@@ -17,7 +17,7 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.mesh import Mesh
 
-from .engine.appearance import Appearance, albedo_kept, appearance_of
+from .engine.appearance import Appearance, albedo_kept, appearance_of, bounced_light
 from .engine.exposure import exposure_as_captured, level_of
 from .engine.relighter import Relighter, Shaded, Shading
 from .light import CAPTURED
@@ -118,11 +118,31 @@ class Job(Loaded):
         relighter = self.relighter
         with self.stages.stage("load"):
             capture_env = self._capture_env()
-        look = appearance_of(self._choice, capture_env, relighter, self._reflected)
+        look = self._retinted(appearance_of(self._choice, capture_env, relighter, self._reflected))
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
         shut = look.room is not None and look.room.told["windows"] is None
         return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
+
+    def _retinted(self, look: Appearance) -> Appearance:
+        """The Appearance under a captured light of the colour that was asked for, if any was."""
+        tint, place = self.request.capture_tint, self.request.white_at
+        if tint is None and place is None:
+            return look
+        from .engine.tint import color_where_white, retinted
+
+        name = "capture_tint" if place is None else "white_at"
+        if look.environment is None or look.room is not None or look.kept or not (look.capture or {}).get("separable"):
+            raise InputError(
+                f"`{name}`: it changes the light that a splat of an object or an open place was captured in"
+            )
+        bounced = bounced_light(self.relighter)
+        if place is None:
+            return retinted(look, np.asarray(tint, np.float64), bounced)
+        matrix = np.asarray(self.scene.scene_from_splat, np.float64)
+        at = matrix[:3, :3] @ np.asarray(place) + matrix[:3, 3]
+        color = color_where_white(look, bounced, self.scene.vertices, self.scene.diagonal, at)
+        return retinted(look, color, bounced)
 
     # plan
 

@@ -75,6 +75,10 @@ class RelightRequest:
         "white", a .npy file, or (V, 3) linear float.
     capture_env : optional
         The light of the capture, where it is known.
+    capture_tint : str or sequence of float, optional
+        The colour of that light, where the estimate is wrong: "5600K", a name, or linear red,green,blue.
+    white_at : sequence of (3,), optional
+        Instead of it a place, in the frame of the splat, whose surface is white or grey.
     exposure_ev : float, optional
         Show radiance times 2^EV; without, as the capture was exposed.
     formats : sequence of str, optional
@@ -128,6 +132,8 @@ class RelightRequest:
     inserted: Sequence[Any] = ()
     albedo: "AnyAlbedo | None" = None
     capture_env: "AnyLight | None" = None
+    capture_tint: str | Sequence[float] | None = None
+    white_at: Any = None
     exposure_ev: float | None = None
     formats: Sequence[str] | None = None
     baked: Sequence[str] = ()
@@ -159,7 +165,8 @@ class RelightRequest:
         changes = self.lighting.changes_captured_light or bool(self.inserted)
         if self.env == AUTO:
             object.__setattr__(self, "env", CAPTURED if changes else "studio")
-        object.__setattr__(self, "probe_at", tuple(_place(each) for each in self.probe_at))
+        object.__setattr__(self, "probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
+        self._check_tint()
         if self.probe_at and "probe" not in (self.formats or ()):
             raise InputError("`probe_at`: it belongs to the format probe; give that too")
         self._check_words()
@@ -179,6 +186,18 @@ class RelightRequest:
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:
             raise InputError("`angles_deg`: an animation has one angle")
+
+    def _check_tint(self) -> None:
+        """Make the tint three numbers. Raises InputError for what is no colour, and for two tints."""
+        if self.white_at is not None:
+            object.__setattr__(self, "white_at", _place("white_at", self.white_at))
+        if self.capture_tint is None:
+            return
+        from .engine.tint import checked_tint
+
+        if self.white_at is not None:
+            raise InputError("`white_at`: it takes the place of `capture_tint`; give one of them")
+        object.__setattr__(self, "capture_tint", checked_tint(self.capture_tint))
 
     def _check_sun(self) -> None:
         """Make the sky of a date the light. Raises InputError for a date without a place, or a place without a date."""
@@ -238,12 +257,12 @@ class RelightRequest:
         return replace(self, env=env, sun="", at="", north_deg=0.0, day="")
 
 
-def _place(value: Any) -> tuple[float, float, float]:
+def _place(name: str, value: Any) -> tuple[float, float, float]:
     """Three finite numbers, of a sequence or of a text with commas."""
     try:
         x, y, z = (float(each) for each in (value.split(",") if isinstance(value, str) else value))
     except (TypeError, ValueError):
         x = y = z = math.nan
     if not all(map(math.isfinite, (x, y, z))):
-        raise InputError(f"`probe_at` {value}: expected three numbers, such as 0,1.2,0")
+        raise InputError(f"`{name}` {value}: expected three numbers, such as 0,1.2,0")
     return x, y, z

@@ -174,6 +174,15 @@ def _key(
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
 
+def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
+    """(V, 3) float32: what the surfaces of a scene sent each other on the capture day; none in a layout of several."""
+    scene = relighter.scene
+    if len(scene.source.get("objects") or ()) > 1:  # each was captured by itself
+        return np.zeros_like(scene.colors_linear)
+    known = relighter.computed(CAPTURE_OF_PLACE if scene.is_place else CAPTURE)
+    return np.asarray(known["interreflection"].bounce(scene.colors_linear), np.float32)
+
+
 def albedo_kept(
     capture_env: "Environment | None", relighter: "Relighter", reflected: NDArray[np.float64] | None = None
 ) -> NDArray[np.float32] | None:
