@@ -25,6 +25,7 @@ from .direct import Sunlit
 from .division import Prior, albedo_of
 from .reflected import guided
 from .seen import Looks
+from .tint import balanced
 from .under_sky import beside_alone, light_under_sky
 
 if TYPE_CHECKING:
@@ -79,7 +80,8 @@ def estimate(
             if lit is None or not alone.separable:
                 return alone
             lit = beside_alone(scene, lit, alone.environment)
-        return scene.result(lit.environment, told, brighter=False)._replace(under_sky=True)
+        light_of_day = lit.environment if looks is None else balanced(scene, sky, lit.environment, volume)
+        return scene.result(light_of_day, told, brighter=False)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))

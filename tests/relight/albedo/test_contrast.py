@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from captured_scenes import BANDS, given, lit, photographed
+from captured_scenes import BANDS, PLACE, clipped_picture, given, photographed, yard
 
 from relight import Environment
 from relight.albedo import contrast, estimate, samples, with_known_light
@@ -14,44 +14,9 @@ from relight.sh import harmonics
 from relight.sh.sphere import fibonacci_sphere
 from relight.transfer.analytic import analytic
 from splat2mesh.scene.measured import CapturedSky
-from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
 SKY = texel_directions(64, 128)
-PLACE = {"from": "both", "eyes": [[0.3, 0.5, 0.6], [-0.5, 0.6, -0.4], [0.6, 0.4, -0.5]]}
-
-
-def sheet(cells, place):
-    """A grid of triangles over [0, 1]^2, both (V, 3) and (F, 3): place maps (V,), (V,) to points."""
-    u, v = (g.ravel() for g in np.meshgrid(*[np.linspace(0, 1, cells + 1)] * 2, indexing="ij"))
-    first = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).reshape(-1, 1)
-    faces = (first + np.array([0, 1, cells + 2, 0, cells + 2, cells + 1])).reshape(-1, 3)
-    return np.stack(place(u, v), axis=1), faces
-
-
-def yard():
-    """Ground, its underside, and three pillars on it: a Scene of white, and what `captured_scenes.lit` makes of it."""
-    parts = [
-        sheet(48, lambda u, v: (2 * u - 1, 0 * u, 2 * v - 1)),
-        sheet(8, lambda u, v: (2 * v - 1, 0 * u - 0.05, 2 * u - 1)),
-    ]
-    for x, z in ((0.1, 0.1), (-0.5, 0.3), (0.5, -0.1)):
-        turn = lambda u, x=x, z=z: (x + 0.12 * np.sin(2 * np.pi * u), z + 0.12 * np.cos(2 * np.pi * u))  # noqa: E731
-        parts.append(sheet(20, lambda u, v, turn=turn: (turn(u)[0], 0.5 - 0.5 * v, turn(u)[1])))
-    vertices, faces, start = [], [], 0
-    for points, corners in parts:
-        vertices.append(points)
-        faces.append(corners + start)
-        start += len(points)
-    vertices, faces = np.concatenate(vertices), np.concatenate(faces)
-    flat = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
-    normals = np.zeros_like(vertices)
-    for corner in range(3):
-        np.add.at(normals, faces[:, corner], flat)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    arrays = vertices.astype(np.float32), normals.astype(np.float32), faces.astype(np.int32)
-    scene = Scene([Mesh(*arrays, np.full(vertices.shape, 200, np.uint8))], capture=dict(PLACE))
-    return scene, lit(*arrays)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -76,15 +41,6 @@ def lobe(toward, strength, width_deg=12.0):
     toward = np.asarray(toward) / np.linalg.norm(toward)
     angle = np.degrees(np.arccos(np.clip(texel_directions(64, 128) @ toward, -1, 1)))
     return strength * np.exp(-0.5 * (angle / width_deg) ** 2)[..., None] * np.ones(3)
-
-
-def clipped_picture(light):
-    """The CapturedSky of a light whose every direction above the horizon was photographed and clips at 1."""
-    seen = light.lookup(SKY.reshape(-1, 3)).reshape(64, 128, 3)
-    above = SKY[..., 1:2] > 0.0
-    clipped = above & (seen >= 0.95)
-    bound = (above & ~clipped).astype(np.float32)
-    return CapturedSky((bound * seen).astype(np.float32), bound, clipped.astype(np.float32))
 
 
 def under_a_sun(geometry, albedo):

@@ -1,0 +1,99 @@
+"""The colour of captured light that no picture shows: clipped sky, sun, and what was not seen.
+
+A clipped sky is white in the file, whatever its colour was. What stands under it tells more: soil, stone, brick, wood
+and concrete reflect more red than blue, and by much the same amount, while leaves, and what is painted green, differ.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Floats
+from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import CapturedSky
+
+from ..light import projections
+from ..light.environment import Environment
+from . import contrast, skylight
+from .captured import CapturedScene
+
+USUAL_HUE = np.array([1.22, 1.0, 0.79])
+"""Albedo over its green of what lies around people outdoors and is not green. Of a trained patio 1.25, 0.86, of three
+generated gardens 1.26 to 1.28, 0.70 to 0.72, geometric means over what is seen."""
+
+GREENEST = 1.35
+"""Green over the root of red times blue, above which an albedo is that of leaves or green paint."""
+
+TRUST = 0.8
+"""In that hue, where all of the light is free: it spreads by .1 between places, the light of captures by .2."""
+
+LEAST_SHARE = 0.1
+"""Of what is seen that must not be green."""
+
+MOST_TINT = 1.6
+"""Largest factor on a colour, and one over the least."""
+
+STEPS = 40
+"""Bisections of a factor, each of which halves its range."""
+
+
+class _Received(NamedTuple):
+    """What places receive, (N, 3): fixed is from other surfaces and from what of the sky is known, free the rest."""
+
+    fixed: NDArray[np.float64]
+    free: NDArray[np.float64]
+
+
+def balanced(
+    scene: CapturedScene, sky: CapturedSky, environment: Environment, volume: Floats | None = None
+) -> Environment:
+    """The light of a CapturedScene with the colour of its free part as usual surfaces call for.
+
+    environment: as estimated, in captured units and the frame of the scene, all of it not turned. volume: (V,) how far
+    each vertex is of leaves. What of the CapturedSky binds stays, and so does the luminance of the rest.
+    """
+    places = scene.places
+    parts = skylight.SkyParts.at(skylight.unmixed(sky), places.directions)
+    bound = np.minimum(parts.known - parts.clipped, environment.lookup(places.directions))
+    rest = environment.lookup(places.directions) - bound
+    received = _Received(scene.bounced() + places.sky @ bound, places.sky.astype(np.float64) @ rest)
+    captured = scene.captured[places.vertices].astype(np.float64)
+    factor = _factor(captured, received, None if volume is None else volume[places.vertices])
+    height, width = environment.radiance.shape[:2]
+    texels = projections.texel_directions(height, width).reshape(-1, 3)
+    parts = skylight.SkyParts.looked_up(skylight.unmixed(sky), texels)
+    kept = np.minimum((parts.known - parts.clipped).reshape(height, width, 3), environment.radiance)
+    radiance = kept + (environment.radiance - kept) * factor
+    return Environment(radiance.astype(np.float32), environment.name, environment.rotation_deg)
+
+
+def _factor(captured: NDArray[np.float64], received: _Received, volume: Floats | None) -> NDArray[np.float64]:
+    """(3,) what the free light is multiplied by, of places in these colours (N, 3)."""
+    whole = received.fixed + received.free
+    lit = (whole.min(axis=1) > 0.0) & (captured.min(axis=1) > 0.0)
+    albedo = captured / np.maximum(whole, 1e-9)
+    lit &= albedo[:, 1] < GREENEST * np.sqrt(np.maximum(albedo[:, 0] * albedo[:, 2], 0.0))
+    if volume is not None:
+        lit &= volume < contrast.MOST_VOLUME
+    if lit.mean() < LEAST_SHARE:
+        return np.ones(3)
+    fixed, free = received.fixed[lit], received.free[lit]
+    own = _hue(np.log(whole[lit]).mean(axis=0))
+    share = float(luminance(free.mean(axis=0)) / luminance(whole[lit].mean(axis=0)))
+    usual = _hue(np.log(captured[lit]).mean(axis=0) - np.log(USUAL_HUE))
+    wanted = own + TRUST * share * (usual - own)
+    level = np.log(whole[lit]).mean(axis=0)
+    aim = wanted + (level - own).mean()
+    low, high = np.full(3, -np.log(MOST_TINT)), np.full(3, np.log(MOST_TINT))
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        over = np.log(fixed + free * np.exp(middle)).mean(axis=0) > aim
+        low, high = np.where(over, low, middle), np.where(over, middle, high)
+    factor = np.exp(0.5 * (low + high))
+    light = free.mean(axis=0)
+    return np.asarray(factor * luminance(light) / luminance(factor * light))
+
+
+def _hue(log_color: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(log_color - log_color.mean())
