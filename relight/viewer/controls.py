@@ -1,4 +1,4 @@
-"""The keys, sliders and mouse of a session, as one table that the window, its help, the README and the tests read."""
+"""Keys, sliders and mouse of a session: one table for the window, its help, docs/options.md and the tests."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple

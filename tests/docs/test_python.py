@@ -1,4 +1,4 @@
-"""The Python of the README runs as it stands, block after block, in a folder with a splat and a light."""
+"""The Python of docs/python.md runs as it stands, block after block, in a folder with a splat and a light."""
 
 import re
 from pathlib import Path
@@ -21,7 +21,7 @@ def blocks(text):
 
 @pytest.fixture
 def shown(tmp_path, monkeypatch):
-    """A folder with what the README names, a small effort, and no windows: what would be shown."""
+    """A folder with what the page names, a small effort, and no windows: what would be shown."""
     OpenEXR = pytest.importorskip("OpenEXR")
     pyvista = pytest.importorskip("pyvista", reason="the extra view is not installed")
     monkeypatch.chdir(tmp_path)
@@ -40,8 +40,8 @@ def shown(tmp_path, monkeypatch):
     return shown
 
 
-def test_the_python_of_the_readme_runs_in_order(shown, capsys):
-    found = blocks((ROOT / "README.md").read_text("utf-8"))
+def test_the_python_of_the_page_runs_in_order(shown, capsys):
+    found = blocks((ROOT / "docs" / "python.md").read_text("utf-8"))
     assert len(found) == 3
     names: dict = {}
     for block in found:

@@ -24,31 +24,43 @@ OPTIONS = [
 ]
 
 
-def section(text, heading):
-    """The part of a document under `## heading`, up to the next heading of that level."""
-    match = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
-    assert match, f"README.md has no section '## {heading}'"
+REFERENCE = (ROOT / "docs" / "options.md").read_text(encoding="utf-8")
+
+
+def section(heading):
+    """The part of docs/options.md under `## heading`, up to the next heading of that level."""
+    match = re.search(rf"^## {heading}$(.*?)(?=^## |\Z)", REFERENCE, re.MULTILINE | re.DOTALL)
+    assert match, f"docs/options.md has no section '## {heading}'"
     return match[1]
 
 
+def named(text):
+    """The long options that a text names."""
+    return set(re.findall(r"(?<![\w-])--[a-z][\w-]*", text))
+
+
 @pytest.mark.parametrize(("command", "option"), OPTIONS)
-def test_every_option_is_in_its_commands_section_of_the_readme(command, option):
-    text = section((ROOT / "README.md").read_text(encoding="utf-8"), command)
-    assert re.search(rf"(?<![\w-]){option}(?![\w-])", text), f"README.md, section {command}: {option} is missing"
+def test_every_option_has_a_row_in_its_commands_section(command, option):
+    first_cells = re.findall(r"^\| (`(?:[^|\\]|\\\|)*) \| ", section(command), re.MULTILINE)
+    assert option in named(" ".join(first_cells)), f"docs/options.md, section {command}: {option} has no row"
 
 
-def test_the_readme_names_no_option_that_does_not_exist():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    for command in ("splat2mesh", "relight"):
-        known = {option for name, option in OPTIONS if name == command}
-        assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", section(text, command))) - known == set()
+@pytest.mark.parametrize("command", ["splat2mesh", "relight"])
+def test_no_section_names_an_option_that_does_not_exist(command):
+    assert named(section(command)) - {option for name, option in OPTIONS if name == command} == set()
 
 
-def test_the_readme_lists_the_keys_of_the_session():
-    text = section((ROOT / "README.md").read_text(encoding="utf-8"), "The session")
+def test_the_session_lists_its_keys():
+    text = section("The session")
     listed = dict(re.findall(r"\| `([^`]+)` \| ([^|]+) (?=\|)", text))
     assert listed == {key_name(control): control.text for control in CONTROLS}
     assert all(f"{button}: {meaning}" in text for button, meaning in MOUSE)
+
+
+def test_the_readme_is_short_and_names_no_option_that_does_not_exist():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert named(text) - {option for _, option in OPTIONS} == set()
+    assert len(text.splitlines()) <= 150
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
