@@ -116,7 +116,7 @@ class RelitSplat:
         kinds = sorted((kind for kind in WRITERS if name.endswith(f".{kind}")), key=len)
         if not kinds:
             endings = " ".join(f".{kind}" for kind in WRITERS)
-            raise InputError(f"{path}: no kind of splat that can be written; expected a name that ends in {endings}")
+            raise InputError(f"{path}: not a splat format that can be written; expected a name that ends in {endings}")
         check_output(path, overwrite)
         if kinds[-1] == "ply":
             write_relit_ply(path, self.splats, self._sources[0] if len(self._sources) == 1 else None)
@@ -253,7 +253,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         return RelightPlan(None, note, lamps, count, picture)
     plan, note = job.planned()
     if plan is None and job.steady and lamps is None:
-        raise InputError("no environment changes this room, so that there is nothing to plan")
+        raise InputError("no environment changes this room, so there is nothing to plan")
     if plan is None and lamps is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)

@@ -105,7 +105,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
     if is_city(request):
         for name in ("plan", "view", "screenshot", "serve"):
             if hasattr(words, name):
-                raise InputError(f"--{name}: has no meaning for a city in tiles; leave it out")
+                raise InputError(f"--{name}: not supported for a city in tiles; leave it out")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
     stages = Stages(show=display.progress)
@@ -193,10 +193,10 @@ def _lamps(job: "Job") -> list[str]:
         return []
     lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.beside.in_words, 1)]
     if lines:
-        how = "as high as cameras are held" if job.beside.scale_known else "of an object of 1 m"
+        how = "from the height of the cameras" if job.beside.scale_known else "for an object 1 m across"
         lines.append(f"  1 m is taken for {job.beside.scale.metre:.2g} units of the splat, {how}")
         lux = job.beside.scale.irradiance / (job.beside.scale.candela or 1.0)
-        lines.append(f"  the captured light is taken for {lux:,.0f} lx, by which lumens are told")
+        lines.append(f"  the captured light is taken for {lux:,.0f} lx, the basis of lumens")
     if job.beside.captured_factor != 1.0:
         lines.append(f"  {job.beside.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines
@@ -207,7 +207,7 @@ def _costs(job: "Job") -> list[str]:
     lines, budget_s = [], job.request.lighting.budget_s
     if budget_s is not None:
         beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)
-        lines.append(f"  --budget {budget_s:g} is for the light; all else took {beyond:.1f} s")
+        lines.append(f"  --budget {budget_s:g} covers the light; everything else took {beyond:.1f} s")
     megabytes = round(job.relighter.cache.size_bytes / 2**20)
     if megabytes:
         lines.append(f"  {job.relighter.cache.folder} keeps {megabytes} MB for the next light (--clear-cache)")

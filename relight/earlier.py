@@ -135,7 +135,7 @@ class Earlier:
         self._same = bool(self._report) and not differing
         if is_results(folder) and differing and not overwrite:
             told = f"{folder} holds results of other settings ({'; '.join(differing)})"
-            raise InputError(f"{told}: give another `output`, or replace them by `overwrite`")
+            raise InputError(f"{told}: choose another `output`, or replace them with `overwrite`")
 
     def joined(self, report: dict[str, Any]) -> dict[str, Any]:
         """Return a report of new results together with those that stay, its `files` those of both.
@@ -174,7 +174,7 @@ def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
         if name == "scene":
             found.append("the scene was another")
         elif first == second:
-            found.append(f"`{name}` {first} had another content")
+            found.append(f"`{name}` {first} had other content")
         else:
             found.append(f"`{name}` {first}, now {second}")
     return found

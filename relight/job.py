@@ -88,7 +88,7 @@ class Job(Loaded):
         from .splats import Binding
 
         if self.splats is None:
-            raise InputError(f"{self.name}: no splats belong to this scene")
+            raise InputError(f"{self.name}: this scene has no splats")
         with self.stages.stage("bind splats"):
             return Binding(self.splats[0], self.scene, seed=self.request.lighting.seed, cache=self.cache)
 
@@ -221,7 +221,7 @@ class Job(Loaded):
         look, options = self.appearance, self.options
         closed = look.capture is not None and "room" in look.capture
         if options.opened and not closed:
-            raise InputError("`opened` ceiling: expected a closed room that was captured from within, found none")
+            raise InputError("`opened` ceiling: expected a closed room that was captured from inside, found none")
         room = None
         if closed:
             from .engine.relit_room import RelitRoom
@@ -230,7 +230,7 @@ class Job(Loaded):
         if isinstance(options.lamps, tuple):
             options.lamp_factors(room.lamps_found if room else 0)
         elif options.lamps != "keep" and not (room and room.lamps_found):
-            told = "`lamps`: no lamp was found whose strength is known, and none is changed"
+            told = "`lamps`: found no lamp of known strength, so none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)
         return room
 

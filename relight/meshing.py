@@ -58,7 +58,7 @@ def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages:
     splat = Path(splat)
     folder = existing_folder(splat, options)
     if folder is not None:
-        return folder, [f"{folder}: the scene of {splat}, made before"]
+        return folder, [f"{folder}: the scene of {splat}, which exists"]
     folder = Path(default_folder(splat))
     scene = convert(splat, options, stages=stages)
     with stages.stage("write"):
@@ -75,7 +75,7 @@ def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> P
     for name in changed_fields(options):
         if name in _UNRECORDED or settings.get(_SETTINGS.get(name, name)) != getattr(options, name):
             raise InputError(
-                f"`{name}`: it is about meshing, and {folder} is meshed already, with another or unknown value; "
+                f"`{name}`: it applies to meshing, and {folder} is meshed already, with another or unknown value; "
                 f"mesh it anew: splat2mesh {splat} --overwrite with that option"
             )
     return folder
@@ -84,14 +84,16 @@ def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> P
 def refuse_meshing(scene: object, options: ConvertOptions) -> None:
     """Raise InputError for options of meshing where there is nothing to mesh."""
     for name in changed_fields(options):
-        raise InputError(f"`{name}`: it is about meshing a splat, and {scene} is a mesh already: splat2mesh takes it")
+        raise InputError(
+            f"`{name}`: it applies to meshing a splat, and {scene} is already a mesh; give it to splat2mesh"
+        )
 
 
 def _check_made_of(folder: Path, splat: Path) -> dict[str, object]:
     """Return the settings of a folder. Raises InputError unless it is the scene of this splat as it is now."""
     advice = f"mesh it under another name: splat2mesh {splat} -o NAME; then relight NAME"
     if not (folder / META).is_file():
-        raise InputError(f"{folder} exists already and is no scene folder: {advice}")
+        raise InputError(f"{folder} exists and is not a scene folder: {advice}")
     scene = Scene.load(folder)
     same = scene.source.get("sha256") == fingerprint(splat, scene.source.get("lod", "auto"))
     if not same:

@@ -149,7 +149,7 @@ class LightingOptions:
         factors = [1.0] * count
         for number, factor in dict(self.lamps).items():
             if not 1 <= number <= count:
-                there = f"its lamps are 1 to {count}" if count else "no lamp was found whose strength is known"
+                there = f"its lamps are 1 to {count}" if count else "found no lamp of known strength"
                 raise InputError(f"`lamps` {number}={factor:g}: {there}")
             factors[number - 1] = factor
         return factors

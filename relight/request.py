@@ -181,7 +181,7 @@ class RelightRequest:
         if self.lights and not {"live", "web"} & set(self.formats or ()):
             raise InputError(f"`lights` {self.lights[0]}: only the formats live and web hold several lights")
         if self.clear_cache and self.caching != "keep":
-            raise InputError("`clear_cache`: nothing is written and nothing removed where no cache is kept")
+            raise InputError("`clear_cache`: without a cache there is nothing to clear")
         if self.env == CAPTURED and any(angle % 360.0 for angle in self.angles_deg):
             raise InputError("`angles_deg`: the light of the capture cannot be turned; give another `env`")
         if self.animated and len(self.angles_deg) > 1:

@@ -28,11 +28,11 @@ from .options import ConvertOptions, TilingOptions
 EXAMPLES = """examples:
   splat2mesh garden.ply                        writes the scene folder garden/
   splat2mesh bust.spz -o bust --vertices 20000 --detail fine
-  splat2mesh garden.ply --cameras sparse/0     looks from the cameras it was trained with
-  splat2mesh plaza/lod-meta.json --lod 1       a streamed SOG, its second finest level
-  splat2mesh robot/meta.json --plan            shows what would be done, does nothing
-  splat2mesh room.json                         several splats, placed as the layout says, in one scene
-  splat2mesh city/ -o meshed --memory 4        a capture larger than memory, tile by tile; --workers 8 shares the work
+  splat2mesh garden.ply --cameras sparse/0     uses the cameras of the training
+  splat2mesh plaza/lod-meta.json --lod 1       the second finest level of a streamed SOG
+  splat2mesh robot/meta.json --plan            shows the plan, does nothing
+  splat2mesh room.json                         several splats in one scene, placed by a layout
+  splat2mesh city/ -o meshed --memory 4        a capture larger than memory, in tiles; --workers 8 shares the work
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
@@ -43,7 +43,7 @@ _CHOSEN = (
     ("stand", "--from", STAND_CHOICES),
     ("proxy", "--proxy", PROXY_CHOICES),
 )
-"""Fields whose words may come in any case, with the option of each."""
+"""Fields whose words ignore case, with the option of each."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -67,13 +67,13 @@ def parser() -> argparse.ArgumentParser:
         "-o",
         "--output",
         metavar="SCENE",
-        help="scene folder to write (default: the input's name, without its suffixes)",
+        help="scene folder to write (default: the input's name without its suffixes)",
     )
     add_meshing(add)
     add("--seed", type=int, metavar="N", help=f"seed of the virtual views (default: {ConvertOptions.seed})")
     add_tiling(parser)
-    add("--overwrite", action="store_true", help="replace a scene folder that exists")
-    add("--plan", action="store_true", help="print what would be done, and do nothing")
+    add("--overwrite", action="store_true", help="replace an existing scene folder")
+    add("--plan", action="store_true", help="print what the command would do, and do nothing")
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
@@ -85,49 +85,51 @@ def add_meshing(add: Callable[..., Any]) -> None:
     cameras = "cameras of the capture: a COLMAP folder such as sparse/0, a cameras.json of INRIA, a transforms.json of "
     cameras += "nerfstudio, or none (default: the cameras.json of INRIA's output folder, else virtual views)"
     add("--cameras", metavar="PATH", help=cameras)
-    lod = "level of a streamed SOG, 0 the finest; auto: the finest of at most 6 million splats (default: auto)"
+    lod = "level of a streamed SOG, 0 is the finest; auto: the finest of at most 6 million splats (default: auto)"
     add("--lod", metavar="N", help=lod)
     vertices = "size of the mesh; auto: 50,000 for an object, up to 400,000 for a place (default: auto)"
     add("--vertices", metavar="N", help=vertices)
-    most = f"limit of a chunk (default: {ConvertOptions.max_chunk_vertices})"
+    most = f"largest chunk of the mesh (default: {ConvertOptions.max_chunk_vertices})"
     add("--max-chunk-vertices", type=int, metavar="N", help=most)
-    up = "what is up in the splat: +y, -y, +z, -z, or auto: decided by the cameras, else by the floor of a place, "
+    up = "up axis of the splat: +y, -y, +z, -z, or auto: from the cameras, or else the floor of a place, or "
     up += "else -y (default: auto)"
     add("--up", metavar="AXIS", help=up)
     add("--detail", metavar="LEVEL", help=f"draft, normal or fine (default: {ConvertOptions.detail})")
-    surface = f"field, or sugar: the SuGaR paper's way (default: {ConvertOptions.surface})"
+    surface = f"field, or sugar: as in the SuGaR paper (default: {ConvertOptions.surface})"
     add("--surface", metavar="WAY", help=surface)
-    background = "far background of an open scene: cut, or keep, which hides the light's sky "
+    background = "far background of an open scene: cut, or keep, which blocks the sky of a new light "
     add("--background", metavar="WHAT", help=f"{background}(default: {ConvertOptions.background})")
     stand = f"where the capture stood: auto, inside, outside (default: {ConvertOptions.stand})"
     add("--from", dest="stand", metavar="WHERE", help=stand)
-    eye = "a place where the capture stood, in the splat's own frame; may be given several times"
+    eye = "a position of the capture, in the splat's own frame; repeatable"
     add("--eye", dest="eyes", action="append", metavar="X,Y,Z", help=eye)
-    proxy = "proxy.glb too, for collisions in engines: closed (one surface around the mesh) or convex (parts)"
+    proxy = "also write proxy.glb for collisions: closed (one surface around the mesh) or convex (parts)"
     add("--proxy", metavar="KIND", help=proxy)
 
 
 def add_tiling(parser: argparse.ArgumentParser) -> None:
     """Add the options of cities in tiles, which both commands have."""
     add = parser.add_argument_group("cities in tiles").add_argument
-    add("--tiles", action="store_true", help="tile by tile, in bounded memory; any option of this group implies it")
-    add("--memory", type=float, metavar="GIB", help="that a process may take: it sets the size of the tiles")
-    add("--workers", type=int, metavar="N", help="processes on this machine that share the tiles")
+    add("--tiles", action="store_true", help="work in tiles, in bounded memory; any option of this group implies it")
+    add("--memory", type=float, metavar="GIB", help="memory for each process; sets the size of the tiles")
+    add("--workers", type=int, metavar="N", help="number of processes on this machine that share the tiles")
     add(
-        "--scheduler", metavar="ADDRESS", help="scheduler of dask.distributed whose workers do, such as tcp://host:8786"
+        "--scheduler",
+        metavar="ADDRESS",
+        help="scheduler of dask.distributed whose workers share the tiles, such as tcp://host:8786",
     )
-    add("--resume", action="store_true", help="go on where a run with the same settings stopped")
+    add("--resume", action="store_true", help="continue where a run with the same settings stopped")
 
 
 def add_display(add: Callable[..., Any]) -> None:
     """Add the options of Display, which both commands have. add: `add_argument` of a parser or a group."""
     add("--json", action="store_true", help="print the result as one JSON object")
     add("-q", "--quiet", action="store_true", help="no progress, no summary")
-    add("-v", "--verbose", action="store_true", help="stage times; the traceback of an error")
+    add("-v", "--verbose", action="store_true", help="stage times, and tracebacks of errors")
 
 
 def convert_options(words: argparse.Namespace) -> ConvertOptions:
-    """Return what the words of a command line ask of the mesh. Raises InputError for words that mean nothing."""
+    """Return the mesh options of a command line. Raises InputError for words that mean nothing."""
     said = given(ConvertOptions, words)
     if "up" in said:
         up = said["up"].lower()
@@ -143,7 +145,7 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
 
 
 def tiling_options(words: argparse.Namespace) -> TilingOptions | None:
-    """Return how a city is worked on, or None where no option asks for tiles."""
+    """Return the options of a city, or None without any."""
     said = given(TilingOptions, words)
     return TilingOptions(**said) if said or hasattr(words, "tiles") else None
 

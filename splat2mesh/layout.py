@@ -170,7 +170,7 @@ def read_layout(path: str | os.PathLike[str]) -> list[Placement]:
     entries = content.get("objects") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
         raise InputError(
-            f'{path} is no layout: expected {{"objects": [{{"splat": FILE, "position": [x, y, z]}}, ...]}}'
+            f'{path} is not a layout: expected {{"objects": [{{"splat": FILE, "position": [x, y, z]}}, ...]}}'
         )
     unknown = [key for key in content if key != "objects"]
     if unknown:
@@ -291,7 +291,7 @@ def _numbered(name: str, taken: set[str]) -> str:
 def _once(path: Path, pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     twice = [key for key, count in Counter(key for key, _ in pairs).items() if count > 1]
     if twice:
-        raise InputError(f"{path}: key '{twice[0]}' stands twice in one object")
+        raise InputError(f"{path}: key '{twice[0]}' appears twice in one object")
     return dict(pairs)
 
 

@@ -156,7 +156,7 @@ def changed_fields(options: Any, ignored: Iterable[str] = ()) -> list[str]:
 def refuse_in_cities(options: Any, known: Iterable[str]) -> None:
     """Raise InputError for a field that was set and that cities in tiles do not know."""
     for name in changed_fields(options, known):
-        raise InputError(f"`{name}`: has no meaning for a city in tiles; leave it out")
+        raise InputError(f"`{name}`: not supported for a city in tiles; leave it out")
 
 
 def _point_of(eye: Iterable[float]) -> tuple[float, float, float]:

@@ -94,7 +94,7 @@ def estimate(
         found = scene.fitted(light, start, prior)
     evidence = fit.evidence(found, prior, _BRIGHT_DIPOLE)
     if evidence < MIN_EVIDENCE:
-        return scene.as_captured("its surfaces face too few ways to tell its light from its colours", evidence)
+        return scene.as_captured("its surfaces face too few directions to separate light from colour", evidence)
     theta, lamp = sun.with_sun(occluder, scene.places, light, scene.log_captured(), found, start, prior)
     return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
 

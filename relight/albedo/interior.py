@@ -47,7 +47,7 @@ def closed_part(
     return part if part <= MOST_CLOSED else None
 
 
-BESIDE = "`placed` puts lamps in, `captured` dims what was there"
+BESIDE = "`placed` adds lamps, `captured` dims the captured light"
 """What works in every room."""
 
 
@@ -74,12 +74,12 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     """
     line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
     if found is None:
-        line += f"{problem}, so that it stays as captured"
+        line += f"{problem}, so it stays as captured"
         return f"{line} ({BESIDE}, `opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
     lamps, windows = len(found["lamps"]), bool(found["windows"])
     line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
     if not windows:
-        line += "and no window found, so that no new light enters"
+        line += "and no window found, so no new light enters"
     else:
         line += "found, windows let the new light in"
     if lamps and windows:

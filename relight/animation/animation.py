@@ -266,7 +266,7 @@ def face_normals(
 
 def _chosen(path: Path, names: list[str], animation: str | int | None) -> int:
     if not names:
-        raise InputError(f"{path}: holds no animation; a mesh that does not move can be lit as it is")
+        raise InputError(f"{path}: holds no animation; relight it as a still mesh")
     if animation is None:
         return 0
     if isinstance(animation, str) and animation in names:

@@ -88,7 +88,7 @@ def appearance_of(
     if isinstance(choice, np.ndarray):
         own, choice = choice, "an array"
     if capture_env is not None and choice != "estimated":
-        raise InputError(f"`capture_env`: it is there to estimate the albedo, and the albedo is {choice}")
+        raise InputError(f"`capture_env`: it needs an estimated albedo, and the albedo is {choice}")
     if choice == "an array":
         return _given(_checked(own, choice, len(captured)), captured)
     if choice == "captured":
@@ -125,7 +125,7 @@ def _without_light(
     if kept["closed"]:
         warnings.warn(str(kept["reason"]), DataWarning, stacklevel=3)
     elif not kept["separable"]:
-        message = f"the light of the capture could not be told from the colours of the scene: {kept['reason']}"
+        message = f"the light of the capture could not be separated from the colours of the scene: {kept['reason']}"
         warnings.warn(f"{message}; the captured colours serve as albedo", DataWarning, stacklevel=3)
     described = {name: kept[name].tolist() for name in _DESCRIBED}
     estimated = "estimated, with the captured sky" if kept["under_sky"] else "estimated"

@@ -35,7 +35,7 @@ def nine_coefficients(
 def _settings(options: LightingOptions) -> Settings:
     method, effects = options.fixed_method or "raytraced", options.chosen_effects
     if method == "blinn-phong":
-        raise InputError("`live`: the method blinn-phong has lamps, no transfer; leave it at auto")
+        raise InputError("`live`: the method blinn-phong has no transfer; leave it at auto")
     if SHADOWS not in effects:
         return Settings("analytic" if method == "raytraced" else method, BANDS)
     return Settings(method, BANDS, options.rays or RAYS, bounce_rays=BOUNCE_RAYS if BOUNCES in effects else 0)

@@ -95,7 +95,7 @@ class LampLight:
         with relighter.stages.stage("lamps", len(relighter.scene.vertices)) as advance:
             direct = self._direct(self._emitters, advance)
         if not direct.any() and any(np.any(color > 0.0) for color in self._emitters.color):
-            message = "no vertex receives light of the lamps: they stand in a wall, outside, or face away"
+            message = "no vertex receives light from the lamps: they are inside a wall, outside, or face away"
             warnings.warn(message, DataWarning, stacklevel=2)
         return self.with_bounces(direct)
 

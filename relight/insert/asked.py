@@ -117,7 +117,7 @@ def _parsed(text: str) -> list[AskedInsert]:
         if layout is None:
             return [_made(head, given)]
         if given:
-            raise InputError(f"{next(iter(given))}: a layout says where its objects go")
+            raise InputError(f"{next(iter(given))}: a layout sets the positions of its objects")
         return layout
     except InputError as error:
         told = " ".join(str(error).split()).replace("`", "")
@@ -136,7 +136,7 @@ def _layout(path: Path) -> list[AskedInsert] | None:
             return None
         content = content["objects"]
     if not isinstance(content, list) or not content:
-        raise InputError("expected a list of objects, each with a file and where it goes, as at")
+        raise InputError("expected a list of objects, each with a file and its position, at")
     found = []
     for number, each in enumerate(content, 1):
         if not isinstance(each, dict) or not isinstance(each.get("file"), str):
@@ -155,7 +155,7 @@ def _made(file: str, given: Mapping[str, Any]) -> AskedInsert:
             raise InputError(f"{_clip(word)}: expected some of {', '.join(WORDS)}")
     fields = {{"turn": "turn_deg"}.get(word, word): value for word, value in given.items()}
     if "at" not in fields:
-        raise InputError("at: missing; say where it goes, such as at=1.5,0,-.6")
+        raise InputError("at: missing; give its position, such as at=1.5,0,-.6")
     return AskedInsert(file, **fields)
 
 

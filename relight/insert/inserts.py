@@ -110,7 +110,7 @@ class Inserts:
         for asked, first, last in zip(self.asked, starts[:-1], starts[1:], strict=True):
             dark = float((luminance(light[first:last]) < LEAST_RATIO * usual).mean())
             if dark > BURIED and usual > 0.0:
-                message = f"{asked.name} stands in the dark, in a wall or below the ground: move it"
+                message = f"{asked.name} is in the dark, in a wall or below the ground: move it"
                 warnings.warn(message, DataWarning, stacklevel=4)
 
 

@@ -58,7 +58,7 @@ def _guessed_scale(name: str, size: float, diagonal: float) -> float:
         return 1.0
     scale = 10.0 ** -np.ceil(np.log10(size / (MOST_OF_SCENE * diagonal)))
     _warn(
-        f"{name} is {size / diagonal:.3g} times as large as the scene, so it is taken for one of another unit and "
+        f"{name} is {size / diagonal:.3g} times as large as the scene, so its unit is assumed to differ, and it is "
         f"scaled by {scale:g}; give its scale"
     )
     return float(scale)
@@ -78,7 +78,7 @@ def _drop(vertices: NDArray[np.float64], scene: Scene, occluder: Occluder) -> fl
     # What lies under a corner alone, such as a table's edge, holds nothing: most of the columns must be no lower.
     met = np.sort(distance[np.isfinite(distance)])
     if not len(met):
-        _warn("no floor was found below the object: it stays where it was put")
+        _warn("found no floor below the object: it stays at its position")
         return 0.0
     return float(middle - met[len(met) // 4] - low[1])
 

@@ -97,5 +97,5 @@ def _of_luminance_1(color: Vector) -> Vector:
     bright = luminance(color)
     red, green, blue = (each / bright if bright > 0.0 else math.inf for each in color)
     if not max(red, green, blue) < math.inf:
-        raise InputError(f"`color` {','.join(f'{each:g}' for each in color)}: black is no colour of a lamp")
+        raise InputError(f"`color` {','.join(f'{each:g}' for each in color)}: a lamp cannot be black")
     return red, green, blue

@@ -75,7 +75,7 @@ def asked_lamp(kind: str, given: Mapping[str, Any], folder: Path | None = None) 
     must then lie in it or below; without one it starts where the program runs. Raises InputError that names the field.
     """
     if kind not in FIELDS:
-        raise InputError(f"{clip(kind)}: no kind of lamp{meant(kind, FIELDS)}; expected one of {', '.join(FIELDS)}")
+        raise InputError(f"{clip(kind)}: not a kind of lamp{meant(kind, FIELDS)}; expected one of {', '.join(FIELDS)}")
     fields = _named(kind, given)
     asked = _MAKERS[kind](fields, folder)
     if "name" in fields:
@@ -212,7 +212,7 @@ def _rectangle(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
         _missing(fields, "rectangle", "center", "edge_u", "edge_v")
         doubled = [name for name in ("target", "normal", "up", "width", "height") if name in fields]
         if doubled:
-            raise InputError(f"{doubled[0]}: the edges say it; give the edges, or width, height and target")
+            raise InputError(f"{doubled[0]}: the edges already set it; give the edges, or width, height and target")
         edge_u, edge_v = vector("edge_u", fields["edge_u"]), vector("edge_v", fields["edge_v"])
     else:
         _missing(fields, "rectangle", "center", "width", "height")
@@ -224,7 +224,7 @@ def _rectangle(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
 def _edges(fields: Mapping[str, Any], center: Vector) -> tuple[Vector, Vector]:
     """Sides of a rectangle that faces its target or along its normal; the second one follows `up`, else y, else z."""
     if ("target" in fields) == ("normal" in fields):
-        raise InputError("target: a rectangle needs that, or its normal, to face somewhere")
+        raise InputError("target: missing; a rectangle needs a target or a normal")
     name = "target" if "target" in fields else "normal"
     ahead = np.subtract(vector(name, fields[name]), center if name == "target" else 0.0)
     length = float(np.linalg.norm(ahead))
@@ -237,7 +237,7 @@ def _edges(fields: Mapping[str, Any], center: Vector) -> tuple[Vector, Vector]:
     upward = up - (up @ ahead) * ahead
     height = float(np.linalg.norm(upward))
     if not height > 1e-9 * float(np.linalg.norm(up)) or not height < math.inf:
-        raise InputError(f"`up` {clip(fields['up'])}: it points where the rectangle faces")
+        raise InputError(f"`up` {clip(fields['up'])}: it is parallel to the direction that the rectangle faces")
     upward = upward / height
     u = checked_size("width", fields["width"]) * np.cross(upward, ahead)
     v = checked_size("height", fields["height"]) * upward
@@ -256,7 +256,7 @@ def _mesh(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
     if "file" in fields:
         doubled = [name for name in ("vertices", "faces", "two_sided", "radiance") if name in fields]
         if doubled:
-            raise InputError(f"{doubled[0]}: the file says it")
+            raise InputError(f"{doubled[0]}: the file already sets it")
         return changed(read_glow(_file(fields, folder)), fields)
     _missing(fields, "mesh", "vertices", "faces")
     radiance = fields.get("radiance")
@@ -268,7 +268,7 @@ def _mesh(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
     )
     if isinstance(radiance, list) and radiance and isinstance(radiance[0], list):
         if "brightness" in fields or "color" in fields:
-            raise InputError("radiance: of each face, and a colour or a brightness beside it; give one of them")
+            raise InputError("radiance: given for each face, together with a colour or a brightness; give one of them")
         shape = MeshLamp(shape.vertices, shape.faces, _array("radiance", radiance, np.float64), shape.two_sided)
         return AskedLamp(shape, Brightness(1.0, "picture"))
     color, brightness = _light(fields)
@@ -283,7 +283,7 @@ def _profile(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
     if "file" in fields:
         doubled = [name for name in tables if name in fields]
         if doubled:
-            raise InputError(f"{doubled[0]}: the file says it")
+            raise InputError(f"{doubled[0]}: the file already sets it")
         found = read_profile(_file(fields, folder))
         vertical, horizontal, table = found.vertical_deg, found.horizontal_deg, found.table
         if not any(name in fields for name in ("brightness", "intensity")):

@@ -29,9 +29,9 @@ def read_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix == ".ies":
-        raise InputError(f"{path}: a profile has no place; write: {path.name} at=x,y,z target=x,y,z")
+        raise InputError(f"{path}: a profile has no position; write: {path.name} at=x,y,z target=x,y,z")
     if suffix not in READERS:
-        raise InputError(f"{path}: no file of lamps; expected one of {' '.join(LAMP_SUFFIXES)}")
+        raise InputError(f"{path}: not a file of lamps; expected one of {' '.join(LAMP_SUFFIXES)}")
     file_size(path, "file of lamps")
     with reading(path):
         return READERS[suffix](path)
@@ -44,7 +44,7 @@ def read_json_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except ValueError as error:
-        raise InputError(f"{path}: no JSON that can be read ({clip(error)})") from None
+        raise InputError(f"{path}: not readable JSON ({clip(error)})") from None
     if isinstance(content, dict):
         others = [name for name in content if name not in ("lamps", "about")]
         if others and "lamps" in content:

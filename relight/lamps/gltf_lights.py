@@ -68,7 +68,7 @@ def _lights(data: GltfData, lights: list[Any]) -> list[AskedLamp]:
         candela = float(1.0 if light.intensity is None else light.intensity) * brightness.value
         name = str(node.name or light.name or "")
         lamps.append(AskedLamp(_shape(data, light, matrices[index]), Brightness(candela, "candela"), color, name))
-    warn_skipped(data.path, distant, "directional lights: a sun is no lamp")
+    warn_skipped(data.path, distant, "directional lights: a sun is not a lamp")
     return lamps
 
 
@@ -85,7 +85,7 @@ def _shape(data: GltfData, light: Any, matrix: NDArray) -> Lamp:
     ahead = -matrix[:3, 2]
     length = float(np.linalg.norm(ahead))
     if not length > 0.0:
-        raise InputError(f"{data.path}: the node of a spot has a scale of 0, so that it points nowhere")
+        raise InputError(f"{data.path}: the node of a spot has a scale of 0, so it has no direction")
     a, b, c = (matrix[:3, 3] + ahead / length).tolist()
     cone = light.spot or {}
     outer, inner = (math.degrees(cone.get(f"{which}ConeAngle", or_else)) for which, or_else in _CONE)
@@ -102,7 +102,7 @@ def _glow(data: GltfData) -> AskedLamp:
         if any(value > 0.0 for value in material.emissiveFactor or [])
     }
     if not glowing or not data.document.meshes:
-        raise InputError(f"{data.path}: holds no lamps: no point or spot light ({PUNCTUAL}) and no mesh that glows")
+        raise InputError(f"{data.path}: holds no lamps: no point or spot light ({PUNCTUAL}) and no emissive mesh")
     vertices, faces, radiance, first = [], [], [], 0
     pieces = [piece for piece in placed_pieces(data) if piece.material in glowing]
     pictures: dict[Any, NDArray] = {}
@@ -119,7 +119,7 @@ def _glow(data: GltfData) -> AskedLamp:
         radiance.append(light)
         first += len(piece.points)
     if not any(len(each) for each in faces):
-        raise InputError(f"{data.path}: holds no lamps: its materials that glow have no faces, or black pictures")
+        raise InputError(f"{data.path}: holds no lamps: its emissive materials have no faces, or black textures")
     corners, used = np.concatenate(faces), np.concatenate(vertices)
     kept, corners = np.unique(corners, return_inverse=True)
     shape = MeshLamp(used[kept], corners.reshape(-1, 3), np.concatenate(radiance), all(both))

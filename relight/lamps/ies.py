@@ -47,12 +47,12 @@ def read_profile(path: str | os.PathLike[str]) -> Profile:
     file, for photometry of type A or B, for a tilt, and for what is broken.
     """
     if file_size(path, ".ies file") > LARGEST_IES:
-        raise InputError(f"{path} takes over {LARGEST_IES >> 20} MB, which no IES profile does")
+        raise InputError(f"{path} takes over {LARGEST_IES >> 20} MB: too large for an IES profile")
     text = Path(path).read_bytes().decode("latin-1").replace("\0", "").replace("\x1a", "")
     try:
         return _parsed(text)
     except ValueError as error:
-        raise InputError(f"{path}: no IES profile that can be read: {error}") from None
+        raise InputError(f"{path}: not a readable IES profile: {error}") from None
 
 
 def _parsed(text: str) -> Profile:

@@ -25,7 +25,7 @@ def moved(lamp: Lamp, matrix: ArrayLike) -> Lamp:
     lengths = np.linalg.norm(motion[:3, :3], axis=0)
     scale = float(np.cbrt(np.prod(lengths)))
     if not (scale > 0.0 and np.abs(lengths / scale - 1.0).max() < STRETCH):
-        raise InputError("lamps cannot follow a motion that stretches axes differently")
+        raise InputError("lamps cannot follow a motion that scales the axes differently")
 
     def point(place: ArrayLike) -> Vector:
         return _vector(motion[:3, :3] @ np.asarray(place, np.float64) + motion[:3, 3])

@@ -128,5 +128,5 @@ def _radius(asked: AskedLamp, scale: LampScale | None) -> float:
 
 def _needed(scale: LampScale | None) -> LampScale:
     if scale is None:
-        raise InputError("a lamp is told in metres, or by the light of the capture: give the scale of the scene")
+        raise InputError("metres and EV need the scale of the scene: give it")
     return scale

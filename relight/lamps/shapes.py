@@ -38,7 +38,7 @@ class SphereLamp:
         _keep(self, "position", checked_vector("position", self.position))
         _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
         if (self.radiance is None) == (self.intensity is None):
-            raise InputError("`radiance`: a sphere has either that or an intensity")
+            raise InputError("`radiance`: a sphere has either a radiance or an intensity")
         if self.radiance is None:
             _keep(self, "intensity", checked_light("intensity", self.intensity))
         else:
@@ -69,7 +69,7 @@ class SpotLamp:
         _keep(self, "intensity", checked_light("intensity", self.intensity))
         _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
         if self.position == self.target:
-            raise InputError("`target`: it lies at the position of its lamp, so that the light has no direction")
+            raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
         cutoff = checked_size("cutoff_deg", self.cutoff_deg)
         if cutoff > 180.0:
             raise InputError(f"`cutoff_deg` {cutoff:g}: expected a half angle up to 180")
@@ -120,7 +120,7 @@ class TubeLamp:
         _keep(self, "radius", checked_size("radius", self.radius))
         _keep(self, "radiance", checked_light("radiance", self.radiance))
         if self.start == self.end:
-            raise InputError("`end`: a tube has a length")
+            raise InputError("`end`: the tube has no length")
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +177,7 @@ class ProfileLamp:
         for name in ("position", "target"):
             _keep(self, name, checked_vector(name, getattr(self, name)))
         if self.position == self.target:
-            raise InputError("`target`: it lies at the position of its lamp, so that the light has no direction")
+            raise InputError("`target`: it lies at the position of its lamp, so the light has no direction")
         _keep(self, "intensity", checked_light("intensity", self.intensity))
         _keep(self, "radius", checked_size("radius", self.radius, least=0.0))
         vertical, horizontal = np.asarray(self.vertical_deg, float), np.asarray(self.horizontal_deg, float)

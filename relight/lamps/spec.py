@@ -77,7 +77,7 @@ def _parsed(text: str) -> list[AskedLamp]:
     if kind in ("mesh", "profile"):
         raise InputError(f"{kind}: give its file, such as {'sign.glb' if kind == 'mesh' else 'x.ies at=x,y,z'}")
     if kind not in FIELDS:
-        raise InputError(f"{clip(kind)}: no kind of lamp{meant(kind, FIELDS)}; expected one of {', '.join(FIELDS)}")
+        raise InputError(f"{clip(kind)}: not a kind of lamp{meant(kind, FIELDS)}; expected one of {', '.join(FIELDS)}")
     return [asked_lamp(kind, _with("at", place, given))]
 
 
@@ -90,7 +90,9 @@ def _with(name: str, value: str, given: dict[str, Any]) -> dict[str, Any]:
 def _of_file(path: str, given: dict[str, Any]) -> list[AskedLamp]:
     for word in given:
         if word not in OF_FILES:
-            raise InputError(f"{clip(word)}: not for lamps of a file{meant(word, OF_FILES)}; {', '.join(OF_FILES)} are")
+            raise InputError(
+                f"{clip(word)}: cannot change lamps from a file{meant(word, OF_FILES)}; {', '.join(OF_FILES)} are"
+            )
     lamps = [changed(asked, given) for asked in read_lamps(path)]
     if "at" in given:
         by = vector("at", given["at"])

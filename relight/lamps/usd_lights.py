@@ -55,7 +55,7 @@ def read_usd_lamps(path: str | os.PathLike[str]) -> list[AskedLamp]:
             stage = pxr.Usd.Stage.Open(str(path))
         except pxr.Tf.ErrorException as error:
             reason = " ".join(str(error).split())[:160]
-            raise InputError(f"{path}: is damaged, or no USD file ({reason})") from None
+            raise InputError(f"{path}: is damaged, or not a USD file ({reason})") from None
         return _lamps(pxr, stage, str(path))
 
 
@@ -85,7 +85,7 @@ def _lamps(pxr: Any, stage: Any, path: str) -> list[AskedLamp]:
             continue
         kind = str(prim.GetTypeName())
         if kind not in SHAPES:
-            left["distant and dome lights: a sun or a sky is no lamp" if kind in _POINTLESS else "other lights"] += 1
+            left["distant and dome lights: a sun or a sky is not a lamp" if kind in _POINTLESS else "other lights"] += 1
             continue
         matrix = np.array(cache.GetLocalToWorldTransform(prim)).T  # USD multiplies rows
         light = _radiance(pxr, prim)

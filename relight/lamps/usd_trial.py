@@ -55,6 +55,6 @@ def check_opens(path: str | os.PathLike[str], size: int) -> None:
         raise InputError(f"{path}: takes usd-core over {FREE_S:.0f} s to open: it is damaged, or too large") from None
     if done.returncode == 3:
         reason = done.stdout.decode("utf-8", "replace").strip()
-        raise InputError(f"{path}: is damaged, or no USD file ({reason})")
+        raise InputError(f"{path}: is damaged, or not a USD file ({reason})")
     if done.returncode:
         raise InputError(f"{path}: usd-core fails to open it: it is damaged, or needs far more memory than its size")

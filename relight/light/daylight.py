@@ -238,7 +238,7 @@ def day_times(text: str, day: datetime) -> list[datetime]:
     check_time(day)
     found = _DAY.fullmatch(text)
     if found is None:
-        raise InputError(f"{text!r} is not a part of a day: write it as 05:00-21:30/15min, in s, min or h")
+        raise InputError(f"{text!r} is not a range of times: write it as 05:00-21:30/15min, in s, min or h")
     first, last = (_clock(day, text, *found.group(at, at + 1)) for at in (1, 3))
     step = float(found[5]) * _SECONDS[found[6]]
     seconds = (last - first).total_seconds()
@@ -255,7 +255,7 @@ def day_times(text: str, day: datetime) -> list[datetime]:
 def _clock(day: datetime, text: str, hour: str, minute: str) -> datetime:
     """A time of the day in universal time, in which steps are as long as they are where clocks change."""
     if int(minute) > 59 or int(hour) * 60 + int(minute) > 24 * 60:
-        raise InputError(f"{text!r} holds {hour}:{minute}, which is no time of a day")
+        raise InputError(f"{text!r} holds {hour}:{minute}, which is not a time of day")
     midnight = day.replace(hour=0, minute=0, second=0, microsecond=0)
     at = midnight + timedelta(hours=int(hour), minutes=int(minute))
     return at.astimezone(timezone.utc)

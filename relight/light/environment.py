@@ -135,7 +135,7 @@ class Environment:
                 stacklevel=2,
             )
         if not image.any():
-            message = f"{path.name} is black everywhere, and so is all that it lights"
+            message = f"{path.name} is black everywhere, and so is the scene"
             warnings.warn(message, DataWarning, stacklevel=2)
         environment = cls(image, path.stem)
         environment.repaired = repaired
@@ -254,7 +254,7 @@ def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[st
         image[bright] = MOST_RADIANCE
         repaired[f"above {MOST_RADIANCE:g}"] = int(bright.any(axis=2).sum())
     counts = ", ".join(f"{count} {defect}" for defect, count in repaired.items())
-    warnings.warn(f"{name}: repaired pixels that held no radiance: {counts}", DataWarning, stacklevel=3)
+    warnings.warn(f"{name}: repaired invalid pixels: {counts}", DataWarning, stacklevel=3)
     return image, repaired
 
 

@@ -66,7 +66,7 @@ def check_exr(name: object, data: bytes) -> None:
     values = 0
     for part in parts:
         if part.get("type") in _DEEP:
-            raise InputError(f"{name} holds deep pixels, which are no picture of light: export it flat")
+            raise InputError(f"{name} holds deep pixels, which are not supported: export it flat")
         for window in ("dataWindow", "displayWindow"):
             left, top, right, bottom = struct.unpack("<4i", part[window][:16])
             width, height = right - left + 1, bottom - top + 1

@@ -65,4 +65,4 @@ def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
         server.first = INDEX if found else PAGE
         return server
     except (OSError, OverflowError) as error:
-        raise InputError(f"`serve` {port}: the port cannot be had ({error}); name another") from None
+        raise InputError(f"`serve` {port}: cannot use the port ({error}); name another") from None

@@ -184,7 +184,7 @@ class Choice:
             told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
             rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
         if measured.bounced is None:
-            rows.append((BOUNCES, None, "skipped: the surface is white, or they were not wanted"))
+            rows.append((BOUNCES, None, "skipped: the surface is white, or they were not requested"))
         else:
             decision = f"{settings.bounce_rays} rays" if settings.bounce_rays else "skipped"
             rows.append((BOUNCES, float(measured.bounces[0]), decision))

@@ -47,7 +47,7 @@ def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
     """
     eyes, frame = within(scene), Frame.around(scene.vertices, scene.faces)
     if not len(eyes):
-        raise InputError("`opened` ceiling: expected a room that was captured from within, found none")
+        raise InputError("`opened` ceiling: expected a room that was captured from inside, found none")
     directions = fibonacci_sphere(LOOKS)
     up = directions[directions[:, 1] > UPRIGHT]
     origins = np.repeat(frame.unit(eyes), len(up), axis=0)

@@ -176,7 +176,7 @@ def _unlikely(solved: strengths.Strengths) -> str:
     least = np.full(len(solved.evidence), LEAST_EVIDENCE)
     least[len(solved.radiance) :] = LEAST_OF_WINDOWS
     if (solved.evidence < least).all():
-        return "its surfaces do not tell how bright its lamps and windows are"
+        return "its surfaces do not determine the brightness of its lamps and windows"
     if not ALBEDOS[0] < solved.albedo < ALBEDOS[1]:
         return f"its surfaces would have an albedo of {solved.albedo:.2f}"
     return ""

@@ -118,7 +118,7 @@ def rotor_and_translation(motors: Floats) -> tuple[NDArray[np.float64], NDArray[
         others = np.maximum(others, np.abs(xyz * s - x * e23 + y * e13 - z * e12) * length)
         bad = ~(others <= _MOTOR_TOLERANCE * np.abs(motors).max(axis=-1)) | ~(length > 0)
     if bad.any():
-        raise InputError(f"{np.sum(bad)} of {bad.size} multivectors are no motors: expected rotation and translation")
+        raise InputError(f"{np.sum(bad)} of {bad.size} multivectors are not motors: expected rotation and translation")
     return np.stack([s, e12, e13, e23], axis=-1), -2.0 * np.stack(vector, axis=-1)
 
 

@@ -118,7 +118,7 @@ def bake(
         unseen = int((~seen).sum())
     if unseen:
         warnings.warn(
-            f"no view of the splat shows {unseen} of {len(captured)} texels; they have the colour around them",
+            f"no view of the splat shows {unseen} of {len(captured)} texels; they take the surrounding colour",
             DataWarning,
             stacklevel=2,
         )

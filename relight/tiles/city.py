@@ -97,10 +97,10 @@ def check_city(request: RelightRequest) -> None:
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a city in tiles takes one angle at a time")
     if request.albedo is not None and request.albedo not in ALBEDOS:
-        raise InputError(f"`albedo` {request.albedo}: of a city expected one of {', '.join(ALBEDOS)}")
+        raise InputError(f"`albedo` {request.albedo}: for a city, expected one of {', '.join(ALBEDOS)}")
     if set(request.formats or ()) - set(CITY_FILES):
         found = " ".join(request.formats or ())
-        raise InputError(f"`formats` {found}: of a city expected some of {' '.join(CITY_FILES)}")
+        raise InputError(f"`formats` {found}: for a city, expected some of {' '.join(CITY_FILES)}")
 
 
 def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> dict[str, Any]:
@@ -203,9 +203,11 @@ def _begin(store: Store, folder: str, asked: dict[str, Any], overwrite: bool, re
     name = f"{folder}/asked.json"
     if store.exists(name):
         if resume and store.read_json(name) != asked:
-            raise InputError(f"{store.path(folder)}: was begun with other settings, so `resume` cannot go on")
+            raise InputError(f"{store.path(folder)}: was started with other settings, so `resume` cannot continue")
         if not resume and not overwrite:
-            raise InputError(f"{store.path(folder)} exists already: replace it by `overwrite` or go on by `resume`")
+            raise InputError(
+                f"{store.path(folder)} exists already: replace it with `overwrite` or continue with `resume`"
+            )
         if not resume:
             store.remove(folder)
     store.write_json(name, asked)

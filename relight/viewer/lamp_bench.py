@@ -36,7 +36,7 @@ MOST_GLIMPSES = 4
 SPARE = 8
 """Terms that are kept beside those of the present lamps, for undo: 3.6 MB each for 100,000 vertices."""
 
-DARK = "the lamps light nothing: they stand in a wall, outside, or face away"
+DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 
 Light = NDArray[np.float32]
 Value = TypeVar("Value")

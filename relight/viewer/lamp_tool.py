@@ -92,7 +92,7 @@ class LampTool:
         """Put a bulb off the surface that is seen at a pixel; without one say so."""
         hit = self._surface(x, y)
         if hit is None:
-            self._window.note = "no surface there: click on one to put a lamp in"
+            self._window.note = "no surface there: click on a surface to add a lamp"
             return
         place, normal = hit
         off = min(OFF_M * self._metre, self._free(place, normal) / 2.0)
@@ -207,7 +207,7 @@ class LampTool:
         board = self._window.session.board
         number = None if board is None else board.selected
         if number is None:
-            self._window.note = "no lamp is selected: t, then click on one"
+            self._window.note = "no lamp is selected: press t, then click a lamp"
         return number
 
     # Places: pixels, the frame of the scene, that of the splat

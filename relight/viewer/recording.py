@@ -140,7 +140,7 @@ def check_film(path: str | os.PathLike[str], frames: int, what: str, overwrite: 
     if frames != int(frames) or frames < 2:
         raise InputError(f"a film needs a whole number of frames, 2 or more, found {frames}")
     if what not in ("light", "camera"):
-        raise InputError(f"a film is of the light or the camera, found {what!r}")
+        raise InputError(f"a film turns the light or the camera, found {what!r}")
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists: choose another name, or pass overwrite")
     if not path.parent.is_dir():

@@ -152,7 +152,9 @@ class Session(LampEditing, Answers):
             if self.failure:
                 raise InputError(self.failure)
             if time.perf_counter() > deadline:
-                raise InputError(f"the light did not come within {timeout:g} s; give it longer, or a larger tolerance")
+                raise InputError(
+                    f"the light did not arrive within {timeout:g} s; allow more time, or a larger tolerance"
+                )
             time.sleep(0.002)
 
     def close(self) -> None:

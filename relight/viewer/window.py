@@ -223,7 +223,7 @@ class Window:
     def quit(self, asked: bool = False) -> None:
         """Close the window soon; while a film is recorded, say that it would be dropped, and close the second time."""
         if self._recording is not None and not asked and not self._recording.asked:
-            self._recording.asked, self.note = True, "a film is recorded: q again drops it"
+            self._recording.asked, self.note = True, "recording a film: press q again to discard it"
             return
         self._open = False
 

@@ -22,8 +22,8 @@ def allow_read_only_install() -> None:
 
     Dispatcher.enable_caching = lambda dispatcher: None  # type: ignore[method-assign,assignment]
     warnings.warn(
-        "no folder for compiled code can be written, so it is compiled again in every run, which takes a minute: "
-        "set NUMBA_CACHE_DIR to a folder that can",
+        "found no writable folder for compiled code, so every run compiles it again, which takes a minute: "
+        "set NUMBA_CACHE_DIR to a writable folder",
         DataWarning,
         stacklevel=2,
     )

@@ -49,7 +49,7 @@ def check_special(path: str | os.PathLike[str]) -> None:
     except (OSError, ValueError):
         return  # what is wrong with it, its reader says better
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise InputError(f"{path} is no regular file, but a {_kind(mode)}: copy its content into a file first")
+        raise InputError(f"{path} is not a regular file but a {_kind(mode)}: copy its content into a file first")
 
 
 def read_json(path: str | os.PathLike[str], **how: Any) -> Any:
@@ -148,7 +148,7 @@ def reading(path: str | os.PathLike[str]) -> Iterator[None]:
         name, reason = error.filename or path, error.strerror or error
         raise InputError(f"cannot read {name}: {reason}") from error
     except MemoryError as error:
-        raise InputError(f"{path} needs more memory than there is: it is too large, or damaged") from error
+        raise InputError(f"{path} needs more memory than is available: it is too large, or damaged") from error
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0][:160]
         raise InputError(

@@ -74,7 +74,7 @@ def claim(workspace: Path) -> int:
             made = False
         try:
             if not made and not _ours(workspace):
-                raise InputError(f"{workspace} is in the way, and no run left it: move it, or give another `output`")
+                raise InputError(f"{workspace} is in the way, and no run made it: move it, or choose another `output`")
             lock = _locked(workspace)
         except FileNotFoundError:
             continue  # it was released by another run since
@@ -153,13 +153,13 @@ def _ours(workspace: Path) -> bool:
 
 def _clean(workspace: Path) -> None:
     """Empty a folder that is locked and that a killed run left, and tell what became of it."""
-    told = f"removed {workspace}, which a run that was killed had left"
+    told = f"removed {workspace}, left by a run that was killed"
     if os.path.lexists(workspace / OLD):
         target, replaced = _target(workspace), not os.path.lexists(workspace / NEW)
         if not _settled(workspace):
             kept = _free_name(workspace.with_name(f"{target.name if target else workspace.name[1:]}.before"))
             (workspace / OLD).rename(kept)
-            told += f"; what it was about to replace is now {kept}"
+            told += f"; the files that it was about to replace are now in {kept}"
         elif not replaced:
             told += f", and put {target} back"
     for entry in list(workspace.iterdir()):

@@ -16,7 +16,7 @@ def add_manuals(parser: argparse.ArgumentParser) -> None:
     ----------
     parser : argparse.ArgumentParser
     """
-    completion = f"print what makes a shell complete this command's options: {', '.join(SHELLS)}"
+    completion = f"print a completion script for a shell: {', '.join(SHELLS)}"
     parser.add_argument("--completion", action=_Printed, choices=SHELLS, metavar="SHELL", help=completion)
     parser.add_argument("--man", action=_Printed, nargs=0, help="print the manual page; `man -l -` shows it")
 

@@ -39,7 +39,9 @@ def check_output(path: str | os.PathLike[str], overwrite: bool, marker: str | No
     while not parent.exists():
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK):
-        raise InputError(f"cannot write to {parent}, where {path} would be: give another `output`, or make it writable")
+        raise InputError(
+            f"cannot write to {parent}, where {path} would be: choose another `output`, or make it writable"
+        )
 
 
 @contextmanager
@@ -110,7 +112,7 @@ def _workspace(path: Path) -> Iterator[Path]:
                     lock = claim(workspace)
                 except Busy:
                     raise InputError(
-                        f"another run is writing {path} at the moment: wait for it, or give another `output`"
+                        f"another run is writing {path}: wait for it, or choose another `output`"
                     ) from None
                 (workspace / NAME).write_text(path.name, encoding="utf-8", errors="surrogateescape")
                 (workspace / NEW).mkdir()
@@ -161,15 +163,15 @@ def _check_free(path: Path, overwrite: bool, marker: str | None) -> None:
     if not os.path.lexists(path):
         return
     if not overwrite:
-        raise InputError(f"{path} exists already: give another `output`, or replace it by `overwrite`")
+        raise InputError(f"{path} exists already: choose another `output`, or replace it with `overwrite`")
     ours = marker is None or (path / marker).is_file() or (path.is_dir() and not any(path.iterdir()))
     if not ours:
-        raise InputError(f"{path} holds no {marker}, so `overwrite` spares it: give another `output`")
+        raise InputError(f"{path} holds no {marker}, so `overwrite` does not replace it: choose another `output`")
 
 
 def _check_names(path: Path) -> None:
     if "\0" in str(path):
-        raise InputError("`output` holds a NUL, which no name may")
+        raise InputError("`output` contains a NUL character")
     for part in path.absolute().parts:
         size = len(os.fsencode(part))
         if size > LONGEST_NAME:

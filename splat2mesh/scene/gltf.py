@@ -67,7 +67,7 @@ class GltfData:
         with reading(self.path):
             document, self._blob = self._parsed(self.path.read_bytes())
             if not isinstance(document, Record):
-                raise InputError(f"{self.path}: not a readable glTF 2.0 file: its JSON is no object")
+                raise InputError(f"{self.path}: not a readable glTF 2.0 file: its JSON is not an object")
             if not meshless and (not isinstance(document.meshes, list) or not document.meshes):
                 raise InputError(f"{self.path}: holds no meshes; expected a .glb or .gltf with triangles")
             self.document = document
@@ -90,7 +90,7 @@ class GltfData:
             return loads(data, object_hook=Record), b""
         version, total = struct.unpack_from("<II", data, 4)
         if version != 2:
-            raise InputError(f"{self.path}: glTF {version} is not known here: expected 2")
+            raise InputError(f"{self.path}: glTF {version} is not supported: expected 2")
         if total > len(data):
             raise InputError(
                 f"{self.path}: not a readable glTF 2.0 file: it announces {total} bytes, found {len(data)}"
@@ -106,7 +106,7 @@ class GltfData:
             chunks.append((kind, data[start + 8 : start + 8 + length]))
             start += 8 + length
         if not chunks or chunks[0][0] != _JSON:
-            raise InputError(f"{self.path}: not a readable glTF 2.0 file: its first chunk is no JSON")
+            raise InputError(f"{self.path}: not a readable glTF 2.0 file: its first chunk is not JSON")
         blob = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == _BIN else b""
         return loads(chunks[0][1], object_hook=Record), blob
 

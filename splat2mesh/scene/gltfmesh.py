@@ -169,7 +169,7 @@ def _read(data: GltfData, index: int, primitive: Any, mode: int) -> tuple[NDArra
     else:
         indices = data.array(primitive.indices, what)
         if indices.ndim != 1 or indices.dtype.kind == "f":
-            raise InputError(f"{data.path}: {what} has indices that are no whole numbers; export it again")
+            raise InputError(f"{data.path}: {what} has indices that are not whole numbers; export it again")
     indices = indices.astype(np.int64)
     if len(indices) and (indices.min() < 0 or indices.max() >= count):
         raise InputError(f"{data.path}: {what} has a face that names a vertex beyond its {count}; export it again")

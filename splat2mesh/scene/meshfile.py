@@ -70,7 +70,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         raise InputError(f"{path}: no such mesh file")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(f"{path}: not a mesh file I can read; expected one of {' '.join(READABLE_SUFFIXES)}")
+        raise InputError(f"{path}: not a readable mesh file; expected one of {' '.join(READABLE_SUFFIXES)}")
     file_size(path, "mesh file")
     with reading(path), quiet_numbers():
         return checked_mesh(reader(path), path)
@@ -110,7 +110,7 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
         points, moved = centred(points)
     if moved is not None:
         shift = ", ".join(f"{-part:.10g}" for part in moved)
-        message = f"{path}: so far from the origin float32 loses its shape, so it was moved by ({shift})"
+        message = f"{path}: too far from the origin for float32, moved by ({shift})"
         warnings.warn(message, DataWarning, stacklevel=4)
     far = np.count_nonzero((np.abs(points) > LARGEST_COORDINATE).any(axis=1))
     if far:
@@ -131,9 +131,7 @@ def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     against = float(np.mean(np.einsum("ij,ij->i", across, np.nan_to_num(normals[some].sum(axis=1))) < 0.0))
     if against > INVERTED:
-        message = (
-            f"{path}: {against:.0%} of the normals point against their faces, to where it is dark: turn them round"
-        )
+        message = f"{path}: {against:.0%} of the normals point into the surface: flip them"
         warnings.warn(message, DataWarning, stacklevel=5)
     missing: Any = ~(np.isfinite(normals).all(axis=1) & normals.any(axis=1))
     if missing.any():

@@ -281,7 +281,7 @@ def read_off(path: str | os.PathLike[str]) -> UncheckedMesh:
         words = [line for line in lines if line]
     head = words[0][0].upper() if words else ""
     if head not in ("OFF", "COFF", "NOFF", "CNOFF"):
-        raise InputError(f"{path} is no OFF file: its first line must be OFF, COFF, NOFF or CNOFF")
+        raise InputError(f"{path} is not an OFF file: its first line must be OFF, COFF, NOFF or CNOFF")
     counts = words[0][1:] or words[1]
     rows = words[1 if words[0][1:] else 2 :]
     vertices, faces = (int(word) for word in counts[:2])

@@ -160,7 +160,7 @@ def _entries(scene: Scene) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """What the scene keeps of its source, and of each object of its layout: dict, list (empty without a layout)."""
     source = scene.source
     if "sha256" not in source:
-        raise InputError(f"{scene.path or 'the scene'} is a plain mesh, which no splat belongs to: use a scene folder")
+        raise InputError(f"{scene.path or 'the scene'} is a mesh without a splat: use a scene folder")
     try:
         file, lod = str(source["file"]), source.get("lod", "auto")
         own = {**source, "file": file, "name": file, "lod": lod, "chunks": (0, len(scene.chunks))}

@@ -72,7 +72,7 @@ def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
     try:
         numbers = np.array(found, "S32").astype(np.float64).reshape(-1, 4, 3)
     except ValueError as error:
-        raise InputError(f"{path}: a facet holds what is no number ({error}); export it again") from None
+        raise InputError(f"{path}: a facet holds a value that is not a number ({error}); export it again") from None
     return _joined(numbers[:, 1:].reshape(-1, 3), np.repeat(numbers[:, 0], 3, axis=0), None)
 
 

@@ -48,10 +48,8 @@ def check_extent(splats: Splats) -> None:
     width = float(np.median(splats.scales[::step].max(axis=1)))
     steps = float(np.spacing(np.float32(away))) / max(width, 1e-30)
     if steps > COARSE:
-        found = (
-            f"the splats lie {away:.2g} units from the origin, where places are rounded to {steps:.2g} of their widths"
-        )
-        advice = "take the offset off before the splat is trained or exported"
+        found = f"the splats lie {away:.2g} units from the origin, where positions round to {steps:.2g} of their widths"
+        advice = "remove the offset before training or exporting the splat"
         if steps > TOO_COARSE:
             raise InputError(f"{found}: {advice}")
         warnings.warn(f"{found}, and their surface is rough: {advice}", DataWarning, stacklevel=3)

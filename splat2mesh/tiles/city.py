@@ -117,12 +117,14 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     there = store.exists(FILE)
     if resume:
         if there and store.read_json(FILE)["asked"] != json.loads(json.dumps(asked)):
-            raise InputError(f"{store.root}: was begun with other settings or another source, so `resume` cannot go on")
+            raise InputError(
+                f"{store.root}: was started with other settings or another source, so `resume` cannot continue"
+            )
         return there
     if store.is_local:
         check_output(store.root, overwrite, FILE)
     elif there and not overwrite:
-        raise InputError(f"{store.root} exists already: give another `output`, or `overwrite` or `resume` it")
+        raise InputError(f"{store.root} exists already: choose another `output`, or `overwrite` or `resume` it")
     store.remove(".")
     store.write("work/begun", b"")  # what cannot be written is told before a large source is read
     return False

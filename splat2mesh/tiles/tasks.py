@@ -251,7 +251,7 @@ def _connect(client: Any, name: str) -> Cluster:
         raise InputError(f"{name}: it has no workers; start some with `dask worker {name}`")
     for address, version in versions.items():
         if version != VERSION:
-            raise InputError(f"the worker at {address} has version {version} of splat2mesh, here is {VERSION}")
+            raise InputError(f"the worker at {address} has version {version} of splat2mesh, this is {VERSION}")
     from .workers import Prepared
 
     client.register_plugin(Prepared())

@@ -66,7 +66,7 @@ def trained_views(
         advice = "`cameras` none does without" if given is None else "give those of this capture"
         raise InputError(
             f"{path}: none of its {len(frames[0][0])} cameras sees a solid splat of {splat_path}: "
-            f"they are of another scene, or the splat was moved; {advice}"
+            f"they belong to another scene, or the splat was moved; {advice}"
         )
     likely = [frame for frame in frames if len(frame[1]) > most / 2]
     if len(likely) > 1:
@@ -100,7 +100,7 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
     except InputError as error:
         raise InputError(f"{error}; expected {KINDS}") from error
     except ValueError as error:
-        raise InputError(f"{path} is no JSON ({error}); expected {KINDS}") from error
+        raise InputError(f"{path} is not JSON ({error}); expected {KINDS}") from error
     if isinstance(content, list) and all(isinstance(entry, dict) for entry in content):
         found = [views_of_cameras_json(path, content)]
     elif isinstance(content, dict) and isinstance(content.get("frames"), list):

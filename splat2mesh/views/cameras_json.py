@@ -29,6 +29,6 @@ def views_of_cameras_json(path: str | os.PathLike[str], content: list[dict[str, 
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = camera["rotation"], camera["position"]
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{where} is none of INRIA's ({type(error).__name__}: {error})") from error
+            raise InputError(f"{where} is not an INRIA camera ({type(error).__name__}: {error})") from error
         views.append(view_of(where, size, focal, None, pose))
     return views

@@ -53,5 +53,5 @@ def describe_brightness(splats: Splats, up: Vector) -> str:
     if ratio >= CLEAR:
         return f", and {ratio:.2g} times brighter from above"
     if ratio <= 1.0 / CLEAR:
-        return f"; but {1.0 / ratio:.2g} times brighter from below, as what stands on its head is: look at the preview"
+        return f"; but {1.0 / ratio:.2g} times brighter from below, so it may be upside down: check the preview"
     return ""

@@ -131,7 +131,7 @@ def ground_of(splats: Splats) -> Ground:
         up = np.where(np.abs(up) == np.abs(up).max(), np.sign(up), 0.0)
     name = f"{'+' if up[axis] > 0 else '-'}{'xyz'[axis]}"
     if assumed and open_above:
-        return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, taken for the lower one", True)
+        return Ground(up, f"a flat side, {leans:.1f} degrees from {name}, assumed to be the lower one", True)
     return Ground(up, f"the floor, {leans:.1f} degrees from {name}")
 
 

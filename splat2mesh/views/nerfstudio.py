@@ -45,9 +45,11 @@ def candidates_of_transforms(
     except (KeyError, TypeError) as error:
         raise InputError(f"{path} holds no frames of nerfstudio ({type(error).__name__}: {error})") from error
     if any("EQUIRECTANGULAR" in model for model in models):
-        raise InputError(f"{path}: its pictures are panoramas, which no pinhole camera sees; leave `cameras` out")
+        raise InputError(
+            f"{path}: its pictures are panoramas, and only pinhole cameras are supported; leave `cameras` out"
+        )
     if any(not _size(frame) for frame in frames):
-        warnings.warn(f"{path} tells no size of its pictures; they are taken as square", DataWarning, stacklevel=2)
+        warnings.warn(f"{path} gives no picture size; pictures are assumed square", DataWarning, stacklevel=2)
     found = []
     for scale, frame_from_file in _frames(path, content, splat_path):
         found.append([_view(f"{path}: frame {k}", frame, scale, frame_from_file) for k, frame in enumerate(frames, 1)])
@@ -70,7 +72,7 @@ def _view(where: str, frame: dict[str, Any], scale: float, frame_from_file: Matr
         principal = (frame["cx"], frame["cy"]) if "cx" in frame and "cy" in frame else None
         pose = frame_from_file @ np.array(frame["transform_matrix"], np.float64).reshape(4, 4) @ _FLIP
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{where} is none of nerfstudio's ({type(error).__name__}: {error})") from error
+        raise InputError(f"{where} is not a nerfstudio frame ({type(error).__name__}: {error})") from error
     pose[:3, 3] *= scale
     return view_of(where, size, focal, principal, pose)
 
@@ -94,7 +96,7 @@ def _frames(path: Path, content: dict[str, Any], splat_path: str | os.PathLike[s
             applied[:3, 3] *= scale  # undone before the scale is
             found.append((1.0 / scale, np.linalg.inv(applied).astype(np.float64)))
         except (ValueError, TypeError, ZeroDivisionError, np.linalg.LinAlgError) as error:
-            raise InputError(f"{path}: its applied_transform is none ({error})") from error
+            raise InputError(f"{path}: its applied_transform is invalid ({error})") from error
     return found
 
 

@@ -37,7 +37,9 @@ def view_of(
         return None
     left, stretch, right = np.linalg.svd(pose[:3, :3])
     if np.abs(stretch - 1).max() > SLACK or np.linalg.det(pose[:3, :3]) < 0:
-        raise InputError(f"{where}: its rotation is none: the columns of a rotation are unit, square and right-handed")
+        raise InputError(
+            f"{where}: its rotation is invalid: the columns of a rotation are unit, square and right-handed"
+        )
     camera_from_world = np.eye(4)
     camera_from_world[:3, :3] = (left @ right).T
     camera_from_world[:3, 3] = -camera_from_world[:3, :3] @ pose[:3, 3]

@@ -184,7 +184,7 @@ def _chosen(looks: _RayFans, kind: str, hints: int) -> tuple[Indices, float, flo
         usable = share > 0
     if not usable.any():
         raise InputError(
-            "`stand` inside: no free place from which a surface is seen; name one by `eyes`, or give `stand` outside"
+            "`stand` inside: found no free place that sees a surface; name one with `eyes`, or give `stand` outside"
         )
     typical, best = float(np.median(focal[usable])), np.percentile(share, 100 * STANDPOINTS.best)
     least = min(max(STANDPOINTS.focal_floor, STANDPOINTS.focal_kept * typical), typical)

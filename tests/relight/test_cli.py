@@ -54,9 +54,9 @@ def test_a_plan_reads_what_was_kept_and_leaves_it_alone(folder, tmp_path, capsys
         (["--budget", "1", "--tolerance", "0.1"], "--tolerance and --budget: expected one of them"),
         (["--rays", "0"], "--rays per vertex must be a whole number"),
         (["--effects", "sun"], "--effects sun: sun, bounces and volume need shadows too"),
-        (["--capture-env", "noon", "--albedo", "white"], "--capture-env: it is there to estimate the albedo"),
+        (["--capture-env", "noon", "--albedo", "white"], "--capture-env: it needs an estimated albedo"),
         (["--albedo", "nowhere.npy"], "--albedo nowhere.npy: expected estimated, captured, white or a .npy file"),
-        (["-o", "SCENE/chunks"], "exists already: give another --output, or replace it by --overwrite"),
+        (["-o", "SCENE/chunks"], "exists already: choose another --output, or replace it with --overwrite"),
     ],
 )
 def test_errors_name_the_options_of_the_command(folder, capsys, arguments, message):

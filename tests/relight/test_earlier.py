@@ -118,7 +118,7 @@ def test_a_light_counts_by_its_content_and_not_by_its_path(scene, tmp_path, caps
     relight_scene(scene, same, "analytic", formats=["ply"], **settings).save(tmp_path / "out")
     assert set(report_in(tmp_path / "out")["files"]) == {"radiance.npy", "relit.ply"}
     brighter = Environment(light.radiance * 2.0, "sky")
-    with pytest.raises(InputError, match="`env` sky had another content"):
+    with pytest.raises(InputError, match="`env` sky had other content"):
         relight_scene(scene, brighter, "analytic", formats=["ply"], **settings).save(tmp_path / "out")
     with pytest.raises(InputError, match="`angle_deg` 0, now 30"):
         turned = relight_scene(scene, same, "analytic", angle_deg=30.0, formats=["ply"], **settings)

@@ -83,7 +83,7 @@ def test_one_command_meshes_keeps_the_scene_and_shows_the_relit_splat(here, caps
     assert "ball: " in out and "  up: assumed -y (--up overrules)" in out and "preview.png" in out
     # The second light finds the scene, and that it is of this very splat.
     code, out, _ = run(capsys, "ball.ply", "--env", "noon", *FAST)
-    assert code == 0 and len(asked) == 1 and "made before" in out
+    assert code == 0 and len(asked) == 1 and "which exists" in out
     write_inria_ply("ball.ply", solid_ball(500))
     code, _, err = run(capsys, "ball.ply", "--env", "noon", *FAST, "--overwrite")
     assert code == 2 and "another splat, or of an older one" in err and "splat2mesh ball.ply -o NAME" in err
@@ -108,7 +108,7 @@ def test_a_folder_that_is_in_the_way_is_left_alone(here, capsys):
     shutil.rmtree(here / "ball")
     (here / "ball").mkdir()
     code, _, err = run(capsys, "ball.ply")
-    assert code == 2 and "ball exists already and is no scene folder" in err and not list((here / "ball").iterdir())
+    assert code == 2 and "ball exists and is not a scene folder" in err and not list((here / "ball").iterdir())
 
 
 def test_every_light_of_a_folder_is_lit_and_shown_on_one_sheet(here, capsys):
@@ -162,7 +162,7 @@ def test_the_summary_says_what_is_kept_and_what_a_budget_left_out(here, capsys, 
     monkeypatch.setattr(Cache, "size_bytes", property(lambda self: 5 * 2**20))  # less than a megabyte is not told
     arguments = "ball", "--albedo", "captured", "--format", "npy", "--overwrite", "-o", "out"
     code, out, _ = run(capsys, *arguments, "--budget", "0.2", "--effects", "shadows", "--rays", "4", "--bands", "3")
-    assert code == 0 and "is for the light; all else took" in out and "keeps 5 MB for the next light" in out
+    assert code == 0 and "covers the light; everything else took" in out and "keeps 5 MB for the next light" in out
     kept = set((here / "ball" / "cache").iterdir())
     assert kept
     code, out, _ = run(capsys, *arguments, *FAST, "--clear-cache")

@@ -141,8 +141,8 @@ BAD_FILES = {
     "missing": (lambda path: None, "no such file"),
     "empty": (lambda path: path.touch(), "empty"),
     "cut short": (cut_short, "3000"),
-    "text": (lambda path: path.write_text("this is no splat\n" * 50), "no splat file"),
-    "binary junk": (lambda path: path.write_bytes(bytes(range(256)) * 20), "no splat file"),
+    "text": (lambda path: path.write_text("this is no splat\n" * 50), "not a splat file"),
+    "binary junk": (lambda path: path.write_bytes(bytes(range(256)) * 20), "not a splat file"),
     "a mesh": (mesh_ply, "mesh"),
     "all NaN": (lambda path: write_splat(path, all_nan), "0 of 3000 splats are usable"),
     "one splat": (lambda path: write_splat(path, count=1), "1 of 1 splats are usable"),
@@ -193,7 +193,7 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--vertices", "-5"], "--vertices -5"),
         (["--max-chunk-vertices", "2"], "--max-chunk-vertices 2"),
         (["--cameras", "nowhere"], "cannot read nowhere: no such file.* expected a COLMAP folder"),
-        (["--cameras", "ball.ply"], r"ball\.ply is no JSON .* expected a COLMAP folder"),
+        (["--cameras", "ball.ply"], r"ball\.ply is not JSON .* expected a COLMAP folder"),
         (["--lod", "fine"], "--lod fine: expected auto or the number of a level"),
         (["--lod", "0"], r"--lod 0: ball\.ply has no levels of detail"),
     ],
@@ -211,7 +211,7 @@ def test_an_output_that_exists_is_refused_before_any_work_and_kept(tmp_path, cap
     (tmp_path / "out" / "thesis.tex").write_text("precious")
     arguments = [str(tmp_path / "ball.ply"), "-o", str(tmp_path / "out")]
     expect_refusal(capsys, main(arguments), "exists already.*--overwrite")
-    expect_refusal(capsys, main([*arguments, "--overwrite"]), "holds no scene.json, so --overwrite spares it")
+    expect_refusal(capsys, main([*arguments, "--overwrite"]), "holds no scene.json, so --overwrite does not replace it")
     assert (tmp_path / "out" / "thesis.tex").read_text() == "precious"
 
 

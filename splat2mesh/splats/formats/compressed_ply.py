@@ -49,7 +49,7 @@ def read(ply: Ply) -> Splats:
     missing = [name for name in bounded if name not in chunk.properties]
     missing += [name for name in _PACKED if vertex is None or vertex.properties.get(name) != "u4"]
     if vertex is None or missing:
-        raise InputError(f"{ply.path} is no compressed splat PLY: it lacks {', '.join(missing)}")
+        raise InputError(f"{ply.path} is not a compressed splat PLY: it lacks {', '.join(missing)}")
     if vertex.count == 0:
         raise InputError(f"{ply.path} holds no splats: its vertex element has 0 rows")
     chunks = -(-vertex.count // CHUNK_SPLATS)

@@ -46,6 +46,6 @@ def read(path: str | os.PathLike[str]) -> Splats:
     quats = (records["quat_wxyz"].astype(np.float32) - 128) / 128
     # The format has no mark of its own, but its quaternions are unit up to the rounding of four bytes.
     if np.median(np.abs(np.linalg.norm(quats, axis=1) - 1)) > 0.1:
-        raise InputError(f"{path} is no .splat file: the quaternions in it have no unit length")
+        raise InputError(f"{path} is not a .splat file: its quaternions do not have unit length")
     rgba = records["rgba"] / np.float32(255)
     return Splats(records["mean"], records["scale"], quats, rgba[:, 3], sh_from_color(rgba[:, None, :3]))

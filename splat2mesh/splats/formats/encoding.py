@@ -172,7 +172,7 @@ def hide_unusable(splats: Splats, path: str | os.PathLike[str]) -> tuple[Splats,
     if usable.all():
         return splats, usable
     lost = n - np.count_nonzero(usable)
-    message = f"{path}: {lost} of {n} splats hold no finite, useful values and were written as transparent ones"
+    message = f"{path}: {lost} of {n} splats have invalid values and were written as transparent"
     warnings.warn(message, DataWarning, stacklevel=4)
     means, scales, opacities, sh = (
         np.where(usable.reshape(-1, *[1] * (value.ndim - 1)), value, 0)

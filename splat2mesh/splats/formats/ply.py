@@ -96,7 +96,7 @@ class Ply:
         file_size(path, "PLY file")
         with open(path, "rb") as file:
             if file.readline(16).strip() != b"ply":
-                raise InputError(f"{path} is no PLY file: its first line must be 'ply'")
+                raise InputError(f"{path} is not a PLY file: its first line must be 'ply'")
             for number in itertools.count(2):
                 raw = file.readline(MAX_HEADER_BYTES)
                 if not raw.endswith(b"\n") or file.tell() > MAX_HEADER_BYTES:

@@ -130,4 +130,4 @@ def _kind(path: Path) -> str:
         return "sog"
     if path.suffix.lower() == ".splat":
         return "splat"
-    raise InputError(f"{path} is no splat file (it starts with {head[:12]!r}): expected {KINDS}")
+    raise InputError(f"{path} is not a splat file (it starts with {head[:12]!r}): expected {KINDS}")

@@ -111,7 +111,7 @@ def _read(path: AnyPath, load: Callable[[object], bytes], meta_name: str) -> Spl
         meta = loads(load(meta_name))
         version = meta.get("version", 1)
         if version not in (1, 2):
-            raise InputError(f"{path}: SOG version {version} is not known here: expected 1 or 2")
+            raise InputError(f"{path}: SOG version {version} is not supported: expected 1 or 2")
         return _decode(_Images(path, load, meta), meta, version)
     except InputError:
         raise
@@ -144,7 +144,7 @@ class _Images:
         try:
             return imagecodecs.webp_decode(data, hasalpha=True)
         except imagecodecs.WebpError as error:
-            raise InputError(f"{self.path}: {name} is no readable WebP image ({error})") from error
+            raise InputError(f"{self.path}: {name} is not a readable WebP image ({error})") from error
 
     def texels(self, part: str, index: int = 0) -> NDArray[np.uint8]:
         """(count, 4) uint8, one row a splat."""
@@ -169,7 +169,7 @@ def _size(path: AnyPath, name: str, data: bytes) -> tuple[int, int]:
         if kind == b"VP8 ":
             width, height = struct.unpack_from("<HH", data, 26)
             return width & 0x3FFF, height & 0x3FFF
-    raise InputError(f"{path}: {name} is no readable WebP image (it starts with {data[:16]!r})")
+    raise InputError(f"{path}: {name} is not a readable WebP image (it starts with {data[:16]!r})")
 
 
 def _decode(images: _Images, meta: dict[str, Any], version: int) -> Splats:

@@ -140,7 +140,7 @@ class _Header:
         if magic != MAGIC:
             raise InputError(f"{path} is compressed, but holds no SPZ data: expected the mark {MAGIC!r}")
         if self.version not in versions:
-            raise InputError(f"{path}: SPZ version {self.version} is not known here: expected 2, 3 or 4")
+            raise InputError(f"{path}: SPZ version {self.version} is not supported: expected 2, 3 or 4")
         if degree > 3 or self.fraction_bits > 24:
             raise InputError(
                 f"{path}: expected SH degree 0 to 3 and at most 24 fraction bits, "

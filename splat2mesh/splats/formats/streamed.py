@@ -155,7 +155,7 @@ def open_streamed(path: str | os.PathLike[str]) -> Streamed:
         meta = read_json(path)
         version = meta.get("version", 1)
         if version != 1:
-            raise InputError(f"{path}: version {version} of {META} is not known here: expected 1")
+            raise InputError(f"{path}: version {version} of {META} is not supported: expected 1")
         levels, names = int(meta["lodLevels"]), [inside(path.parent, name, path) for name in meta["filenames"]]
         if not 0 < levels <= MOST_LEVELS:
             raise InputError(f"{path}: lodLevels must be positive and at most {MOST_LEVELS}, found {levels}")

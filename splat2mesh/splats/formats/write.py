@@ -38,7 +38,7 @@ def kind_of_name(path: str | os.PathLike[str]) -> str:
     kinds = [kind for kind in WRITERS if name.endswith(f".{kind}")]
     if not kinds:
         endings = " ".join(f".{kind}" for kind in WRITERS)
-        raise InputError(f"{path}: no kind of splat that can be written; expected a name that ends in {endings}")
+        raise InputError(f"{path}: not a splat format that can be written; expected a name that ends in {endings}")
     return max(kinds, key=len)
 
 

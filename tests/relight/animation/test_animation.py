@@ -370,7 +370,7 @@ def test_frames_show_the_motion_before_a_camera_that_stands(turning, tmp_path):
         animate(turning, _lit, Environment.load("noon"), tmp_path / "out", 4, None, 48, 36, 1)
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years")
-    with pytest.raises(InputError, match="spares it"):
+    with pytest.raises(InputError, match="does not replace it"):
         animate(turning, _lit, Environment.load("noon"), tmp_path / "mine", 4, overwrite=True)
 
 

@@ -72,7 +72,7 @@ def test_each_lamp_by_itself_adds_up_to_all():
 
 def test_a_lamp_outside_lights_nothing_and_says_so():
     light = lamp_light(hollow_ball(), [SphereLamp((3, 0, 0), 0.1, (5, 5, 5))])
-    with pytest.warns(DataWarning, match="no vertex receives light of the lamps"):
+    with pytest.warns(DataWarning, match="no vertex receives light from the lamps"):
         assert not light.placed.radiance.any()
 
 
@@ -193,7 +193,7 @@ def test_what_makes_no_sense_is_said_before_any_work(lighting, told):
 
 
 def test_lamps_by_number_belong_to_rooms():
-    with pytest.raises(InputError, match=r"`lamps` 2=0: no lamp was found"):
+    with pytest.raises(InputError, match=r"`lamps` 2=0: found no lamp"):
         next(job_of(hollow_ball(1), lamps="2=off").shaded())
     assert LightingOptions(lamps={2: 0.5, 1: "off"}).lamp_factors(3) == [0.0, 0.5, 1.0]
 

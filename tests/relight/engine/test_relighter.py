@@ -297,8 +297,8 @@ def bad_albedo(path, array):
         (["SCENE", "--albedo", "short.npy"], "expected numbers of shape"),
         (["SCENE", "--albedo", "bright.npy"], "from 0 to 1"),
         (["SCENE", "-o", "taken"], "exists already"),
-        (["SCENE", "-o", "taken", "--overwrite"], "spares it"),
-        (["SCENE", "-o", "SCENE", "--overwrite"], "spares it"),
+        (["SCENE", "-o", "taken", "--overwrite"], "does not replace it"),
+        (["SCENE", "-o", "SCENE", "--overwrite"], "does not replace it"),
     ],
 )
 def test_bad_input_is_one_line_and_writes_nothing(scene_folder, monkeypatch, capsys, arguments, message):

@@ -60,7 +60,7 @@ def test_an_option_without_an_object_is_refused(option, capsys):
     with pytest.raises(SystemExit) as ended:
         parser().parse_args(["garden", option, "1,2,3"])
     assert ended.value.code == 2
-    assert "it belongs to an --insert before it" in capsys.readouterr().err
+    assert "needs an --insert before it" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_an_option_without_an_object_is_refused(option, capsys):
         ("a statue.obj at=0,0,0 on=wall", "expected floor"),
         ("a statue.obj at=0,0,0 albedo=2", "from 0 to 1"),
         ("a statue.obj at=0,0,0 size=3", "expected some of"),
-        ("layout.json at=0,0,0", "a layout says where"),
+        ("layout.json at=0,0,0", "a layout sets the positions"),
         ("broken.json", "not a layout"),
         ("empty.json", "expected a list"),
         ("lost.json", "no such file beside"),

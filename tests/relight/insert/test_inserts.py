@@ -25,7 +25,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 
 GREY = 127
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
-pytestmark = pytest.mark.filterwarnings("ignore:nothing tells the light of the capture")
+pytestmark = pytest.mark.filterwarnings("ignore:the light of the capture is unknown")
 
 
 def grid_floor(side=41, size=8.0):
@@ -186,7 +186,7 @@ def test_what_stands_below_the_ground_is_told(place, tmp_path):
     around = (shell.vertices - [0, 0.25, 0]).astype(np.float32)
     white = np.full(shell.vertices.shape, 255, np.uint8)
     below = Scene([grid_floor(), Mesh(around, shell.vertices.astype(np.float32), np.int32(shell.faces), white)])
-    with pytest.warns(DataWarning, match="stands in the dark"):
+    with pytest.warns(DataWarning, match="is in the dark"):
         next(Job(RelightRequest(below, inserted=[f"{ball} at=0,-.25,0"], albedo="captured", formats=("npy",))).shaded())
 
 

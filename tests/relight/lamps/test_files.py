@@ -85,7 +85,7 @@ def test_files_on_the_command_line(tmp_path):
 
 
 BAD = {
-    "no JSON": ("[{", "no JSON"),
+    "no JSON": ("[{", "not readable JSON"),
     "no list": ("3", "expected a list of lamps"),
     "an object": ("{}", "expected a list of lamps"),
     "no objects": ("[3]", "expected a list of lamps"),
@@ -93,7 +93,7 @@ BAD = {
     "of another kind": ({"cases": {}}, "expected a list of lamps"),
     "more beside": ({"lamps": [SPHERE], "env_scale": 0}, 'env_scale: expected nothing beside "lamps"'),
     "no type": ([{"position": [0, 0, 0]}], "lamp 1: type: missing"),
-    "unknown type": ([SPHERE, {"type": "shpere"}], "lamp 2: shpere: no kind of lamp; did you mean sphere?"),
+    "unknown type": ([SPHERE, {"type": "shpere"}], "lamp 2: shpere: not a kind of lamp; did you mean sphere?"),
     "unknown field": ([SPHERE | {"postion": 1}], "postion: a sphere has no such field; did you mean position?"),
     "null": ([SPHERE | {"radius": None}], "radius None"),
     "not a number": ('[{"type": "sphere", "position": [0, NaN, 0]}]', "expected three numbers"),

@@ -149,7 +149,7 @@ def test_pictures_count_as_their_mean_over_a_face(tmp_path):
     assert lamp.radiance[:, 0] / 2.0 == pytest.approx([0.75, 0.25], abs=0.09)
     assert lamp.radiance[:, 1] / lamp.radiance[:, 0] == pytest.approx(0.5, abs=0.005)
     assert (lamp.radiance[:, 2] == 0.0).all()
-    with pytest.raises(InputError, match="black pictures"):
+    with pytest.raises(InputError, match="black textures"):
         read_glow(with_sign(tmp_path / "black.glb", picture=np.zeros((4, 4, 3), np.uint8)))
 
 
@@ -165,7 +165,7 @@ def test_a_mesh_that_does_not_glow_is_no_lamp(tmp_path):
         ({"type": "point", "intensity": -1.0}, {}, "`brightness` -1"),
         ({"type": "point", "intensity": "x"}, {}, "damaged"),
         ({"type": "point", "color": [1.0]}, {}, "damaged"),
-        ({"type": "spot"}, {"scale": [0.0, 0.0, 0.0]}, "points nowhere"),
+        ({"type": "spot"}, {"scale": [0.0, 0.0, 0.0]}, "has no direction"),
         ({"type": "spot", "spot": {"outerConeAngle": 9.0}}, {}, "`cutoff_deg`"),
         ({"type": "point"}, {"translation": [1e400, 0.0, 0.0]}, "damaged"),
     ],

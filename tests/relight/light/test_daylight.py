@@ -238,12 +238,12 @@ def test_a_day_on_which_clocks_change_has_even_steps():
         ("05:00-21:30/0min", "below a second"),
         ("05:00-21:30/0.5s", "below a second"),
         ("00:00-23:00/1s", "82801 steps"),
-        ("25:00-26:00/15min", "no time of a day"),
-        ("05:60-06:00/15min", "no time of a day"),
-        ("24:01-24:02/15min", "no time of a day"),
-        ("05:00-21:30", "is not a part of a day"),
-        ("05:00-21:30/15", "is not a part of a day"),
-        ("", "is not a part of a day"),
+        ("25:00-26:00/15min", "not a time of day"),
+        ("05:60-06:00/15min", "not a time of day"),
+        ("24:01-24:02/15min", "not a time of day"),
+        ("05:00-21:30", "is not a range of times"),
+        ("05:00-21:30/15", "is not a range of times"),
+        ("", "is not a range of times"),
     ],
 )
 def test_days_that_are_none_are_refused(text, says):

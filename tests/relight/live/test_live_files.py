@@ -50,4 +50,4 @@ def test_a_mesh_has_no_splats_to_show(tmp_path, capsys):
 
     write_mesh_ply(tmp_path / "plate.ply", scene_and_splats()[0].chunks[0])
     assert main([str(tmp_path / "plate.ply"), "--format", "web", "-o", str(tmp_path / "out")]) == 2
-    assert "which no splat belongs to" in capsys.readouterr().err
+    assert "a mesh without a splat" in capsys.readouterr().err

@@ -324,14 +324,14 @@ def test_points_that_are_not_finite_in_float32_are_refused(value):
 def test_multivectors_that_are_no_motors_are_refused(multivector):
     good = cga.motor(rotors.IDENTITY, [1, 2, 3])
     for function in (cga.rotor_and_translation, cga.to_matrix, cga.inverse, lambda m: cga.compose(good, m)):
-        with pytest.raises(InputError, match="1 of 2 multivectors are no motors"):
+        with pytest.raises(InputError, match="1 of 2 multivectors are not motors"):
             function([good, multivector])
 
 
 def test_the_equal_pair_without_a_translation_behind_it_is_refused():
     # e1234 + e1235 beside the scalar alone: twelve right places, yet it moves points off Euclidean space.
     multivector = np.eye(32)[0] + np.eye(32)[NAMES.index("e1234")] + np.eye(32)[NAMES.index("e1235")]
-    with pytest.raises(InputError, match="1 of 1 multivectors are no motors"):
+    with pytest.raises(InputError, match="1 of 1 multivectors are not motors"):
         cga.rotor_and_translation(multivector)
 
 

@@ -264,7 +264,7 @@ def test_no_light_is_black_and_says_so(lit, tmp_path):
     assert cli.main([str(argument) for argument in arguments]) == 0
     assert not np.load(output / "radiance.npy").any()
     report = json.loads((output / "report.json").read_text())
-    assert report["warnings"] == ["night.exr is black everywhere, and so is all that it lights"]
+    assert report["warnings"] == ["night.exr is black everywhere, and so is the scene"]
     assert np.isfinite(report["exposure"])
 
 

@@ -61,7 +61,7 @@ def test_what_a_killed_run_left_is_named_and_removed_by_the_next(tmp_path):
     process.kill()
     process.communicate()
     assert names(tmp_path) == [".out.unfinished", "out"]
-    with pytest.warns(DataWarning, match=r"removed .*\.out\.unfinished, which a run that was killed had left"):
+    with pytest.warns(DataWarning, match=r"removed .*\.out\.unfinished, left by a run that was killed"):
         check_output(tmp_path / "other", False)
     assert names(tmp_path) == ["out"] and (tmp_path / "out" / "mark").read_text() == "old"
 
@@ -126,7 +126,7 @@ def test_what_was_replaced_is_removed_and_what_is_the_only_copy_is_kept(tmp_path
         check_output(tmp_path / "out", True)
     assert names(tmp_path) == ["out"] and (tmp_path / "out" / "mark").read_text() == "new"
     crashed(tmp_path, new=True, old=True, target=None)
-    with pytest.warns(DataWarning, match=r"is now .*out\.before"):
+    with pytest.warns(DataWarning, match=r"are now in .*out\.before"):
         check_output(tmp_path / "out", True)
     kept = {name: (tmp_path / name / "mark").read_text() for name in names(tmp_path)}
     assert kept == {"out": "new", "out.before": "old"}

@@ -55,7 +55,7 @@ def test_with_a_marker_only_folders_of_that_kind_and_empty_ones_are_replaced(tmp
 
 def test_an_output_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"cannot write to .*file, where .*out would be: give another `output`"):
+    with pytest.raises(InputError, match=r"cannot write to .*file, where .*out would be: choose another `output`"):
         check_output(tmp_path / "file" / "out", overwrite=False)
 
 

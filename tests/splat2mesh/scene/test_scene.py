@@ -193,7 +193,7 @@ def test_overwriting_spares_what_is_no_scene(tmp_path):
     (folder / "cat.jpg").write_text("cat")
     file.write_text("dear")
     for path in (folder, file):
-        with pytest.raises(InputError, match=r"holds no scene.json, so `overwrite` spares it"):
+        with pytest.raises(InputError, match=r"holds no scene.json, so `overwrite` does not replace it"):
             random_scene().save(path, overwrite=True)
     assert listing(tmp_path) == ["letter.txt", "photos", "photos/cat.jpg"]
     assert file.read_text() == "dear"

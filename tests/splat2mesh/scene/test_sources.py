@@ -129,7 +129,7 @@ def test_a_given_path_is_the_only_one_looked_at(work):
 
 def test_a_plain_mesh_has_no_splat(tmp_path):
     write_mesh_ply(tmp_path / "a.ply", random_mesh())
-    with pytest.raises(InputError, match=r"a.ply is a plain mesh"):
+    with pytest.raises(InputError, match=r"a.ply is a mesh without a splat"):
         source_splats(Scene.load(tmp_path / "a.ply"))
 
 

@@ -34,7 +34,7 @@ def test_what_is_too_small_is_told_its_size_and_what_to_do():
 
 def test_what_is_rounded_to_rubble_is_told_how_far_out_it_is():
     with pytest.raises(
-        InputError, match=r"lie 1e\+07 units from the origin, where places are rounded to 4.5 of .* offset"
+        InputError, match=r"lie 1e\+07 units from the origin, where positions round to 4.5 of .* offset"
     ):
         check_extent(ball(1.0, 1e7))
     with pytest.warns(DataWarning, match=r"lie 5e\+06 units .* rough"):

@@ -121,7 +121,7 @@ def test_a_place_that_is_taken_is_not_written(made, patch, source, tmp_path):
         meshed(source, made[0])
     (tmp_path / "own").mkdir()
     (tmp_path / "own" / "letter.txt").write_text("mine")
-    with pytest.raises(InputError, match="spares it"):
+    with pytest.raises(InputError, match="does not replace it"):
         meshed(source, tmp_path / "own", overwrite=True)
     assert (tmp_path / "own" / "letter.txt").exists()
 
@@ -167,7 +167,7 @@ def test_the_command_says_one_line_for_what_cannot_be(source, tmp_path, capsys):
     for arguments, said in (
         (["--memory", "0.5"], "--memory 0.5: a process needs 0.6 GiB at least"),
         (["--workers", "0"], "--workers 0: expected at least 1"),
-        (["--tiles", "--cameras", "none"], "--cameras: has no meaning for a city in tiles"),
+        (["--tiles", "--cameras", "none"], "--cameras: not supported for a city in tiles"),
         (["--tiles", "--detail", "best"], "--detail best"),
         (["--workers", "1", "--scheduler", "tcp://127.0.0.1:1"], "--workers and --scheduler"),
     ):

@@ -43,5 +43,5 @@ def test_what_cannot_be_planned_is_told(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\n")
     with pytest.raises(InputError, match=r"a\.ply"):
         outlook(tmp_path)
-    with pytest.raises(InputError, match="`eyes`: has no meaning for a city"):
+    with pytest.raises(InputError, match="`eyes`: not supported for a city"):
         outlook(tmp_path, ConvertOptions(eyes=[(0, 0, 0)]))

@@ -104,7 +104,7 @@ def test_angles_instead_of_focal_lengths_and_pictures_of_unknown_size(tmp_path):
     view = View.look_at([0, 0, -3], [0, 0, 0], [0, -1, 0], 50.0, 800)
     frames = transforms([view])["frames"]
     path = store(tmp_path / "transforms_train.json", {"camera_angle_x": np.radians(50.0), "frames": frames})
-    with pytest.warns(DataWarning, match="tells no size of its pictures"):
+    with pytest.warns(DataWarning, match="gives no picture size"):
         (found,) = read_cameras(path)
     assert_same_views(found, [view])
 
@@ -198,27 +198,27 @@ def without(content, key):
 
 INRIA = cameras_json(orbit(1))
 BAD = {
-    "no JSON": ("{", "is no JSON"),
+    "no JSON": ("{", "is not JSON"),
     "a number": ("7", "holds no cameras; expected a COLMAP folder"),
     "another object": ('{"splats": []}', "holds no cameras"),
     "a list of numbers": ("[1, 2]", "holds no cameras"),
     "empty": ("[]", "its list is empty"),
     "no frames": ('{"frames": []}', "its list is empty"),
-    "no position": (without(INRIA, "position"), "camera 1 is none of INRIA's .*position"),
-    "no focal length": (without(INRIA, "fx"), "camera 1 is none of INRIA's .*fx"),
-    "short position": ([INRIA[0] | {"position": [1, 2]}], "camera 1 is none"),
+    "no position": (without(INRIA, "position"), "camera 1 is not an INRIA camera .*position"),
+    "no focal length": (without(INRIA, "fx"), "camera 1 is not an INRIA camera .*fx"),
+    "short position": ([INRIA[0] | {"position": [1, 2]}], "camera 1 is not an INRIA camera"),
     "no size": ([INRIA[0] | {"width": 0}], "no usable picture: 0 x 240"),
     "text": ([INRIA[0] | {"fx": "wide"}], "holds no numbers"),
-    "no rotation": ([INRIA[0] | {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}], "its rotation is none"),
-    "mirror": ([INRIA[0] | {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}], "its rotation is none"),
-    "no matrix": ({"frames": [{"fl_x": 1}]}, "frame 1 is none of nerfstudio's"),
+    "no rotation": ([INRIA[0] | {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, 2]]}], "its rotation is invalid"),
+    "mirror": ([INRIA[0] | {"rotation": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}], "its rotation is invalid"),
+    "no matrix": ({"frames": [{"fl_x": 1}]}, "frame 1 is not a nerfstudio frame"),
     "panorama": (transforms(orbit(1), camera_model="EQUIRECTANGULAR"), "panoramas"),
-    "bad applied": (transforms(orbit(1), applied_transform=[[0, 0, 0, 0]] * 3), "applied_transform is none"),
+    "bad applied": (transforms(orbit(1), applied_transform=[[0, 0, 0, 0]] * 3), "applied_transform is invalid"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-@pytest.mark.filterwarnings("ignore:.*tells no size")
+@pytest.mark.filterwarnings("ignore:.*gives no picture size")
 def test_bad_camera_files_are_refused_in_one_line(tmp_path, case):
     content, message = BAD[case]
     path = tmp_path / "bad.json"

@@ -60,7 +60,7 @@ def test_damaged_sogs(tmp_path):
         return {"meta.json": json.dumps(meta | changes).encode()}
 
     for changes, message in [
-        ({"sh0.webp": b"RIFF but no image"}, r"sh0\.webp is no readable WebP"),
+        ({"sh0.webp": b"RIFF but no image"}, r"sh0\.webp is not a readable WebP"),
         ({"scales.webp": small}, r"scales\.webp has 4 pixels"),
         ({"quats.webp": tags}, "100 quaternions carry no valid mark"),
         ({"shN_labels.webp": labels}, "uses entry 65535 of the shN palette"),

@@ -154,7 +154,7 @@ DAMAGES = {
     "no tree": (lambda meta: meta.pop("tree"), "does not describe a streamed SOG .*tree"),
     "no levels": (lambda meta: meta.update(lodLevels=0), "lodLevels must be positive"),
     "empty": (lambda meta: meta.update(tree={"children": []}, counts=[0, 0, 0]), "every level of its tree is empty"),
-    "version": (lambda meta: meta.update(version=2), "version 2 of lod-meta.json is not known"),
+    "version": (lambda meta: meta.update(version=2), "version 2 of lod-meta.json is not supported"),
     "a tree of text": (lambda meta: meta.update(tree="oak"), "does not describe a streamed SOG"),
 }
 
@@ -194,7 +194,7 @@ def test_a_short_tile_and_an_unreadable_one_are_named(capture):
     meta_path.write_text(json.dumps(tile))
     image = capture.parent / "0_1" / "means_l.webp"
     image.write_bytes(image.read_bytes()[:-20])
-    with pytest.raises(InputError, match=r"0_1.*means_l\.webp is no readable WebP"):
+    with pytest.raises(InputError, match=r"0_1.*means_l\.webp is not a readable WebP"):
         read_splats(capture, 0)
     image.unlink()
     with pytest.raises(InputError, match=r"0_1.*means_l\.webp is missing"):

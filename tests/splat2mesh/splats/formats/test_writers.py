@@ -157,7 +157,7 @@ def broken(splats):
 def test_rows_that_cannot_be_written_become_transparent_and_leave_the_others_alone(tmp_path, kind):
     splats = tame_splats(600, 1)
     bad, rows = broken(splats)
-    with pytest.warns(DataWarning, match="7 of 600 splats hold no finite, useful values"):
+    with pytest.warns(DataWarning, match="7 of 600 splats have invalid values"):
         found = read_splats(written(tmp_path, bad, kind))
     stand_ins = np.arange(600)
     stand_ins[rows] = [20, 20, 20, 20, 20, 310, 310]  # of the same chunk, so that its bounds are those of the others
@@ -237,7 +237,7 @@ def test_every_kind_is_told_by_its_content(tmp_path):
     assert kind_of(store(tmp_path, "a.splat", record)) == "splat"
     assert kind_of(store(tmp_path, "meta.json", b"{}")) == kind_of(tmp_path) == "sog"
     assert kind_of(store(tmp_path, "a.sog", b"PK\x03\x04")) == "sog"
-    with pytest.raises(InputError, match="is no splat file"):
+    with pytest.raises(InputError, match="is not a splat file"):
         kind_of(store(tmp_path, "a.txt", b"hello"))
     with pytest.raises(InputError, match="does not exist"):
         kind_of(tmp_path / "nothing")
