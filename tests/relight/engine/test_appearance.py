@@ -86,7 +86,7 @@ def test_what_cannot_be_told_apart_stays_as_captured_with_a_warning():
     faces = (corner + np.array([0, 20, 21, 0, 21, 1])).reshape(-1, 3).astype(np.int32)
     colors = np.random.default_rng(0).integers(30, 200, vertices.shape).astype(np.uint8)
     plane = Mesh(vertices, np.tile(np.float32([0, 1, 0]), (len(u), 1)), faces, colors)
-    with pytest.warns(DataWarning, match="could not be told"):
+    with pytest.warns(DataWarning, match="could not be separated"):
         look = appearance_of("estimated", None, Relighter(Scene([plane])))
     assert not look.capture["separable"] and look.capture["reason"]
     captured = linear_from_srgb(colors / 255.0)

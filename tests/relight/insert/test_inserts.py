@@ -145,7 +145,7 @@ def test_a_splat_takes_the_light_of_the_place_and_stands_behind_its_rows(place, 
     facing = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
     scene = Scene([Mesh(vertices, facing, side.faces, side.colors_srgb)], source=describe(tmp_path / "card.ply"))
     scene.save(tmp_path / "card")
-    with pytest.warns(DataWarning, match="could not be told"):
+    with pytest.warns(DataWarning, match="could not be separated"):
         relight_files(request(place, [f"{tmp_path / 'card'} at=1,.2,0 turn=90 scale=2"], tmp_path / "out"))
     found = Splats.load(tmp_path / "out" / "relit_splat.ply")
     count = len(Splats.load(tmp_path / "floor.ply"))
@@ -173,7 +173,7 @@ def test_what_has_another_unit_is_scaled_and_that_is_said():
     floor = grid_floor()
     scene, occluder = Scene([floor]), Occluder(floor.vertices, floor.normals, floor.faces)
     box = (1800 * trimesh.creation.box().vertices).astype(np.float32)  # millimetres
-    with pytest.warns(DataWarning, match="another unit"):
+    with pytest.warns(DataWarning, match="its unit is assumed to differ"):
         placed = placed_by(AskedInsert("box.obj"), box, scene, occluder)
     np.testing.assert_allclose(placed[0, 0], 0.001)
     with pytest.warns(DataWarning, match="too small"):

@@ -237,7 +237,7 @@ def test_a_folder_without_a_page_is_refused(tmp_path, capsys):
     assert main([str(tmp_path), "--serve"]) == 2
     assert "holds no page to serve" in capsys.readouterr().err
     write_page(tmp_path, live_scene()[3], most=100)
-    with pytest.raises(InputError, match="cannot be had"):
+    with pytest.raises(InputError, match="cannot use the port"):
         server_of(tmp_path, 70000)
 
 

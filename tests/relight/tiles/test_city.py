@@ -197,7 +197,7 @@ def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):
     for arguments, said in (
         (["--albedo", "nothing"], "--albedo nothing"),
         (["--rotate", "0:90:45"], "one angle at a time"),
-        (["--view"], "--view: has no meaning"),
+        (["--view"], "--view: not supported"),
     ):
         assert main([str(city), *arguments]) == 2
         assert said in capsys.readouterr().err

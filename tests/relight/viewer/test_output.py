@@ -131,7 +131,7 @@ def test_a_film_goes_on_after_a_reset_and_a_resize_and_is_dropped_only_when_aske
         window.tick()
     assert window.session.state.angle_deg % 360 == pytest.approx((10.0 + 270.0) % 360)
     window.press_key("q")
-    assert window.is_open and window.recording and "drops it" in window.note
+    assert window.is_open and window.recording and "discard it" in window.note
     while window.recording:
         window.tick()
     assert iio.imread(path, index=None).shape == (4, *SIZE[::-1], 3) and str(path.absolute()) in window.note
