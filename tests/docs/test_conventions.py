@@ -100,7 +100,7 @@ def test_half_a_turn_about_x_leaves_a_splat_looking_the_same():
     """Turned splats seen by a turned eye: the same covariances, turned, and the same colours."""
     splats, eye = make_splats(100, 3), np.array([0.4, -3.0, 1.5])
     turn = Rotation.from_euler("x", 180, degrees=True).as_matrix()
-    means, quats = re.search(r"means `(.+?)`; quaternions\n?\s*`(.+?)`", PAGE).groups()
+    means, quats = re.search(r"means become `(.+?)` and quaternions\n?\s*`(.+?)`", PAGE).groups()
     w, x, y, z = splats.quats_wxyz.T
     flipped = Splats(
         mapped(means, splats.means),
@@ -341,7 +341,7 @@ def test_relight_writes_what_is_documented(tmp_path):
     options = "--bake", "texture", "transfer", "--texture-size", "64", "--tolerance", "0.1", "--format", "npy", "-q"
     assert cli.main(list(map(str, (tmp_path / "mesh.ply", "-o", baked, *options)))) == 0
     written = {path.name for folder in (out, baked) for path in folder.iterdir()}
-    assert written | {cli.FILES[kind] for kind in OF_SPLATS} == names("file", "holds")
+    assert written | {cli.FILES[kind] for kind in OF_SPLATS} == names("file", "content")
     report, other = (json.loads((folder / "report.json").read_text(encoding="utf-8")) for folder in (out, baked))
     assert set(report) | set(other) == names("report.json")
     extras = pygltflib.GLTF2().load(out / "relit.glb").scenes[0].extras
