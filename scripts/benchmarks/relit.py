@@ -118,18 +118,24 @@ class Pictures:
             k = data["K"] if data["K"].ndim == 2 else data["K"][index]
             self._views.append(View(width, height, k[0, 0], k[1, 1], k[0, 2], k[1, 2], pose.astype(np.float64)))
 
-    def score(self, splats, light):
-        """PSNR in dB as shown, and with the best gain of each colour."""
+    def pixels(self, splats, light):
+        """Linear colours that splats show and sRGB that is wanted, (P, 3) of every view, where the scene is."""
         shown, wanted = [], []
         for view, alpha, picture in zip(self._views, self._alpha, self._linear[f"lin_{light}"], strict=True):
             inside = alpha > 0.5
             shown.append(linear_from_srgb(np.clip(rasterize(splats, view).color[inside], 0, 1)))
             wanted.append(srgb_from_linear(np.clip(picture[inside].astype(np.float32), 0, 1)))
+        return shown, wanted
 
-        def errors(gain):
-            pairs = zip(shown, wanted, strict=True)
-            return np.array([np.square(srgb_from_linear(np.clip(gain * s, 0, 1)) - w).mean(axis=0) for s, w in pairs])
+    @staticmethod
+    def errors(shown, wanted, gain):
+        """(views, 3) mean squared errors in sRGB of `pixels` after a gain."""
+        pairs = zip(shown, wanted, strict=True)
+        return np.array([np.square(srgb_from_linear(np.clip(gain * s, 0, 1)) - w).mean(axis=0) for s, w in pairs])
 
-        every = np.array([errors(gain) for gain in GAINS])  # (gains, views, colours)
+    def score(self, splats, light):
+        """PSNR in dB as shown, and with the best gain of each colour."""
+        shown, wanted = self.pixels(splats, light)
+        every = np.array([self.errors(shown, wanted, gain) for gain in GAINS])  # (gains, views, colours)
         best = np.stack([every[every[:, :, c].mean(axis=1).argmin(), :, c] for c in range(3)], axis=1)
-        return tuple(float(-10 * np.log10(e.mean(axis=1)).mean()) for e in (errors(1.0), best))
+        return tuple(float(-10 * np.log10(e.mean(axis=1)).mean()) for e in (self.errors(shown, wanted, 1.0), best))

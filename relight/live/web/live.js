@@ -245,10 +245,28 @@ export function albedoChanges(bundle, surface, ratio) {
   for (let n = 0; n < bundle.count; n++) for (let k = 0; k < 3; k++) ratio[3 * n + k] = surface.own[k][bundle.surface[8 * n + 4 + k]];
 }
 
+// What the albedo is multiplied by, red, green and blue, where the captured light was warmer (1: red over blue twice as
+// much) or cooler (-1) than estimated; luminance stays.
+export function balanceOf(tint) {
+  const color = [2 ** (-tint / 2), 1, 2 ** (tint / 2)], luminance = 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2];
+  return color.map((value) => value / luminance);
+}
+
+// The changes times a balance, in place.
+export function balanced(ratio, [red, green, blue]) {
+  if (red === 1 && green === 1 && blue === 1) return;
+  for (let i = 0; i < ratio.length; i += 3) {
+    ratio[i] *= red;
+    ratio[i + 1] *= green;
+    ratio[i + 2] *= blue;
+  }
+}
+
 // How much the scene as a whole brightens, for the part of colours that depends on the view: (3) gains of 1 at least.
-export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure, factors = factorsOf(bundle, light)) {
+export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure, factors = factorsOf(bundle, light), balance = [1, 1, 1]) {
   const whole = turned(light.whole, angle), sum = bundle.meta.mean[SPREAD].map((value) => lamps * value);
   for (let i = 0; i < SPREAD; i++) bundle.meta.mean[i].forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; });
+  balance.forEach((value, k) => { sum[k] *= value; });
   bundle.terms.forEach(({ mean }, index) => mean.forEach((value, k) => { sum[k] += value * factors[index][k]; }));
   return sum.map((value) => Math.max(value, 1) ** (1 / 2.4));
 }

@@ -8,6 +8,7 @@ const PANEL = `
 <label>Sun <input id="r-sun" type="range" min="0" max="3" step="0.05"><output></output></label>
 <label>Sun from <input id="r-azimuth" type="range" min="-180" max="180" step="1"><output></output></label>
 <label>Sun height <input id="r-height" type="range" min="2" max="90" step="1"><output></output></label>
+<label>Captured <input id="r-tint" type="range" min="-1" max="1" step="0.02" title="Whether the captured light was cooler or warmer than estimated"><output></output></label>
 <label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
 <div id="r-terms"></div>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
@@ -71,7 +72,7 @@ async function readFiles({ files, packed }) {
 class Session {
   constructor(bundle, proxy, lights, stage, data, tell) {
     Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
-    this.state = { light: 0, turn: data.turn, exposure: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.surface = Live.surfaceOf(bundle);
@@ -85,7 +86,7 @@ class Session {
   }
 
   begin(query) {
-    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
+    for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
@@ -127,20 +128,23 @@ class Session {
 
   draw() {
     const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
-    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, factors = this.factors(light), began = performance.now();
+    const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance), began = performance.now();
     if (state.view === "captured") gains.set(this.plain);
     else {
-      if (state.view === "albedo") Live.albedoChanges(bundle, this.surface, ratio);
-      else {
+      if (state.view === "albedo") {
+        Live.albedoChanges(bundle, this.surface, ratio);
+        Live.balanced(ratio, balance);
+      } else {
         Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1, lamps), ratio);
         const suns = this.suns();
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
+        Live.balanced(ratio, balance);
         Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
       if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
-    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors) : [1, 1, 1];
+    this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
     this.compare.set(state.compare, state.line);
@@ -157,12 +161,12 @@ class Session {
     return lamps ? light.lamps * this.state.lamps / lamps : this.state.lamps;
   }
 
-  // How many times each term is there, red, green and blue: as the sliders say.
-  factors({ unit = 1 }) {
+  // How many times each term is there, red, green and blue: as the sliders say. balance: of the albedo that lamps shine on.
+  factors({ unit = 1 }, balance) {
     const { terms, captured, exposure } = this.state;
     return this.bundle.terms.map(({ kind, color }, index) => {
       const { on, ev, color: shown } = terms[index], strength = on ? unit * 2 ** exposure * (kind === "captured" ? captured : 2 ** ev) : 0;
-      return (shown === Live.hexOf(color) ? color : Live.tintOf(shown)).map((value) => value * strength);
+      return (shown === Live.hexOf(color) ? color : Live.tintOf(shown)).map((value, k) => value * strength * (kind === "captured" ? 1 : balance[k]));
     });
   }
 
@@ -223,7 +227,7 @@ class Session {
     for (const key of ["sun", "azimuth", "height"]) element(`r-${key}`).parentElement.style.display = lights[state.light].suns.length ? "" : "none";
     const { direction: [x, y, z] } = lights[state.light].suns[0] ?? { direction: [0.5, 0.7, 0.5] };
     const height = state.height ?? Math.asin(y / Math.hypot(x, y, z)) / RADIANS;
-    const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
+    const shown = { turn: [state.turn, `${Math.round(state.turn)}\u00b0`], exposure: [state.exposure, state.exposure.toFixed(1)], tint: [state.tint, state.tint ? (state.tint > 0 ? "warmer" : "cooler") : "as is"], sun: [state.sun, `x ${state.sun.toFixed(2)}`],
       azimuth: [state.azimuth, `${Math.round(state.azimuth)}\u00b0`], height: [height, `${Math.round(height)}\u00b0`], lamps: [state.lamps, `x ${state.lamps.toFixed(2)}`] };
     for (const [key, [value, text]] of Object.entries(shown)) {
       element(`r-${key}`).value = value;
@@ -238,6 +242,7 @@ class Session {
       row.classList.toggle("off", !on);
     });
     const captured = lights[state.light].sky === "captured"; // which cannot be turned, and whose lamps are part of it
+    element("r-tint").parentElement.style.display = captured || this.bundle.meta.lamps !== null ? "none" : ""; // a room's light has several colours
     element("r-lamps").parentElement.style.display = captured || this.bundle.meta.lamps === null ? "none" : "";
     for (const key of ["turn", "sky"]) element(`r-${key}`).closest("label, button").style.display = captured ? "none" : "";
     for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
@@ -247,7 +252,7 @@ class Session {
 
   listen() {
     const { state, stage } = this;
-    for (const key of ["turn", "exposure", "sun", "azimuth", "height", "lamps"]) element(`r-${key}`).oninput = ({ target }) => this.set({ [key]: +target.value });
+    for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps"]) element(`r-${key}`).oninput = ({ target }) => this.set({ [key]: +target.value });
     element("r-light").onchange = ({ target }) => this.set({ light: +target.value });
     for (const button of document.querySelectorAll("#relight [data-view]")) button.onclick = () => this.set({ view: button.dataset.view });
     element("r-compare").onclick = () => this.set({ compare: !state.compare });

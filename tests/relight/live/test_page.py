@@ -155,6 +155,22 @@ def test_a_light_without_a_sun_has_no_sun_to_move(page, light, display):
 
 
 @in_browser
+def test_a_warmer_captured_light_leaves_a_cooler_scene(page):
+    """One step of tint: red over blue of the captured light doubles, so that of the relit scene halves."""
+    changes = []
+    for tint in (0, 1):
+        shown(page, light=0, turn=0, view="relit", exposure=-3, tint=tint)  # dark: nothing runs into white
+        lit = (
+            "Array.from(relight.ratio).filter((_, i) => (relight.bundle.surface[8 * Math.floor(i / 3) + 7] & 3) === 1)"
+        )
+        changes.append(np.array(page.run(lit)).reshape(-1, 3))
+    shown(page, tint=0, exposure=0)
+    factor = np.median(changes[1] / np.maximum(changes[0], 1e-9), axis=0)
+    assert factor[2] / factor[0] == pytest.approx(2.0, rel=1e-3)
+    assert factor @ [0.2126, 0.7152, 0.0722] == pytest.approx(1.0, rel=1e-3)
+
+
+@in_browser
 def test_before_and_after_stand_side_by_side(page):
     before, after = shown(page, view="captured"), shown(page, light=1, view="relit", exposure=1.5)
     both = shown(page, compare=True, line=0.5)
