@@ -149,7 +149,7 @@ class Answers:
             self.message, self.progress = text, None
 
     def _take_ended(self, text: str) -> None:
-        self.message, self.progress = text + ": what is shown stays by spherical harmonics", None
+        self.message, self.progress = text + ": only spherical harmonics from here on", None
         self._ended = text
 
     def _current(self, kind: str) -> Any:

@@ -84,11 +84,11 @@ def _error(session: "Session") -> NDArray:
 
 MODES = {
     "relit": ColorMode("Relit", "under the light", _relit, True),
-    "albedo": ColorMode("Albedo", "the colour of the surface itself", _albedo),
+    "albedo": ColorMode("Albedo", "the surface colour, without light", _albedo),
     "normals": ColorMode("Normals", "red to the right, green up, blue to the front", _normals),
-    "chunks": ColorMode("Chunks", "the parts that the mesh is cut into", _chunks),
+    "chunks": ColorMode("Chunks", "the parts of the mesh", _chunks),
     "error": ColorMode(
-        "Error", "how far each vertex is from converged light", _error, True, True, lambda s: error_scale(s)
+        "Error", "difference of each vertex from converged light", _error, True, True, lambda s: error_scale(s)
     ),
 }
 

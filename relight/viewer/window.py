@@ -198,7 +198,7 @@ class Window:
             self.note = f"saved {path.absolute()}"
 
     def record(self, path: str | os.PathLike[str] | None = None, **options: Any) -> None:
-        """Start to record a turn of the light, or stop and drop the recording that runs."""
+        """Start to record a rotation of the light, or stop and drop the recording that runs."""
         from .recording import Recording
 
         if self._recording is not None:
