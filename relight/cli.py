@@ -194,9 +194,9 @@ def _lamps(job: "Job") -> list[str]:
     lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.beside.in_words, 1)]
     if lines:
         how = "from the height of the cameras" if job.beside.scale_known else "for an object 1 m across"
-        lines.append(f"  1 m is taken for {job.beside.scale.metre:.2g} units of the splat, {how}")
+        lines.append(f"  assumed scale: 1 m is {job.beside.scale.metre:.2g} units of the splat, {how}")
         lux = job.beside.scale.irradiance / (job.beside.scale.candela or 1.0)
-        lines.append(f"  the captured light is taken for {lux:,.0f} lx, the basis of lumens")
+        lines.append(f"  assumed captured light: {lux:,.0f} lx, the basis of lumens")
     if job.beside.captured_factor != 1.0:
         lines.append(f"  {job.beside.captured_factor:.0%} of the captured light stays; exposed as the capture was")
     return lines

@@ -58,7 +58,7 @@ def scene_folder(splat: str | os.PathLike[str], options: ConvertOptions, stages:
     splat = Path(splat)
     folder = existing_folder(splat, options)
     if folder is not None:
-        return folder, [f"{folder}: the scene of {splat}, which exists"]
+        return folder, [f"{folder}: the existing scene of {splat}"]
     folder = Path(default_folder(splat))
     scene = convert(splat, options, stages=stages)
     with stages.stage("write"):
@@ -75,8 +75,8 @@ def existing_folder(splat: str | os.PathLike[str], options: ConvertOptions) -> P
     for name in changed_fields(options):
         if name in _UNRECORDED or settings.get(_SETTINGS.get(name, name)) != getattr(options, name):
             raise InputError(
-                f"`{name}`: it applies to meshing, and {folder} is meshed already, with another or unknown value; "
-                f"mesh it anew: splat2mesh {splat} --overwrite with that option"
+                f"`{name}`: it applies to meshing, and {folder} is already meshed with another or unknown value; "
+                f"mesh again: splat2mesh {splat} --overwrite with that option"
             )
     return folder
 

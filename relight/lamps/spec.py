@@ -91,7 +91,7 @@ def _of_file(path: str, given: dict[str, Any]) -> list[AskedLamp]:
     for word in given:
         if word not in OF_FILES:
             raise InputError(
-                f"{clip(word)}: cannot change lamps from a file{meant(word, OF_FILES)}; {', '.join(OF_FILES)} are"
+                f"{clip(word)}: not a field of lamps from files{meant(word, OF_FILES)}; expected {', '.join(OF_FILES)}"
             )
     lamps = [changed(asked, given) for asked in read_lamps(path)]
     if "at" in given:

@@ -83,7 +83,7 @@ def test_one_command_meshes_keeps_the_scene_and_shows_the_relit_splat(here, caps
     assert "ball: " in out and "  up: assumed -y (--up overrules)" in out and "preview.png" in out
     # The second light finds the scene, and that it is of this very splat.
     code, out, _ = run(capsys, "ball.ply", "--env", "noon", *FAST)
-    assert code == 0 and len(asked) == 1 and "which exists" in out
+    assert code == 0 and len(asked) == 1 and "the existing scene of" in out
     write_inria_ply("ball.ply", solid_ball(500))
     code, _, err = run(capsys, "ball.ply", "--env", "noon", *FAST, "--overwrite")
     assert code == 2 and "another splat, or of an older one" in err and "splat2mesh ball.ply -o NAME" in err

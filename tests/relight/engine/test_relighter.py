@@ -288,7 +288,7 @@ def bad_albedo(path, array):
         (["SCENE", "--albedo", "nowhere.npy"], "no such file"),
         (["SCENE", "--capture-env", "nowhere.exr"], "nowhere.exr"),
         (["SCENE", "--capture-env", "noon", "--albedo", "white"], "--capture-env"),
-        (["SCENE", "--format", "splat"], "no splat"),
+        (["SCENE", "--format", "splat"], "without a splat"),
         (["SCENE", "--tolerance", "0"], "above 0"),
         (["SCENE", "--budget", "-1"], "above 0"),
         (["SCENE", "--budget", "1", "--tolerance", "0.1"], "expected one of them"),

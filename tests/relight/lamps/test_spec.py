@@ -152,7 +152,7 @@ def test_tubes():
         ("none.ies at=0,0,0 target=0,1,0", "no such file"),
         ("none.ies", "position: missing"),
         ("none.glb", "no such file"),
-        ("none.json radius=3", "radius: cannot change lamps from a file"),
+        ("none.json radius=3", "radius: not a field of lamps from files"),
         ("none\0.glb", "null"),
         ("lamps.txt", "expected x,y,z"),
         ("1," * 3000, "letters, expected at most"),
