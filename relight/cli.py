@@ -121,7 +121,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
         stages.close()
     if done.job is None:
         return done.notes, done.reports[0]
-    lines = [*done.notes, *map(str, done.files), *_lamps(done.job), *_costs(done.job)]
+    lines = [*done.notes, *map(str, done.files), *_cleaned(done.reports[0]), *_lamps(done.job), *_costs(done.job)]
     if display.verbose:
         lines += done.job.plan.table() if done.job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
@@ -185,6 +185,12 @@ def _page_served(folder: Path, port: int, display: Display) -> tuple[list[str], 
         with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()
         return [], {"served": server.url}
+
+
+def _cleaned(report: dict[str, Any]) -> list[str]:
+    """What the summary says of floaters."""
+    told = report.get("clean_splat")
+    return [f"  {told['floaters']:,} of {told['splats']:,} splats were floaters"] if told else []
 
 
 def _lamps(job: "Job") -> list[str]:

@@ -20,7 +20,7 @@ from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import AROUND, FILES, OF_SPLATS
+from .output.kinds import AROUND, FILES, OF_SPLATS, WITHOUT_LIGHT
 from .request import RelightRequest
 
 if TYPE_CHECKING:
@@ -127,6 +127,8 @@ class Loaded:
     @property
     def _choice(self) -> Any:
         """What the albedo is taken from."""
+        if self.request.albedo is None and self.request.needs_no_light:
+            return "captured"
         return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
 
     @property
@@ -145,7 +147,7 @@ class Loaded:
         alone = (
             not self.request.baked
             and self.request.formats is not None
-            and set(self.request.formats) <= {"splat", "png", *AROUND}
+            and set(self.request.formats) <= {"splat", "png", *AROUND, *WITHOUT_LIGHT}
         )
         return alone and not self.request.animated and self.scene.is_place and self.splats is not None
 

@@ -16,7 +16,7 @@ from splat2mesh.options import ConvertOptions, TilingOptions
 from .light import CAPTURED, SKIES
 from .light.daylight import DaylightRequest, day_times
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS
+from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS, WITHOUT_LIGHT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -162,7 +162,7 @@ class RelightRequest:
         if self.formats is not None:
             object.__setattr__(self, "formats", tuple(self.formats))
         self._check_sun()
-        changes = self.lighting.changes_captured_light or bool(self.inserted)
+        changes = self.lighting.changes_captured_light or bool(self.inserted) or self.needs_no_light
         if self.env == AUTO:
             object.__setattr__(self, "env", CAPTURED if changes else "studio")
         object.__setattr__(self, "probe_at", tuple(_place("probe_at", each) for each in self.probe_at))
@@ -214,6 +214,12 @@ class RelightRequest:
         if self.day and self.animated:
             raise InputError("`day`: an animation has one light")
         object.__setattr__(self, "env", self.env if isinstance(self.env, DaylightRequest) else asked)
+
+    @property
+    def needs_no_light(self) -> bool:
+        """Whether nothing is asked for that light changes."""
+        other = self.baked or self.sheet or self.live_mesh
+        return bool(self.formats) and not other and {*(self.formats or ())} <= {*WITHOUT_LIGHT}
 
     @property
     def times(self) -> "list[DaylightRequest]":

@@ -28,8 +28,9 @@ from .job import Job
 from .light.loading import light_of
 from .light.skies import BUILTIN
 from .output.around_files import AroundFiles
+from .output.clean_files import CleanFiles
 from .output.engine_files import EngineFiles
-from .output.kinds import AROUND, FOR_ENGINES
+from .output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
 from .output.live_files import LiveFiles
 from .output.results import PICTURE_SIZE, Results
 from .request import AnyLight
@@ -137,7 +138,10 @@ class Writer:
         around = None
         if {*AROUND} & {*formats}:
             around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, asked.probe_at)
-        shown = lambda: job.binding, job.lamps_shown, job.gloss, around
+        clean = None
+        if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
+            clean = CleanFiles(job.scene, *splats, job.stages)
+        shown = lambda: job.binding, job.lamps_shown, job.gloss, around, clean
         return Results(relighter, look, formats, asked.baked, splats, *more, *shown)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ FILES = {
     "live": "live/live.json",
     "web": "relit.html",
     "probe": "probe.exr",
+    "clean-splat": "clean_splat.ply",
 }
 
 FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
@@ -20,7 +21,13 @@ FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 AROUND = ("probe",)
 """Those that tell of the light around, which `around_files.AroundFiles` writes."""
 
-OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND)
+WITHOUT_LIGHT = ("clean-splat",)
+"""Those that no light changes, which `clean_files.CleanFiles` writes."""
+
+APART = ("live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
+"""Those that have a writer of their own, which tells the names of its files."""
+
+OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
 """Those that need the splats that the scene was made from."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")

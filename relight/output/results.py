@@ -13,8 +13,9 @@ from splat2mesh.splats.splats import Splats
 from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
+from .clean_files import CleanFiles
 from .engine_files import EngineFiles
-from .kinds import AROUND, FILES, FOR_ENGINES, SHEET
+from .kinds import APART, FILES, SHEET
 from .lamps_glb import NO_LAMPS, PlacedLamps
 from .live_files import LiveFiles
 
@@ -44,7 +45,7 @@ class Results:
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
     what was put in beside it. gloss: SceneGloss; None where gloss stays as captured. around: writes what
-    tells of the light around.
+    tells of the light around. clean: writes the splats without floaters.
     """
 
     def __init__(
@@ -63,8 +64,9 @@ class Results:
         lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
         gloss: "SceneGloss | None" = None,
         around: AroundFiles | None = None,
+        clean: CleanFiles | None = None,
     ) -> None:
-        self._gloss, self._around = gloss, around
+        self._gloss, self._around, self._clean = gloss, around, clean
         self._live, self._engines, self._lamps = live, engines, lamps
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
@@ -83,7 +85,7 @@ class Results:
         light, exposure, radiance = shaded.light, shaded.exposure, shaded.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
-        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in ("live", "web", *FOR_ENGINES, *AROUND)]
+        names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
         told: dict = {}
         relit = None
         with self._stages.stage("write"):
@@ -111,6 +113,9 @@ class Results:
         if self._around is not None and relit is not None:
             with self._stages.stage("around"):
                 names += self._around.write(folder, relit, shaded)
+        if self._clean is not None:
+            names += self._clean.write(folder)
+            told["clean_splat"] = self._clean.told
         if self._live is not None:
             written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
             names += written
