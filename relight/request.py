@@ -169,6 +169,8 @@ class RelightRequest:
         self._check_tint()
         if self.probe_at and "probe" not in (self.formats or ()):
             raise InputError("`probe_at`: it belongs to the format probe; give that too")
+        if "catcher" in (self.formats or ()) and not self.inserted:
+            raise InputError("`formats` catcher: it holds what objects change; name one that is put in, as `inserted`")
         self._check_words()
         _ = self.times  # or an InputError
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:

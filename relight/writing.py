@@ -137,7 +137,8 @@ class Writer:
         more = asked.texture_size, seed, asked.sky, live, engines
         around = None
         if {*AROUND} & {*formats}:
-            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, asked.probe_at)
+            source = splats[1][0] if splats is not None and len(splats[1]) == 1 else None
+            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, asked.probe_at, source)
         clean = None
         if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
             clean = CleanFiles(job.scene, *splats, job.stages)

@@ -19,7 +19,7 @@ class AroundFiles:
     """Writes these files of a scene, light after light.
 
     kinds: words of `kinds.AROUND`, and others. light: returns the Light of one of the lights. places: of probes, in the
-    frame of the splats.
+    frame of the splats. source: the file that these were read from, where it is one.
     """
 
     def __init__(
@@ -29,16 +29,32 @@ class AroundFiles:
         kinds: Sequence[str],
         light: "Callable[[Shaded], Light]",
         places: "Sequence[Vector]" = (),
+        source: Path | None = None,
     ) -> None:
         self._scene, self._occluder, self._kinds = scene, occluder, kinds
         self._light, self._places = light, list(places)
+        self._source = source
 
-    def write(self, folder: Path, relit: Splats, shaded: "Shaded") -> list[str]:
-        """Write them into a folder: names of the files. relit: the splats in that light."""
+    def write(
+        self,
+        folder: Path,
+        relit: Splats,
+        shaded: "Shaded",
+        without: Callable[[], Splats],
+        size: tuple[int, int],
+    ) -> list[str]:
+        """Write them into a folder: names of the files.
+
+        relit: the splats in that light. without: returns them without what objects change. size: of pictures.
+        """
         names: list[str] = []
         if "probe" in self._kinds:
             from .probe_files import write_probes
 
             light = self._light(shaded)
             names += write_probes(folder, relit, self._scene, self._occluder, light, shaded.exposure, self._places)
+        if "catcher" in self._kinds and shaded.inserted is not None:
+            from .catcher_files import write_catcher
+
+            names += write_catcher(folder, without(), relit, self._scene, shaded.inserted, size, self._source)
         return names

@@ -12,14 +12,15 @@ FILES = {
     "live": "live/live.json",
     "web": "relit.html",
     "probe": "probe.exr",
+    "catcher": "catcher.ply",
     "clean-splat": "clean_splat.ply",
 }
 
 FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 """Those that `engine_files.EngineFiles` writes."""
 
-AROUND = ("probe",)
-"""Those that tell of the light around, which `around_files.AroundFiles` writes."""
+AROUND = ("probe", "catcher")
+"""Those that tell of the light around, and of what objects change in it, which `around_files.AroundFiles` writes."""
 
 WITHOUT_LIGHT = ("clean-splat",)
 """Those that no light changes, which `clean_files.CleanFiles` writes."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.render.rasterize import rasterize
+from splat2mesh.render.rasterize import Rendering, rasterize
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.splats.splats import Splats
 
@@ -60,14 +60,17 @@ class RelitPicture:
         environment: what they were relit with, or None: before plain grey, without an inset. exposure: display value
         per unit of radiance, for what is behind them.
         """
-        frame = np.asarray(self._scene.scene_from_splat, np.float64)
-        view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
-        near = NEAR * self._scene.diagonal / _scale(frame)
-        seen = rasterize(splats, view, near)
+        seen = self.seen(splats)
         image = np.clip(seen.color, 0.0, 1.0)
         through = seen.alpha < 1.0 - HIDDEN
         image[through] += (1.0 - seen.alpha[through, None]) * self._behind(environment, exposure, through)[through]
         return self._finished(image, environment, exposure, inset)
+
+    def seen(self, splats: Splats) -> Rendering:
+        """The Rendering of splats in the frame that `scene_from_splat` starts from, before nothing."""
+        frame = np.asarray(self._scene.scene_from_splat, np.float64)
+        view = replace(self.view, camera_from_world=_rigid(self.view.camera_from_world @ frame))
+        return rasterize(splats, view, NEAR * self._scene.diagonal / _scale(frame))
 
     def of_vertices(
         self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True

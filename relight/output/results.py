@@ -112,7 +112,7 @@ class Results:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
             with self._stages.stage("around"):
-                names += self._around.write(folder, relit, shaded)
+                names += self._around.write(folder, relit, shaded, lambda: self._without(shaded), PICTURE_SIZE)
         if self._clean is not None:
             names += self._clean.write(folder)
             told["clean_splat"] = self._clean.told
@@ -240,6 +240,12 @@ class Results:
             if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
                 return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
             return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
+
+    def _without(self, shaded: "Shaded") -> Splats:
+        """The splats in the new light without what objects change in it."""
+        shading = shaded.shading
+        shading = shading._replace(radiance=shading.radiance / shaded.inserted.ratio)
+        return self.relit_splats(shaded._replace(shading=shading, inserted=None))
 
     def _received(self, shading: "Shading", exposure: float = 1.0) -> NDArray[np.float32]:
         """(V, 3) irradiance over pi, unit of the radiance."""
