@@ -161,6 +161,9 @@ def parser() -> argparse.ArgumentParser:
     )
     kinds += "glb ply npy splat sog"
     add("--format", dest="formats", nargs="+", action="extend", metavar="KIND", help=kinds)
+    space = "of --format passes: srgb or acescg, linear both; their --cameras are as those of meshing, one file each "
+    space += f"(default: {RelightRequest.color_space})"
+    add("--color-space", metavar="NAME", help=space)
     add("--sheet", action="store_true", help="also sheet.png: capture, albedo and all lights side by side")
     live = "with --format glb: also live.glb, whose light turns in shaders (docs/engines.md)"
     add("--live", dest="live_mesh", action="store_true", help=live)

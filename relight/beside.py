@@ -154,6 +154,16 @@ class Beside:
         backdrop = captured if self.alone else scale
         return Shaded(shaded.light, shading, shaded.exposure, backdrop, scale, captured, level)
 
+    def parts(self, level: float) -> dict[str, NDArray[np.float32]]:
+        """What surfaces send out, (V, 3), of the light that is beside the environment, in its unit: captured, and of
+        lamps that are put in. level: as of `level`."""
+        found = {}
+        if self.captured_factor:
+            found["captured"] = self._own * np.float32(self.captured_factor / level)
+        if self.lamp_light is not None:
+            found["lamps"] = self.lamp_light.placed.radiance / np.float32(level)
+        return found
+
     @cached_property
     def _own(self) -> NDArray[np.float32]:
         """The captured colours under the captured light as the options want it."""

@@ -17,7 +17,7 @@ from splat2mesh.cli import convert_options, display_options, tiling_options
 
 from .arguments import parser
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS
+from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import MOST_ANGLES, RelightRequest
 from .transfer import METHODS
 
@@ -88,7 +88,14 @@ def request_of(words: argparse.Namespace) -> RelightRequest:
     albedo = asked.get("albedo")
     if albedo and not Path(albedo).exists() and "." not in albedo:
         asked["albedo"] = chosen("--albedo", albedo, ("estimated", "captured", "white"))
-    meshing = {name: value for name, value in vars(words).items() if name != "seed"}  # that is of the rays
+    if "color_space" in asked:
+        asked["color_space"] = chosen("--color-space", asked["color_space"], COLOR_SPACES)
+    elsewhere = {"seed"}  # that is of the rays
+    if "passes" in asked.get("formats", ()):
+        elsewhere.add("cameras")  # those are of the passes
+    else:
+        asked.pop("cameras", None)
+    meshing = {name: value for name, value in vars(words).items() if name not in elsewhere}
     asked["meshing"] = convert_options(argparse.Namespace(**meshing))
     return RelightRequest(lighting=LightingOptions(**light), tiling=tiling, **asked)
 

@@ -78,6 +78,9 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
         found["texture_size"] = request.texture_size
     if "albedo-splat" in formats:
         found["harmonics"] = request.harmonics
+    if "passes" in formats:
+        found["color_space"] = request.color_space
+        found["cameras"] = None if request.cameras is None else os.fspath(request.cameras)
     if formats & {"live", "web"}:
         found["lights"] = [_described(each) for each in request.lights]
     return dict(json.loads(text_of(found)))  # as a reader of the report finds it

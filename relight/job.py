@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.options import ConvertOptions
+from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
+from splat2mesh.splats.splats import clean
 
 from .engine.appearance import Appearance, albedo_kept, appearance_of, bounced_light
 from .engine.exposure import exposure_as_captured, level_of
@@ -27,6 +29,8 @@ from .light.loading import light_of
 from .light.tonemap import auto_exposure
 from .loaded import Loaded
 from .meshing import is_scene, of_splats, scene_folder
+from .output.kinds import SUN
+from .output.pass_views import moved_view
 from .request import AnyLight, RelightRequest
 from .transfer.store import Cache
 
@@ -70,6 +74,7 @@ class Job(Loaded):
         self.require("inserted_meshes")  # a broken object fails before any work
         if self.shows_splats:
             self.require("splats")  # so does a missing splat
+        self.require("pass_views")
         if "usd" in (self.request.formats or ()):
             from .output.usd import library
 
@@ -302,6 +307,43 @@ class Job(Loaded):
         inserted = inserts.under(around, received)
         shading = shading._replace(radiance=shading.radiance * inserted.ratio, received=received)
         return shaded._replace(shading=shading, inserted=inserted)
+
+    def light_parts(self, shaded: Shaded) -> dict[str, NDArray[np.float32]]:
+        """What surfaces send out in one of the lights, (V, 3), by the way that their light came.
+
+        direct: of the environment. sun: of that the part of single suns. bounced: what surfaces threw on. room: of the
+        environment and captured lamps in a closed room, whose model tells no ways. captured: of the captured light.
+        lamps: of those that are put in, bounces included. All but sun make up the radiance.
+        """
+        own, scale, parts = self.shading(shaded.light), np.float32(1.0), {}
+        if self.mixes:
+            parts, scale = self.beside.parts(self.beside.level(own.radiance)), np.float32(self.beside.env_scale)
+        if scale > 0.0 and own.radiance.any():
+            if self.room:
+                parts["room"] = scale * own.radiance
+            else:
+                direct, sun = self.relighter.direct(shaded.light, own.settings)
+                albedo = scale if self.appearance.albedo is None else scale * self.appearance.albedo
+                parts["direct"], parts["bounced"] = albedo * direct, scale * own.radiance - albedo * direct
+                parts |= {} if sun is None else {SUN: np.minimum(albedo * sun, parts["direct"])}
+        ratio = 1.0 if shaded.inserted is None else shaded.inserted.ratio
+        return {name: np.asarray(part * ratio, np.float32) for name, part in parts.items()}
+
+    @cached_property
+    def pass_views(self) -> "list[View] | None":
+        """The cameras of passes, in the frame of the scene; None for that of the preview."""
+        given = self.request.cameras
+        if given is None:
+            return None
+        from splat2mesh.views.cameras import read_cameras, trained_views
+
+        if self.splats is not None:
+            views = trained_views(given, self.splats[1][0], clean(self.splats[0])[0])
+        else:
+            views = [view for view in read_cameras(given)[0] if view is not None]
+        if not views:
+            raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
+        return [moved_view(view, self.scene.scene_from_splat) for view in views]
 
     def shading(self, light: Environment) -> Shading:
         """The scene in the light of an environment alone; black for that of the capture."""

@@ -16,7 +16,7 @@ from splat2mesh.options import ConvertOptions, TilingOptions
 from .light import CAPTURED, SKIES
 from .light.daylight import DaylightRequest, day_times
 from .options import LightingOptions
-from .output.kinds import BAKED, CITY_FILES, FILES, HARMONICS, WITHOUT_LIGHT
+from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS, WITHOUT_LIGHT
 
 if TYPE_CHECKING:
     import numpy as np
@@ -96,6 +96,10 @@ class RelightRequest:
         Other lights that the page and the bundle hold.
     probe_at : sequence of (3,)
         Where the probes of the format probe stand, in the frame of the splat; one where the capture stood without.
+    cameras : path, optional
+        From which passes are rendered, as `splat2mesh` takes those of a capture; from that of the preview without.
+    color_space : {"srgb", "acescg"}
+        Of passes, linear.
     live_mesh : bool
         Write `live.glb` too, a mesh whose light shaders turn.
     harmonics : {"zero", "keep"}
@@ -142,6 +146,8 @@ class RelightRequest:
     sky: str = "new"
     lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
+    cameras: str | os.PathLike[str] | None = None
+    color_space: str = "srgb"
     live_mesh: bool = False
     harmonics: str = "zero"
     splat: str | os.PathLike[str] | None = None
@@ -171,6 +177,9 @@ class RelightRequest:
             raise InputError("`probe_at`: it belongs to the format probe; give that too")
         if "catcher" in (self.formats or ()) and not self.inserted:
             raise InputError("`formats` catcher: it holds what objects change; name one that is put in, as `inserted`")
+        for name in ("cameras", "color_space"):
+            if getattr(self, name) != getattr(RelightRequest, name) and "passes" not in (self.formats or ()):
+                raise InputError(f"`{name}`: it belongs to the format passes; give that too")
         self._check_words()
         _ = self.times  # or an InputError
         if not 1 <= len(self.angles_deg) <= MOST_ANGLES:
@@ -233,6 +242,7 @@ class RelightRequest:
 
     def _check_words(self) -> None:
         check_choice("sky", self.sky, SKIES)
+        check_choice("color_space", self.color_space, COLOR_SPACES)
         check_choice("harmonics", self.harmonics, HARMONICS)
         check_choice("caching", self.caching, CACHING)
         for word in self.formats or ():

@@ -32,6 +32,7 @@ from .output.clean_files import CleanFiles
 from .output.engine_files import EngineFiles
 from .output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
 from .output.live_files import LiveFiles
+from .output.pass_files import PassFiles
 from .output.results import PICTURE_SIZE, Results
 from .request import AnyLight
 
@@ -142,8 +143,12 @@ class Writer:
         clean = None
         if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
             clean = CleanFiles(job.scene, *splats, job.stages)
-        shown = lambda: job.binding, job.lamps_shown, job.gloss, around, clean
-        return Results(relighter, look, formats, asked.baked, splats, *more, *shown)
+        passes = None
+        if "passes" in formats:
+            ways = lambda: job.appearance.albedo, job.light_parts, lambda: job.pass_views
+            passes = PassFiles(job.scene, *ways, asked.color_space)
+        shown = lambda: job.binding, job.lamps_shown, job.gloss, around
+        return Results(relighter, look, formats, asked.baked, splats, *more, *shown, clean=clean, passes=passes)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())

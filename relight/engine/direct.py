@@ -50,6 +50,11 @@ class DirectLight:
                 known = self._blocks = BlockTransfer(transfer[:, : bands**2]), transfer, bands
             return known[0].apply(light, other=sunlight), len(suns), done
 
+    def sunlight(self, environment: "Environment", settings: "Settings") -> NDArray[np.float32] | None:
+        """The part of that which single suns have, (V, 3) float32; None without suns."""
+        _, suns = split_light(environment, settings, self._cache)
+        return self._geometry.sunlight(suns, settings)
+
     def renew(self, rows: Indices) -> None:
         """Take over rows, (M,), of a transfer that has changed in place."""
         if self._blocks is not None:

@@ -227,6 +227,17 @@ class Relighter:
             radiance, bounces = with_bounces(direct, tint, interreflection, settings.bounce_tolerance)
         return Shading(radiance, suns, bounces, done)
 
+    def direct(
+        self, environment: "Environment", settings: Settings
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Direct light on the white scene, (V, 3) float32, and the part of it that single suns have, None without any.
+
+        settings: of a Shading in that light.
+        """
+        suns = settings.method != "blinn-phong"
+        sunlight = self._direct_light.sunlight(environment, settings) if suns else None
+        return self._direct(environment, settings)[0], sunlight
+
     def update(
         self, chunk: int, vertices: NDArray[np.floating], normals: NDArray[np.floating], seconds: float | None = None
     ) -> NDArray[np.int64]:

@@ -14,6 +14,7 @@ FILES = {
     "probe": "probe.exr",
     "catcher": "catcher.ply",
     "clean-splat": "clean_splat.ply",
+    "passes": "passes.exr",
 }
 
 FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
@@ -25,7 +26,7 @@ AROUND = ("probe", "catcher")
 WITHOUT_LIGHT = ("clean-splat",)
 """Those that no light changes, which `clean_files.CleanFiles` writes."""
 
-APART = ("live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
+APART = ("live", "web", "passes", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
 """Those that have a writer of their own, which tells the names of its files."""
 
 OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
@@ -36,6 +37,12 @@ CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
 
 HARMONICS = ("zero", "keep")
 """What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""
+
+COLOR_SPACES = ("srgb", "acescg")
+"""In which passes are written, linear both."""
+
+SUN = "sun"
+"""The pass that is a part of direct light."""
 
 BAKED = ("texture", "transfer")
 """What `--bake` can make: textured meshes, and images of the transfer for shaders."""

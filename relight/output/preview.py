@@ -1,5 +1,6 @@
 """Render a relit scene in front of its environment, off screen, by ray casting on the CPU."""
 
+import copy
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cached_property
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
 _RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
+NOWHERE = 1e10
+"""Depth of what no ray meets: far beyond any scene, and a number that all programs read."""
+
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -85,6 +89,31 @@ class Preview:
             color[~hit] = environment.lookup(_directions(view)[~hit]) * np.float32(exposure)
             image[rows] += compress_highlights(color).reshape(image[rows].shape)
         return bytes_from_unit(srgb_from_linear(image / self._samples))
+
+    def at(self, view: View) -> "Preview":
+        """The same scene seen by another View in its frame; what the camera does not change is shared."""
+        other = copy.copy(self)
+        vars(other).pop("_passes", None)
+        other.view = view
+        other.caster = self.caster
+        return other
+
+    def values(self, of_vertices: NDArray) -> tuple[NDArray, NDArray]:
+        """Values of vertices (V, 3) as a picture, (H, W, 3) float32, premultiplied, and how much of each pixel the
+        scene covers, (H, W) float32."""
+        values = np.asarray(of_vertices, np.float32)
+        return self._layer(lambda faces, weights: np.einsum("pk,pkc->pc", weights, values[self._faces[faces]]))
+
+    def depth(self) -> NDArray[np.float32]:
+        """Camera z of the nearest point of each pixel, (H, W) float32, unit of the scene; NOWHERE where none is."""
+        image = np.full((self.view.height, self.view.width), NOWHERE, np.float32)
+        origin, forward = self.view.center, self.view.forward
+        for rows, _, hit, faces, weights in self._passes:
+            found = np.full(len(hit), NOWHERE, np.float32)
+            points = np.einsum("pk,pkc->pc", weights, self._scene.vertices[self._faces[faces]]) - origin
+            found[hit] = points @ forward
+            image[rows] = np.minimum(image[rows], found.reshape(image[rows].shape))
+        return image
 
     def layer(self, radiance: NDArray, exposure: float = 1.0) -> tuple[NDArray, NDArray]:
         """The scene alone: display-linear colour (H, W, 3) float32, premultiplied, and how much of each pixel it

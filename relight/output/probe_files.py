@@ -1,6 +1,7 @@
 """probe.exr: the light that arrives at a place, and a picture of a chrome and a grey ball in it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +46,11 @@ def write_probes(
     return names
 
 
-def write_exr(path: Path, channels: dict[str, NDArray]) -> None:
-    """Write an OpenEXR file of float32 channels, (H, W, 3) or (H, W)."""
+def write_exr(path: Path, channels: dict[str, NDArray], more: dict[str, Any] | None = None) -> None:
+    """Write an OpenEXR file of float32 channels, (H, W, 3) or (H, W). more: attributes of its header."""
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **(more or {})}
     packed = {name: np.ascontiguousarray(each, np.float32) for name, each in channels.items()}
     with staged_file(path) as staging:
         OpenEXR.File(header, packed).write(str(staging))

@@ -18,6 +18,7 @@ from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
 from .lamps_glb import NO_LAMPS, PlacedLamps
 from .live_files import LiveFiles
+from .pass_files import PassFiles
 
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
@@ -45,7 +46,8 @@ class Results:
     background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
     binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
     what was put in beside it. gloss: SceneGloss; None where gloss stays as captured. around: writes what
-    tells of the light around. clean: writes the splats without floaters.
+    tells of the light around. clean: writes the splats without floaters. passes: writes
+    those of the mesh.
     """
 
     def __init__(
@@ -65,8 +67,9 @@ class Results:
         gloss: "SceneGloss | None" = None,
         around: AroundFiles | None = None,
         clean: CleanFiles | None = None,
+        passes: PassFiles | None = None,
     ) -> None:
-        self._gloss, self._around, self._clean = gloss, around, clean
+        self._gloss, self._around, self._clean, self._passes = gloss, around, clean, passes
         self._live, self._engines, self._lamps = live, engines, lamps
         self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
         self._splats: Splats | None
@@ -113,6 +116,9 @@ class Results:
         if self._around is not None and relit is not None:
             with self._stages.stage("around"):
                 names += self._around.write(folder, relit, shaded, lambda: self._without(shaded), PICTURE_SIZE)
+        if self._passes is not None:
+            with self._stages.stage("passes"):
+                names += self._passes.write(folder, shaded, PICTURE_SIZE)
         if self._clean is not None:
             names += self._clean.write(folder)
             told["clean_splat"] = self._clean.told
