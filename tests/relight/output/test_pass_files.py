@@ -3,6 +3,7 @@
 import numpy as np
 import OpenEXR
 import pytest
+import trimesh
 from hard_scenes import joined as joined_parts
 from hard_scenes import knobbed_torus, sheet
 
@@ -184,3 +185,18 @@ def test_the_command_takes_them(scene, tmp_path, capsys):
     capsys.readouterr()
     assert main([*words, "--cameras", str(tmp_path / "none.json"), "--overwrite"]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.filterwarnings("ignore:nothing tells the light of the capture")
+@pytest.mark.parametrize("env", [sunny(), "captured"], ids=["environment", "captured"])
+def test_parts_are_all_light_with_shadows_of_what_is_put_in(scene, tmp_path, env):
+    box = trimesh.creation.box((0.6, 0.6, 0.6))
+    (tmp_path / "box.obj").write_text(trimesh.exchange.obj.export_obj(box, include_normals=False))
+    asked = request(scene, None, (LAMP,), env=env, inserted=[f"{tmp_path / 'box.obj'} at=1.9,0,1.9"])
+    job = Job(asked)
+    shaded = next(job.shaded())
+    assert shaded.inserted.ratio.min() < 0.9
+    parts = job.light_parts(shaded)
+    total = sum(part for name, part in parts.items() if name != "sun")
+    np.testing.assert_allclose(total, shaded.shading.radiance, rtol=1e-5, atol=1e-6)
+    assert all((part >= -1e-6).all() for part in parts.values())
