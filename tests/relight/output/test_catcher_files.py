@@ -19,7 +19,7 @@ from splat2mesh.splats.formats.inria import write_inria_ply
 from splat2mesh.splats.formats.ply import Ply
 from splat2mesh.splats.splats import SH_C0, Splats
 
-pytestmark = pytest.mark.filterwarnings("ignore:nothing tells the light of the capture")
+pytestmark = pytest.mark.filterwarnings("ignore:the light of the capture is unknown")
 
 
 @pytest.fixture(scope="module")

@@ -187,7 +187,7 @@ def test_the_command_takes_them(scene, tmp_path, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
-@pytest.mark.filterwarnings("ignore:nothing tells the light of the capture")
+@pytest.mark.filterwarnings("ignore:the light of the capture is unknown")
 @pytest.mark.parametrize("env", [sunny(), "captured"], ids=["environment", "captured"])
 def test_parts_are_all_light_with_shadows_of_what_is_put_in(scene, tmp_path, env):
     box = trimesh.creation.box((0.6, 0.6, 0.6))

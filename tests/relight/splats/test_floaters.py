@@ -162,5 +162,5 @@ def test_a_splat_of_another_kind_is_written_in_both(place, tmp_path):
 
 def test_a_mesh_has_no_splats_to_clean(tmp_path):
     scene = Scene([grid(room(0.3))])
-    with pytest.raises(InputError, match="plain mesh"):
+    with pytest.raises(InputError, match="a mesh without a splat"):
         relight_files(RelightRequest(scene, formats=("clean-splat",), output=tmp_path / "out", caching="none"))
