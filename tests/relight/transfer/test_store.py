@@ -391,7 +391,8 @@ def test_a_large_transfer_is_kept_in_sixteen_bits_and_comes_back_to_the_bit(fold
     lit = first.shade(noon)
     np.testing.assert_array_equal(second.shade(noon), lit)
     assert second.rays_traced == 0
-    assert np.abs(first.transfer - exact).max() <= 0.5001 * kept.OPEN / kept.STEPS
+    # Half a step, and what float32 rounds off in a division and two products of numbers below 0.5.
+    assert np.abs(first.transfer - exact).max() <= 0.5 * kept.OPEN / kept.STEPS + 4 * np.finfo(np.float32).eps * 0.5
     unhidden = analytic(np.eye(3, dtype=np.float32), 4)
     np.testing.assert_array_equal(kept.rounded(unhidden.copy())[:, 0], unhidden[:, 0])
     # The same without a folder.
