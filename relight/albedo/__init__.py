@@ -4,8 +4,8 @@ found = estimate(occluder, captured_linear)
 relit = shade(new_light, found.albedo)
 """
 
-from .captured import Estimate
+from .captured import CaptureEvidence, Estimate
 from .division import DARKEST, LIGHTEST, Prior, albedo_of
 from .estimate import estimate, with_known_light
 
-__all__ = ["DARKEST", "LIGHTEST", "Estimate", "Prior", "albedo_of", "estimate", "with_known_light"]
+__all__ = ["DARKEST", "LIGHTEST", "CaptureEvidence", "Estimate", "Prior", "albedo_of", "estimate", "with_known_light"]

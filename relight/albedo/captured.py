@@ -4,25 +4,24 @@ light makes of it.
 
 import math
 import warnings
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Radiance, Transfer
+from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance
+from splat2mesh.scene.measured import CapturedSky
 
 from ..light.environment import Environment
 from ..transfer.occluder import Occluder
+from ..transfer.transport import Transport
 from . import contrast, fit, samples, skylight
-from .direct import Sunlit, direct_light
+from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
-from .seen import Looks, looks_over
-
-if TYPE_CHECKING:
-    from ..transfer.bounces import Interreflection
+from .seen import SeenPoints, looks_over
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
 """Of the transfer and the bounces where none are given; half the rays that relight takes by default."""
@@ -74,6 +73,21 @@ class Estimate(NamedTuple):
     under_sky: bool = False
 
 
+class CaptureEvidence(NamedTuple):
+    """What is known of a capture beside its colours. Each is None, or empty, where nothing is known.
+
+    sky: what the capture shows of its sky. looks: points seen from where the capture stood; then what they show counts,
+    not area. volume: (V,) in [0, 1], how far each vertex is of leaves or grass. reflected: (K,) the shape of the light
+    that gloss shows, of `reflected.guided`. hopeless: why the light cannot be estimated.
+    """
+
+    sky: CapturedSky | None = None
+    looks: SeenPoints | None = None
+    volume: Floats | None = None
+    reflected: Floats | None = None
+    hopeless: str = ""
+
+
 class CapturedScene:
     """A scene in the colours it was captured in, V vertices.
 
@@ -86,16 +100,13 @@ class CapturedScene:
         captured: ArrayLike,
         seed: int,
         advance: Advance,
-        transfer: Transfer | None,
-        interreflection: "Interreflection | None",
-        sky: bool = False,
-        looks: Looks | None = None,
-        sunlit: Sunlit | None = None,
+        transport: Transport | None = None,
+        evidence: CaptureEvidence | None = None,
     ) -> None:
-        from ..transfer.bounces import Interreflection, visible_fraction
-        from ..transfer.raytraced import raytraced_scene
+        from ..transfer.bounces import visible_fraction
 
-        self.occluder, self.seed, self._advance, self._sunlit = occluder, seed, advance, sunlit
+        evidence = evidence or CaptureEvidence()
+        self.occluder, self.seed, self._advance = occluder, seed, advance
         count = len(occluder.origins)
         captured = np.asarray(captured)
         self.captured = checked(captured, "captured colours")
@@ -106,24 +117,28 @@ class CapturedScene:
             warnings.warn(
                 f"{bad} of {count} captured colours are not finite: taken as black", DataWarning, stacklevel=4
             )
-        self.transfer = raytraced_scene(occluder, BANDS, RAYS, seed, advance) if transfer is None else transfer
-        if interreflection is None:
-            visible = visible_fraction(self.transfer)
-            interreflection = Interreflection(occluder, BOUNCE_RAYS, seed, visible, advance)
-        self.interreflection = interreflection
-        self.bounce = interreflection.bounce(self.captured)
-        self.looks = looks
-        self.areas = samples.vertex_areas(occluder) if looks is None else looks.sizes(count)
+        self.transport = self._traced() if transport is None else transport
+        self.bounce = self.transport.interreflection.bounce(self.captured)
+        self.looks = evidence.looks
+        self.areas = samples.vertex_areas(occluder) if self.looks is None else self.looks.sizes(count)
         peak = self.captured.max(axis=1)
         self.usable = (self.captured.min(axis=1) > DARK) & (peak < SATURATED)
-        visible = visible_fraction(self.transfer)
+        visible = visible_fraction(self.transport.transfer)
         open_part = float((self.areas * visible).sum() / max(float(self.areas.sum()), 1e-30))
-        self.under_sky = sky and open_part > skylight.LEAST_OPEN
+        self.under_sky = evidence.sky is not None and open_part > skylight.LEAST_OPEN
         wanted = self.usable & (visible > samples.MIN_VISIBLE)
         if self.under_sky:
             flat = wanted & (samples.roughness(occluder) < samples.MAX_ROUGHNESS)
             wanted = flat if np.count_nonzero(flat) >= samples.SAMPLES else wanted
         self.places = samples.take(occluder, self.areas, wanted, seed)
+
+    def _traced(self) -> Transport:
+        from ..transfer.bounces import Interreflection, visible_fraction
+        from ..transfer.raytraced import raytraced_scene
+
+        transfer = raytraced_scene(self.occluder, BANDS, RAYS, self.seed, self._advance)
+        visible = visible_fraction(transfer)
+        return Transport(transfer, Interreflection(self.occluder, BOUNCE_RAYS, self.seed, visible, self._advance))
 
     def problem(self) -> str:
         """Why nothing can be told, or an empty text."""
@@ -136,10 +151,10 @@ class CapturedScene:
     def bounced(self) -> NDArray[np.float64]:
         return self.bounce[self.places.vertices].astype(np.float64)
 
-    def patches(self, volume: Floats | None) -> contrast.Patches | None:
-        """The Patches of what was looked at, or None where they are too few."""
+    def patches(self, volume: Floats | None) -> contrast.ColorPatches | None:
+        """The ColorPatches of what was looked at, or None where they are too few."""
         looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
-        content = self.captured, self.usable, self.transfer, self.bounce
+        content = self.captured, self.usable, self.transport.transfer, self.bounce
         return contrast.patches_of(looks, self.occluder, *content, volume)
 
     def start(self) -> NDArray[np.float64]:
@@ -161,7 +176,7 @@ class CapturedScene:
 
     def direct(self, environment: Environment) -> NDArray[np.float32]:
         """Direct light on the white scene, (V, 3) float32, not negative."""
-        return direct_light(self.occluder, self.transfer, environment, self._sunlit)
+        return direct_light(self.occluder, self.transport.transfer, environment, self.transport.sunlit)
 
     def result(
         self, environment: Environment, evidence: float, direct: Radiance | None = None, brighter: bool = True

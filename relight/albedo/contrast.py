@@ -23,7 +23,7 @@ from ..sh.sphere import fibonacci_sphere
 from ..transfer.bounces import visible_fraction
 from ..transfer.occluder import Occluder
 from .division import weighted_median
-from .seen import Looks
+from .seen import SeenPoints
 
 CELL = 0.04
 """Side of a patch over the median distance from which patches are seen."""
@@ -46,7 +46,7 @@ OUTLIER = 0.5
 """Of log colour within a material: what is further off counts less than half."""
 
 INDEPENDENT = 300.0
-"""Patches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
+"""ColorPatches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
 
 ALBEDO, ALBEDO_SPREAD = 0.23, 0.15
 """Median albedo, in luminance, of what lies under an open sky, and spread of its logarithm. Asphalt has .12, grass and
@@ -86,7 +86,7 @@ MOSTLY = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Patches:
+class ColorPatches:
     """N patches of surfaces. log_captured: (N,) of luminance. transfer: (N, K). bounced: (N,) luminance. material:
     (N,) numbers. weight: (N,)."""
 
@@ -96,14 +96,14 @@ class Patches:
     material: Integers
     weight: NDArray[np.float64]
 
-    def thinned(self, count: int) -> "Patches":
+    def thinned(self, count: int) -> "ColorPatches":
         """At most so many of them, evenly."""
         if len(self.weight) <= count:
             return self
         rows = np.arange(count) * len(self.weight) // count
         _, material = np.unique(self.material[rows], return_inverse=True)
         others = self.log_captured[rows], self.transfer[rows], self.bounced[rows]
-        return Patches(*others, material.reshape(-1), self.weight[rows])
+        return ColorPatches(*others, material.reshape(-1), self.weight[rows])
 
     @cached_property
     def within(self) -> "_Within":
@@ -112,15 +112,15 @@ class Patches:
 
 
 def patches_of(
-    looks: Looks,
+    looks: SeenPoints,
     occluder: Occluder,
     captured: NDArray[np.float32],  # (V, 3) linear
     usable: Mask,  # (V,) bool, neither black nor clipped
     transfer: Transfer,  # (V, K)
     bounce: NDArray[np.float32],  # (V, 3)
     volume: Floats | None = None,  # (V,) in [0, 1]
-) -> Patches | None:
-    """The Patches of what is looked at, or None where they are too few."""
+) -> ColorPatches | None:
+    """The ColorPatches of what is looked at, or None where they are too few."""
     normal = looks.at(occluder.normals)
     good = usable[looks.corners].all(axis=1) & (np.linalg.norm(normal, axis=1) > SMOOTH)
     good &= looks.at(visible_fraction(transfer)[:, None])[:, 0] > LEAST_VISIBLE
@@ -141,7 +141,7 @@ def patches_of(
     height = means @ occluder.normals[:, 1]
     side = np.where(height > LEVEL, 0.0, np.where(height < BENEATH, 2.0, 1.0))
     hue = np.stack([np.bincount(index, column) / count for column in chroma.T], axis=1)
-    return Patches(
+    return ColorPatches(
         np.log(np.maximum(luminance(means @ captured), 1e-9)),
         (means @ transfer).astype(np.float64),
         np.asarray(luminance(means @ bounce), np.float64),
@@ -150,7 +150,7 @@ def patches_of(
     )
 
 
-class Brightness(NamedTuple):
+class SkyBrightness(NamedTuple):
     """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
 
     beyond: whether as much comes from above where nothing was seen. sun: (3,) unit direction or None. irradiance: of
@@ -165,7 +165,7 @@ class Brightness(NamedTuple):
 
 
 class _Excess(NamedTuple):
-    """An excess as of Brightness. lit: (N,) irradiance with it. odds, evidence: in nats, of the best that was tried."""
+    """An excess as of SkyBrightness. lit: (N,) irradiance with it. odds, evidence: in nats, of the best one tried."""
 
     excess: float
     lean: NDArray[np.float64]
@@ -175,13 +175,13 @@ class _Excess(NamedTuple):
 
 
 def brightness_of(
-    patches: Patches,
+    patches: ColorPatches,
     directions: Directions,  # (D, 3) that share the sphere evenly
     bound: Floats,  # (D,) luminance that is known, of each direction
     clipped: Floats,  # (D,) part of each direction that was clipped
     unseen: Floats,  # (D,) part of each direction that was not seen, above the horizon
-) -> Brightness:
-    """The Brightness that explains the patches best: leans and strengths weighted by how well they do, then a sun."""
+) -> SkyBrightness:
+    """The SkyBrightness that explains the patches best: leans and strengths weighted by evidence, then a sun."""
     patches = patches.thinned(MOST_PATCHES)
     bands = int(np.sqrt(patches.transfer.shape[1]))
     project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
@@ -196,14 +196,14 @@ def brightness_of(
     if gained - seen.evidence > SURE and gained > wide.odds:
         if alone and sun is not None:
             return _beside_sun(patches, known, directions, clipped + unseen, project, sun)
-        return Brightness(seen.excess, seen.lean, False, sun, irradiance)
+        return SkyBrightness(seen.excess, seen.lean, False, sun, irradiance)
     beyond = bool(wide.odds - seen.odds > BEYOND)
     found = wide if beyond else seen
-    return Brightness(found.excess, found.lean, beyond, None, 0.0)
+    return SkyBrightness(found.excess, found.lean, beyond, None, 0.0)
 
 
 def _excess(
-    patches: Patches, known: NDArray[np.float64], directions: Directions, region: Floats, project: Floats
+    patches: ColorPatches, known: NDArray[np.float64], directions: Directions, region: Floats, project: Floats
 ) -> _Excess | None:
     """The _Excess over a region, (D,) in [0, 1]: the mean of those that were tried; None where none explains more."""
     tried = np.concatenate([np.zeros((1, 3)), *(s * fibonacci_sphere(TRIED) for s in STEEPNESS)])
@@ -225,7 +225,7 @@ def _excess(
 
 
 def _sun(
-    patches: Patches,
+    patches: ColorPatches,
     known: NDArray[np.float64],
     lit: NDArray[np.float64],
     directions: Directions,
@@ -249,16 +249,21 @@ def _sun(
 
 
 def _beside_sun(
-    patches: Patches, known: NDArray[np.float64], directions: Directions, region: Floats, project: Floats, sun: Vector
-) -> Brightness:
-    """The Brightness of a sun near this one, (3,), and a flat excess over a region, (D,) in [0, 1]."""
+    patches: ColorPatches,
+    known: NDArray[np.float64],
+    directions: Directions,
+    region: Floats,
+    project: Floats,
+    sun: Vector,
+) -> SkyBrightness:
+    """The SkyBrightness of a sun near this one, (3,), and a flat excess over a region, (D,) in [0, 1]."""
     around = fibonacci_sphere(FINE)
     around = np.vstack([sun, around[around @ sun > np.cos(np.radians(AROUND_DEG))]])
     bands = int(np.sqrt(patches.transfer.shape[1]))
     flat = np.maximum(patches.transfer @ (project.T @ region), 0.0)
     bright = np.exp(patches.log_captured)
     lights, best = np.maximum(_sunlit(patches, around, bands).T, 1e-9), -np.inf
-    found: Brightness | None = None
+    found: SkyBrightness | None = None
     for albedo in ALBEDOS:
         lacking = bright / albedo - known
         most = max(weighted_median(lacking / np.maximum(flat, 1e-9), patches.weight), 0.0)
@@ -269,12 +274,12 @@ def _beside_sun(
                     received = known + excess * flat + scale * light
                     odds = _evidence(patches, received) - 0.5 * (np.log(_slope(patches, received) / SLOPE) / STEEP) ** 2
                     if odds > best:
-                        best, found = odds, Brightness(excess, np.zeros(3), True, direction, float(scale))
+                        best, found = odds, SkyBrightness(excess, np.zeros(3), True, direction, float(scale))
     assert found is not None  # the sun itself, without an excess, has a strength above 0
     return found
 
 
-def _sunlit(patches: Patches, suns: Directions, bands: int) -> NDArray[np.float64]:
+def _sunlit(patches: ColorPatches, suns: Directions, bands: int) -> NDArray[np.float64]:
     """(N, S) irradiance of patches under suns (S, 3) of irradiance 1 at right angles."""
     degree, _ = harmonics.degrees_and_orders(bands)
     lobe = np.exp(-0.5 * degree * (degree + 1) * np.radians(SUN_WIDTH_DEG) ** 2)
@@ -282,7 +287,7 @@ def _sunlit(patches: Patches, suns: Directions, bands: int) -> NDArray[np.float6
 
 
 def _strengths(
-    patches: Patches, base: NDArray[np.float64], lights: NDArray[np.float64]
+    patches: ColorPatches, base: NDArray[np.float64], lights: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """For lights (N, L) beside a base (N,): by how much each is taken for the median albedos tried, (L, A), and the
     evidence then."""
@@ -298,7 +303,7 @@ def _strengths(
     return scales, evidence
 
 
-def _evidence(patches: Patches, received: NDArray[np.float64]) -> float:
+def _evidence(patches: ColorPatches, received: NDArray[np.float64]) -> float:
     """Evidence for an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
     logs = np.log(np.maximum(received, 1e-9))
     usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(ALBEDO)
@@ -311,19 +316,19 @@ def _widths(steep: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]
 
 
-def _explained(patches: Patches, log_received: NDArray[np.float64]) -> float:
+def _explained(patches: ColorPatches, log_received: NDArray[np.float64]) -> float:
     """Part of the variance of log colour within materials that a log irradiance explains, 0 where they are opposed."""
     across, colors, light = _moments(patches, log_received)
     return float(np.clip(across, 0.0, None) ** 2 / (colors * light)) if colors * light > 0.0 else 0.0
 
 
-def _slope(patches: Patches, received: NDArray[np.float64]) -> float:
+def _slope(patches: ColorPatches, received: NDArray[np.float64]) -> float:
     """By how much log colour follows the logarithm of an irradiance (N,) within materials; at least next to nothing."""
     across, _, light = _moments(patches, np.log(np.maximum(received, 1e-9)))
     return max(float(across / light), 1e-3) if light > 0.0 else 1.0
 
 
-def _moments(patches: Patches, log_received: NDArray[np.float64]) -> tuple[float, float, float]:
+def _moments(patches: ColorPatches, log_received: NDArray[np.float64]) -> tuple[float, float, float]:
     """Within materials: the weighted sums of log colour times log irradiance, and of the squares of both."""
     within = patches.within
     light = within.off(log_received)
@@ -334,7 +339,7 @@ class _Within:
     """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
     whatever the light. own: their weighted square."""
 
-    def __init__(self, patches: Patches) -> None:
+    def __init__(self, patches: ColorPatches) -> None:
         self.weight, self._groups = patches.weight, patches.material
         self._total = np.bincount(self._groups, self.weight)
         off = self.off(patches.log_captured)

@@ -1,23 +1,18 @@
 """Direct light on a white scene, as the light of the capture and its check both need it."""
 
 import math
-from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Transfer
 
-from ..light.suns import Suns
 from ..transfer.occluder import Occluder
+from ..transfer.transport import Sunlit
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
-
-
-Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32]]
-"""Suns -> their light on the white scene, (V, 3): through leaves as the transfer has it."""
 
 
 def direct_light(
@@ -34,5 +29,6 @@ def direct_light(
     rest, suns = split(environment, bands)
     direct = transfer @ rest.sh(bands).astype(np.float32)
     if len(suns):
-        direct += sunlight(occluder, slice(None), suns) if sunlit is None else sunlit(suns)
+        added = sunlight(occluder, slice(None), suns) if sunlit is None else sunlit(suns)
+        direct = direct if added is None else np.add(direct, added, out=direct)
     return np.maximum(direct, np.float32(0.0), out=direct)

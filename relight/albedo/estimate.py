@@ -5,31 +5,24 @@ light from outside is unknown. Unit: that of C; the albedo's absolute scale is a
 """
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Transfer
 from splat2mesh.base.progress import Advance
 from splat2mesh.scene.color import luminance
-from splat2mesh.scene.measured import CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
 from ..sh import harmonics
 from ..transfer.occluder import Occluder
+from ..transfer.transport import Transport
 from . import fit, skylight, sun
-from .captured import HEIGHT, WIDTH, CapturedScene, Estimate
-from .direct import Sunlit
+from .captured import HEIGHT, WIDTH, CapturedScene, CaptureEvidence, Estimate
 from .division import Prior, albedo_of
 from .reflected import guided
-from .seen import Looks
 from .tint import balanced
 from .under_sky import beside_alone, light_under_sky
-
-if TYPE_CHECKING:
-    from ..transfer.bounces import Interreflection
 
 LIGHT_BANDS = 5
 """Of the logarithm of the light. Albedo error by bands 3 to 7: on a trained object .18 .15 .14 .14 .14, on
@@ -51,14 +44,8 @@ def estimate(
     captured: ArrayLike,  # (V, 3) linear exit radiance as captured, any unit
     seed: int = 0,
     advance: Advance = lambda count: None,  # called with the number of vertices done, twice for each
-    transfer: Transfer | None = None,  # (V, K) of the white scene, where there is one already
-    interreflection: "Interreflection | None" = None,  # likewise
-    sky: CapturedSky | None = None,  # where the capture saw its light
-    hopeless: str = "",  # why the light cannot be told, where that is known
-    looks: Looks | None = None,  # Looks from where the capture stood: then it is what they show that counts, not area
-    volume: Floats | None = None,  # (V,) in [0, 1], how far each vertex is of leaves or grass
-    sunlit: Sunlit | None = None,  # Suns -> their light on the white scene, as `direct_light` takes it
-    reflected: Floats | None = None,  # (K,) the shape of the light that gloss shows, of `reflected.guided`
+    transport: Transport | None = None,  # what is computed of the white scene already
+    evidence: CaptureEvidence | None = None,  # what is known of the capture beside its colours
 ) -> Estimate:
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
@@ -68,35 +55,35 @@ def estimate(
     but in the last bits. Colours that are not finite count as black. Raises InputError
     unless `captured` is (V, 3).
     """
-    scene = CapturedScene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks, sunlit)
-    problem = hopeless or scene.problem()
+    given = evidence or CaptureEvidence()
+    scene, sky, volume = CapturedScene(occluder, captured, seed, advance, transport, given), given.sky, given.volume
+    problem = given.hopeless or scene.problem()
     if problem:
         return scene.as_captured(problem)
     if sky is not None and scene.under_sky:
         told, lit = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
         if lit is None or not lit.sure:
-            computed = scene.transfer, scene.interreflection
-            alone = estimate(occluder, captured, seed, advance, *computed, sunlit=sunlit)
+            alone = estimate(occluder, captured, seed, advance, scene.transport)
             if lit is None or not alone.separable:
                 return alone
             lit = beside_alone(scene, lit, alone.environment)
-        light_of_day = lit.environment if looks is None else balanced(scene, sky, lit.environment, volume)
+        light_of_day = lit.environment if given.looks is None else balanced(scene, sky, lit.environment, volume)
         return scene.result(light_of_day, told, brighter=False)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
     start[0] = np.log(scene.start()) / fit.UNIT
     prior = fit.prior_of(LIGHT_BANDS)
-    shown = None if reflected is None else guided(scene, light, start, reflected)
+    shown = None if given.reflected is None else guided(scene, light, start, given.reflected)
     if shown is not None:
         found, prior, start = shown
     else:
         found = scene.fitted(light, start, prior)
-    evidence = fit.evidence(found, prior, _BRIGHT_DIPOLE)
-    if evidence < MIN_EVIDENCE:
-        return scene.as_captured("its surfaces face too few directions to separate light from colour", evidence)
+    decided = fit.evidence(found, prior, _BRIGHT_DIPOLE)
+    if decided < MIN_EVIDENCE:
+        return scene.as_captured("its surfaces face too few directions to separate light from colour", decided)
     theta, lamp = sun.with_sun(occluder, scene.places, light, scene.log_captured(), found, start, prior)
-    return scene.result(Environment(_image(theta, lamp), "estimated"), evidence)
+    return scene.result(Environment(_image(theta, lamp), "estimated"), decided)
 
 
 def with_known_light(
@@ -105,17 +92,15 @@ def with_known_light(
     environment: Environment,
     seed: int = 0,
     advance: Advance = lambda count: None,
-    transfer: Transfer | None = None,
-    interreflection: "Interreflection | None" = None,
-    sky: CapturedSky | None = None,
-    looks: Looks | None = None,
-    sunlit: Sunlit | None = None,
+    transport: Transport | None = None,
+    evidence: CaptureEvidence | None = None,
 ) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
     Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
     """
-    scene = CapturedScene(occluder, captured, seed, advance, transfer, interreflection, sky is not None, looks, sunlit)
+    given = evidence or CaptureEvidence()
+    scene = CapturedScene(occluder, captured, seed, advance, transport, given)
     problem = scene.problem()
     direct = scene.direct(environment)
     received = direct[scene.places.vertices]
@@ -123,7 +108,7 @@ def with_known_light(
         problem = f"the light {environment.name} does not reach it in all three colours"
     if problem:
         return scene.as_captured(problem)
-    known = sky if scene.under_sky else None
+    known = given.sky if scene.under_sky else None
     measured = None if known is None else skylight.exposure_of(known, environment)
     if known is not None and measured is not None:
         measured = scene.usual(measured, luminance(received))
@@ -136,8 +121,8 @@ def with_known_light(
     found = scene.fitted(light, start, prior)
     gain = np.exp(fit.UNIT * found.theta[0])
     scaled = Environment(environment.radiance * gain.astype(np.float32), environment.name, environment.rotation_deg)
-    evidence = fit.evidence(found, prior, np.full((3, 1), 1.0 / math.sqrt(3.0)))
-    return scene.result(scaled, evidence, direct * gain.astype(np.float32))
+    decided = fit.evidence(found, prior, np.full((3, 1), 1.0 / math.sqrt(3.0)))
+    return scene.result(scaled, decided, direct * gain.astype(np.float32))
 
 
 def under_light(
@@ -146,15 +131,13 @@ def under_light(
     environment: Environment,
     prior: Prior | None,
     seed: int = 0,
-    transfer: Transfer | None = None,
-    interreflection: "Interreflection | None" = None,
-    sunlit: Sunlit | None = None,
+    transport: Transport | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
 
     environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
     """
-    scene = CapturedScene(occluder, captured, seed, lambda count: None, transfer, interreflection, sunlit=sunlit)
+    scene = CapturedScene(occluder, captured, seed, lambda count: None, transport)
     irradiance = scene.direct(environment) + scene.bounce
     return albedo_of(scene.captured, irradiance, prior), irradiance
 

@@ -22,7 +22,7 @@ OVER = 60_000
 """Vertices that stand for what is seen where nobody knows from where."""
 
 
-class Looks(NamedTuple):
+class SeenPoints(NamedTuple):
     """L looks that met the front of a surface. corners: (L, 3) vertices of what they met. shares: (L, 3) float32, what
     each corner has of the point, which sum to 1. distance: (L,) float32, in the occluder's unit frame."""
 
@@ -30,9 +30,9 @@ class Looks(NamedTuple):
     shares: NDArray[np.float32]
     distance: NDArray[np.float32]
 
-    def of(self, rows: Mask | Integers) -> "Looks":
+    def of(self, rows: Mask | Integers) -> "SeenPoints":
         """Some of the looks."""
-        return Looks(self.corners[rows], self.shares[rows], self.distance[rows])
+        return SeenPoints(self.corners[rows], self.shares[rows], self.distance[rows])
 
     def at(self, values: Floats) -> Floats:
         """Values (V, C) of vertices as values (L, C) of what is seen."""
@@ -43,7 +43,7 @@ class Looks(NamedTuple):
         return np.asarray(np.bincount(self.corners.ravel(), self.shares.ravel(), count), np.float64)
 
 
-def looks_over(occluder: Occluder, areas: Floats, seed: int) -> Looks:
+def looks_over(occluder: Occluder, areas: Floats, seed: int) -> SeenPoints:
     """What is seen of a scene whose cameras are not known: vertices spread evenly over the area of its surface, as from
     half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
     from .samples import places
@@ -51,7 +51,7 @@ def looks_over(occluder: Occluder, areas: Floats, seed: int) -> Looks:
     rows = places(occluder, areas, areas > 0.0, OVER, seed)
     shares = np.zeros((len(rows), 3), np.float32)
     shares[:, 0] = 1.0
-    return Looks(np.repeat(rows[:, None], 3, axis=1), shares, np.full(len(rows), 0.5, np.float32))
+    return SeenPoints(np.repeat(rows[:, None], 3, axis=1), shares, np.full(len(rows), 0.5, np.float32))
 
 
 def standing(scene: Scene) -> NDArray[np.float64]:
@@ -60,7 +60,7 @@ def standing(scene: Scene) -> NDArray[np.float64]:
     return np.asarray(eyes, np.float64).reshape(-1, 3)
 
 
-def looks_from(scene: Scene, occluder: Occluder) -> Looks | None:
+def looks_from(scene: Scene, occluder: Occluder) -> SeenPoints | None:
     """What is seen all around from where the capture of a place stood, backs of faces left out; None of an object,
     and where nothing is seen."""
     eyes = standing(scene)
@@ -78,4 +78,4 @@ def looks_from(scene: Scene, occluder: Occluder) -> Looks | None:
     second, third = np.clip(hits.uv[met[front]], 0.0, 1.0).T
     shares = np.stack([np.maximum(1.0 - second - third, 0.0), second, third], axis=1)
     shares = (shares / shares.sum(axis=1, keepdims=True)).astype(np.float32)
-    return Looks(corners[front], shares, hits.distance[met[front]])
+    return SeenPoints(corners[front], shares, hits.distance[met[front]])

@@ -75,10 +75,14 @@ def _by_pairs(
 
 
 def _by_contrast(
-    patches: contrast.Patches, sky: CapturedSky, parts: skylight.SkyParts, start: NDArray[np.float64], places: Samples
+    patches: contrast.ColorPatches,
+    sky: CapturedSky,
+    parts: skylight.SkyParts,
+    start: NDArray[np.float64],
+    places: Samples,
 ) -> tuple[Environment, bool]:
-    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of Patches tells; and whether
-    that is a sun."""
+    """The Environment of what a CapturedSky binds, and beyond it of what the contrast of the patches shows; and
+    whether that is a sun."""
     directions = places.directions
     bound = luminance(skylight.without_excess(parts, start, directions))
     above = directions[:, 1] > 0.0

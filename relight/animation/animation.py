@@ -26,7 +26,7 @@ class Animation:
 
     duration_s: time of the last keyframe. name: of the animation played. names: of all in the file.
     scene: Scene at the time 0, scene frame (glTF's own: right-handed, y up).
-    chunks: list of Part. moving: numbers of the chunks that any keyframe can move.
+    chunks: list of AnimatedPart. moving: numbers of the chunks that any keyframe can move.
     """
 
     def __init__(self, path: str | Path, animation: str | int | None = None) -> None:
@@ -82,7 +82,7 @@ class Animation:
         return Scene(chunks, path=self._data.path)
 
     def _posed(
-        self, part: "Part", matrices: NDArray[np.float64], weights: NDArray[np.float64]
+        self, part: "AnimatedPart", matrices: NDArray[np.float64], weights: NDArray[np.float64]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         vertices = morphed(part.vertices, part.vertex_targets, weights)
         if part.normals is None:
@@ -94,7 +94,7 @@ class Animation:
         joints, inverse_bind = self._skins[part.skin]
         return skinned(vertices, normals, part.joints, part.joint_weights, matrices[joints] @ inverse_bind)
 
-    def _can_move(self, part: "Part") -> bool:
+    def _can_move(self, part: "AnimatedPart") -> bool:
         changed = {node for node, path in self._tracks if path != "weights"}
         if (part.node, "weights") in self._tracks:
             return True
@@ -143,7 +143,7 @@ class Animation:
             inverse = flat.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
         return joints, inverse
 
-    def _read_parts(self) -> "list[Part]":
+    def _read_parts(self) -> "list[AnimatedPart]":
         document, parts, skipped = self._data.document, [], 0
         for index in self._order:
             node = document.nodes[index]
@@ -161,7 +161,7 @@ class Animation:
             raise InputError(f"{self._data.path}: holds no triangles; expected a triangle mesh")
         return parts
 
-    def _read_part(self, index: int, node: Any, mesh: Any, primitive: Any, mode: int) -> "Part":
+    def _read_part(self, index: int, node: Any, mesh: Any, primitive: Any, mode: int) -> "AnimatedPart":
         data, attributes, what = self._data, primitive.attributes, f"the mesh of node {index}"
         count = len(data.array(attributes.POSITION, what))
         vertices = data.vectors(attributes.POSITION, count, 3, what)
@@ -178,7 +178,7 @@ class Animation:
         skin = None if joints is None else node.skin
         colors = self._colors(attributes, count, what)
         morphs = vertex_targets, normal_targets, weights
-        return Part(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
+        return AnimatedPart(index, vertices, normals, faces, colors, *morphs, skin, joints, joint_weights)
 
     def _targets(self, targets: list[Any], name: str, count: int, what: str) -> NDArray[np.float32]:
         """(M, V, 3) float32 differences of every morph target, 0 where one has none."""
@@ -226,7 +226,7 @@ class Animation:
 
 
 @dataclass(frozen=True)
-class Part:
+class AnimatedPart:
     """A mesh primitive at a node.
 
     vertices: (V, 3) float32, before morphing and skinning. normals: the same, or None. faces: (F, 3) int32.

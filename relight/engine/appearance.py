@@ -179,8 +179,8 @@ def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
     scene = relighter.scene
     if len(scene.source.get("objects") or ()) > 1:  # each was captured by itself
         return np.zeros_like(scene.colors_linear)
-    known = relighter.computed(CAPTURE_OF_PLACE if scene.is_place else CAPTURE)
-    return np.asarray(known["interreflection"].bounce(scene.colors_linear), np.float32)
+    known = relighter.transport(CAPTURE_OF_PLACE if scene.is_place else CAPTURE)
+    return np.asarray(known.interreflection.bounce(scene.colors_linear), np.float32)
 
 
 def albedo_kept(
@@ -234,38 +234,36 @@ def _estimated(
     relighter: "Relighter",
     reflected: NDArray[np.float64] | None,
 ) -> dict[str, Any]:
-    from ..albedo import estimate, with_known_light
+    from ..albedo import CaptureEvidence, estimate, with_known_light
     from ..albedo.check import self_relight
     from ..transfer.bounces import visible_fraction
 
-    known = relighter.computed(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE)
+    known = relighter.transport(CAPTURE_OF_PLACE if relighter.scene.is_place else CAPTURE)
     with relighter.stages.stage("albedo"):
         scene, sky, part = relighter.scene, _sky_of(relighter.scene), None
         looks = looks_from(scene, relighter.occluder)
         seen = None if looks is None else looks.sizes(len(captured))
         volume = None if scene.measured is None else scene.measured.vertex_volume
         if capture_env is None:
-            part = closed_part(scene, relighter.occluder, visible_fraction(known["transfer"]))
+            part = closed_part(scene, relighter.occluder, visible_fraction(known.transfer))
             hopeless = ""
             if part is not None:
                 from ..rooms.keeping import as_arrays
                 from ..rooms.room import room_of
 
                 room, hopeless = room_of(
-                    scene, relighter.occluder, captured, known["transfer"], known["interreflection"], relighter.seed
+                    scene, relighter.occluder, captured, known.transfer, known.interreflection, relighter.seed
                 )
                 if room is not None:
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)
-            asked = relighter.occluder, captured, relighter.seed
-            found = estimate(
-                *asked, **known, sky=sky, hopeless=hopeless, looks=looks, volume=volume, reflected=reflected
-            )
+            evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless)
+            found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
         else:
-            found = with_known_light(
-                relighter.occluder, captured, capture_env, relighter.seed, **known, sky=sky, looks=looks
-            )
-        check = self_relight(relighter.occluder, captured, found, known["interreflection"], seen)
+            evidence = CaptureEvidence(sky, looks)
+            asked = relighter.occluder, captured, capture_env, relighter.seed
+            found = with_known_light(*asked, transport=known, evidence=evidence)
+        check = self_relight(relighter.occluder, captured, found, known.interreflection, seen)
     return {
         **check,
         "under_sky": np.array(found.under_sky),

@@ -28,8 +28,8 @@ def nine_coefficients(
     if not settings.bounce_rays or albedo is None:
         transfer, _ = relighter.precomputed.transfer(settings)
         return nine_and_tint(with_received(transfer, None))
-    known = relighter.computed(settings)
-    return nine_and_tint(with_received(known["transfer"], albedo, known["interreflection"]))
+    known = relighter.transport(settings)
+    return nine_and_tint(with_received(known.transfer, albedo, known.interreflection))
 
 
 def _settings(options: LightingOptions) -> Settings:

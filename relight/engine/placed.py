@@ -202,4 +202,4 @@ class LampLight:
     def _interreflection(self) -> "Interreflection":
         """The bounces by which the light of the capture was estimated, which are there."""
         is_place = self._relighter.scene.is_place
-        return self._relighter.computed(CAPTURE_OF_PLACE if is_place else CAPTURE)["interreflection"]
+        return self._relighter.transport(CAPTURE_OF_PLACE if is_place else CAPTURE).interreflection

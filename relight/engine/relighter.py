@@ -15,6 +15,7 @@ from ..options import LightingOptions
 from ..transfer.checks import checked_albedo
 from ..transfer.precomputed import Precomputed
 from ..transfer.settings import BOUNCE_RAYS, Settings
+from ..transfer.transport import Transport
 from .direct import DirectLight, Geometry
 from .static import StaticGeometry
 
@@ -151,18 +152,14 @@ class Relighter:
             return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
 
-    def computed(self, settings: Settings) -> dict[str, Any]:
-        """Dict of what Settings with bounces give, for what builds on them: transfer (V, K), interreflection, and
-        sunlit, from Suns to their light. Leaves and grass are volumes wherever they may be."""
+    def transport(self, settings: Settings) -> Transport:
+        """The Transport of the white scene under Settings with bounces, for what builds on it. Leaves and grass are
+        volumes wherever they may be."""
         settings = settings._replace(volume=CAPTURE_DIRECTIONS if self._everything.volume else 0)
         transfer = self.precomputed.transfer(settings)[0]
         bounces = self.precomputed.interreflection(settings.bounce_rays, transfer)
         geometry = StaticGeometry(self.precomputed, self.stages)
-        return {
-            "transfer": transfer[:, : settings.bands**2],
-            "interreflection": bounces,
-            "sunlit": lambda suns: geometry.sunlight(suns, settings),
-        }
+        return Transport(transfer[:, : settings.bands**2], bounces, lambda suns: geometry.sunlight(suns, settings))
 
     @property
     def leaves(self) -> str:

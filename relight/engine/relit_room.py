@@ -118,7 +118,7 @@ class RelitRoom:
             return factors[0] * room.by_lamps
         if not len(factors):
             return room.by_lamps
-        interreflection = self._relighter.computed(CAPTURE_OF_PLACE)["interreflection"]
+        interreflection = self._relighter.transport(CAPTURE_OF_PLACE).interreflection
         before, after = (
             with_bounces(np.einsum("l,lvc->vc", weights, room.lamp_light), room.albedo, interreflection)[0]
             for weights in (np.ones_like(factors), factors)

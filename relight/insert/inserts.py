@@ -97,7 +97,7 @@ class Inserts:
         if albedo is None or not direct.any():
             return later
         settings = CAPTURE_OF_PLACE if self.relighter.scene.is_place else CAPTURE
-        interreflection, sent = self.relighter.computed(settings)["interreflection"], direct
+        interreflection, sent = self.relighter.transport(settings).interreflection, direct
         with self.relighter.stages.stage("bounces"):
             for _ in range(LATER_BOUNCES):
                 sent = interreflection.bounce(albedo * sent)

@@ -55,7 +55,7 @@ def tile_mesh(store: Store, tile: int) -> Mesh:
     return mesh_from_ply_bytes(store.read(f"{folder_of(tile)}/mesh.ply"))
 
 
-class Surroundings:
+class TileNeighborhood:
     """A tile, its neighbours near it, and the coarse city without what lies below its horizon.
 
     mesh: of the tile. coarse: vertices of the coarse city. spacing: distance between stations, scene units.

@@ -22,7 +22,7 @@ from ..light.environment import Environment
 from ..options import LightingOptions
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
-from .local import NEAR, Local, Surroundings, far_scene
+from .local import NEAR, Local, TileNeighborhood, far_scene
 from .mixture import is_mixed, lamps_asked, look_of, mixture_of, tolerance_of
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
@@ -60,7 +60,7 @@ def common_light(
     before: Any = captured if albedo == "white" else np.ones_like(captured)
     brightness: Any = None
     if albedo == "estimated":
-        found = estimate(relighter.occluder, captured, options.seed, **relighter.computed(CAPTURE))
+        found = estimate(relighter.occluder, captured, options.seed, transport=relighter.transport(CAPTURE))
         if found.separable:
             capture = Environment(found.environment.radiance, "the capture")
             shared, before = shared._replace(capture=capture, prior=found.prior), found.irradiance
@@ -119,7 +119,7 @@ def relit_tile(
     facts: dict[str, Any] = {"tile": tile, "vertices": 0}
     splats = _source_splats(store, tile, sources) if {"splat", "sog"} & set(request.formats) else None
     if shared.coarse[tile] is not None:
-        around = Surroundings(store, shared, tile, request.spacing)
+        around = TileNeighborhood(store, shared, tile, request.spacing)
         files, facts, splats = _lit(shared, around, request, splats)
         facts = {"tile": tile, **facts}
     files = {f"{name}/{file}": data for file, data in files.items()}
@@ -132,7 +132,7 @@ def relit_tile(
 
 
 def _lit(
-    shared: Shared, around: Surroundings, request: TileRequest, splats: Splats | None
+    shared: Shared, around: TileNeighborhood, request: TileRequest, splats: Splats | None
 ) -> tuple[dict[str, bytes], dict[str, Any], Splats | None]:
     """A tile in its parts: its files, facts for its record, and its splats."""
     mesh, exposure = around.mesh, shared.exposure
@@ -228,7 +228,7 @@ def _albedo(
     if shared.capture is None:
         return captured, np.ones_like(captured)
     light, prior = shared.capture, shared.prior
-    return under_light(relighter.occluder, captured, light, prior, seed, **relighter.computed(CAPTURE_OF_PLACE))
+    return under_light(relighter.occluder, captured, light, prior, seed, relighter.transport(CAPTURE_OF_PLACE))
 
 
 def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None:

@@ -26,6 +26,7 @@ from relight.transfer.bounces import Interreflection, visible_fraction, with_bou
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
+from relight.transfer.transport import Transport
 from scenes import albedo as patterns
 from scenes import bake, build
 from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
@@ -151,7 +152,7 @@ class Traced:
         self.occluder = Occluder(vertices, normals, faces)
         self.transfer = raytraced_scene(self.occluder, BANDS, RAYS)
         self.bounces = Interreflection(self.occluder, BOUNCE_RAYS, 0, visible_fraction(self.transfer))
-        self.given = {"transfer": self.transfer, "interreflection": self.bounces}
+        self.given = {"transport": Transport(self.transfer, self.bounces)}
 
     def direct(self, environment):
         """Direct light on the white scene, (V, 3)."""

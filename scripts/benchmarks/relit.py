@@ -22,6 +22,7 @@ from relight.transfer.bounces import Interreflection, visible_fraction, with_bou
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.sunlight import sunlight
+from relight.transfer.transport import Transport
 from splat2mesh.pipeline import convert
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -63,8 +64,8 @@ def measure(name, arguments, report):
     lights = Lights(scene, meta["exposure"])
     known = Environment.load(truth / "env_train.exr")
     found = {
-        "estimated": estimate(lights.occluder, lights.captured, interreflection=lights.interreflection),
-        "known": with_known_light(lights.occluder, lights.captured, known, interreflection=lights.interreflection),
+        "estimated": estimate(lights.occluder, lights.captured, transport=lights.transport),
+        "known": with_known_light(lights.occluder, lights.captured, known, transport=lights.transport),
     }
     pictures = Pictures(truth)
     columns = {"light": "<14", "capture": "<10", "splats": "<10", "psnr": ".2f", "psnr_wb": ".2f", "cpu_s": ".1f"}
@@ -92,6 +93,7 @@ class Lights:
         self.occluder = Occluder(scene.vertices, scene.normals, scene.faces)
         self._transfer = raytraced_scene(self.occluder, BANDS, RAYS, 0, lambda count: None)
         self.interreflection = Interreflection(self.occluder, visible=visible_fraction(self._transfer))
+        self.transport = Transport(self._transfer, self.interreflection)
         self._exposure = exposure
 
     def irradiance(self, environment, albedo):

@@ -6,10 +6,12 @@ import numpy as np
 import open3d as o3d
 
 from relight import Environment
+from relight.albedo import CaptureEvidence
 from relight.light.projections import texel_directions
 from relight.transfer.bounces import Interreflection, visible_fraction, with_bounces
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
+from relight.transfer.transport import Transport
 from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -70,8 +72,9 @@ def photographed(scene, albedo, environment):
     return with_bounces(direct, albedo, interreflection, tolerance=1e-6)[0]
 
 
-def given(scene):
-    return {"transfer": scene[1], "interreflection": scene[2]}
+def given(scene, **known):
+    """What `estimate` takes of a scene: its Transport, and what is known of its capture."""
+    return {"transport": Transport(scene[1], scene[2]), "evidence": CaptureEvidence(**known)}
 
 
 def sheet(cells, place):

@@ -39,7 +39,7 @@ def hue(found):
 def test_stone_tells_the_colour_of_a_clipped_sky(place):
     geometry, looks = place
     captured, light = captured_in(geometry, USUAL_HUE, 2.0)
-    found = estimate(geometry[0], captured, **given(geometry), sky=clipped_picture(light), looks=looks)
+    found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
     # TRUST leaves a fifth of the way from white to blue: .94 and 1.04; bounces add a little.
     np.testing.assert_allclose(hue(found), BLUE, rtol=0.1)
     assert hue(found)[0] < 0.85 and hue(found)[2] > 1.1
@@ -50,9 +50,9 @@ def test_leaves_tell_nothing(place):
     green = np.array([0.5, 1.0, 0.4])
     assert 1.0 / np.sqrt(0.5 * 0.4) > GREENEST
     captured, light = captured_in(geometry, green, 2.0)
-    found = estimate(geometry[0], captured, **given(geometry), sky=clipped_picture(light), looks=looks)
+    found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
     volume = np.ones(len(captured), np.float32)
-    same = estimate(geometry[0], captured, **given(geometry), sky=clipped_picture(light), looks=looks, volume=volume)
+    same = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks, volume=volume))
     for each in (found, same):
         np.testing.assert_allclose(hue(each), 1.0, atol=0.06)  # a clipped sky is white but for green bounces
 
@@ -60,7 +60,7 @@ def test_leaves_tell_nothing(place):
 def test_a_sky_that_was_seen_keeps_its_colour(place):
     geometry, looks = place
     captured, light = captured_in(geometry, np.ones(3), 0.5)  # of grey ground, which would tell a bluer one
-    found = estimate(geometry[0], captured, **given(geometry), sky=clipped_picture(light), looks=looks)
+    found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
     shown = found.environment.lookup(SKY[:30].reshape(-1, 3)).mean(axis=0)
     np.testing.assert_allclose(shown, 0.5 * BLUE, rtol=0.05)
 
@@ -68,7 +68,7 @@ def test_a_sky_that_was_seen_keeps_its_colour(place):
 def test_the_luminance_of_the_light_stays(place, monkeypatch):
     geometry, looks = place
     captured, light = captured_in(geometry, USUAL_HUE, 2.0)
-    asked = {**given(geometry), "sky": clipped_picture(light), "looks": looks}
+    asked = given(geometry, sky=clipped_picture(light), looks=looks)
     found = estimate(geometry[0], captured, **asked)
     monkeypatch.setattr("relight.albedo.tint.TRUST", 0.0)
     before = estimate(geometry[0], captured, **asked)

@@ -49,12 +49,12 @@ def test_the_right_light_is_taken_and_a_wrong_one_changes_no_bit():
     captured = photographed(objects(), patchy(occluder), lamp_light())
     plain = estimate(occluder, captured, **given(objects()))
     shape = shape_of(lamp_light())
-    guided = estimate(occluder, captured, **given(objects()), reflected=shape)
+    guided = estimate(occluder, captured, **given(objects(), reflected=shape))
     true = toward(luminance(lamp_light().sh(2)))
     found = [np.degrees(np.arccos(np.clip(each.direction @ true, -1, 1))) for each in (plain, guided)]
     assert found[1] < 10.0 and found[1] <= found[0] + 1.0
     assert not np.array_equal(guided.irradiance, plain.irradiance)
     # From the other side: the shading does not agree, and the estimate is what it was.
     degree, _ = harmonics.degrees_and_orders(5)
-    other = estimate(occluder, captured, **given(objects()), reflected=shape * (-1.0) ** degree)
+    other = estimate(occluder, captured, **given(objects(), reflected=shape * (-1.0) ** degree))
     np.testing.assert_array_equal(other.irradiance, plain.irradiance)

@@ -11,7 +11,7 @@ from splat_samples import make_splats
 
 from relight import Environment, LightingOptions, Relighter
 from relight.cli import main
-from relight.tiles.local import Surroundings, tile_mesh
+from relight.tiles.local import TileNeighborhood, tile_mesh
 from relight.tiles.shared import Shared, city_of, coarse_city
 from relight.tiles.streamed import LOD_LEVELS, META, environment_files, lod_meta, tile_levels
 from splat2mesh.base.errors import InputError
@@ -157,7 +157,7 @@ def whole(around):
 
 def test_what_is_far_is_coarse_and_what_is_near_is_not(city):
     store = Store(city)
-    local = whole(Surroundings(store, coarse_city(store, Environment.load("noon")), 0, 5.0))
+    local = whole(TileNeighborhood(store, coarse_city(store, Environment.load("noon")), 0, 5.0))
     assert local.own.sum() == len(local.own) == len(tile_mesh(store, 0).vertices)
     assert local.near >= 2 and len(local.scene.chunks) == local.near + 1
 
@@ -174,7 +174,7 @@ def test_not_far_away_a_tile_sees_more_of_others_than_the_city_holds(city):
     for apart, expected in ((0.0, sum(twins)), (39.0, sum(twins)), (41.0, twins[0] + 9)):
         cores = shared.cores.copy()
         cores[1:] = cores[0] + [cores[0, 1, 0] - cores[0, 0, 0] + apart, 0.0]
-        assert Surroundings(store, shared._replace(cores=cores, coarse=held), 0, 5.0).coarse == expected
+        assert TileNeighborhood(store, shared._replace(cores=cores, coarse=held), 0, 5.0).coarse == expected
 
 
 def test_what_lies_below_the_horizon_is_left_out(city):
@@ -182,9 +182,9 @@ def test_what_lies_below_the_horizon_is_left_out(city):
     shared = coarse_city(store, Environment.load("noon"))
     cores = shared.cores.copy()
     cores[1:] += 1e5
-    assert len(whole(Surroundings(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 1
+    assert len(whole(TileNeighborhood(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 1
     cores[1:] -= 9.99e4
-    assert len(whole(Surroundings(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 2
+    assert len(whole(TileNeighborhood(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 2
 
 
 def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):

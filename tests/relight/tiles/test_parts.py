@@ -12,7 +12,7 @@ from cities import relit_city, sums
 
 from relight import Environment, LightingOptions
 from relight.tiles import parts, work
-from relight.tiles.local import Surroundings, tile_mesh
+from relight.tiles.local import TileNeighborhood, tile_mesh
 from relight.tiles.parts import LEAST_SHARE, parts_of, room_for
 from relight.tiles.shared import city_of, coarse_city
 from relight.tiles.work import TileRequest, relit_tile
@@ -116,7 +116,7 @@ def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
 def test_a_part_holds_its_own_faces_and_what_is_near(city):
     store = Store(city)
     plan = CityPlan(**store.read_json(FILE)["plan"])
-    around = Surroundings(store, coarse_city(store, Environment.load("noon")), 0, plan.spacing)
+    around = TileNeighborhood(store, coarse_city(store, Environment.load("noon")), 0, plan.spacing)
     found = around.parts(300)
     seen = np.zeros(len(around.mesh.vertices), int)
     for part in found:

@@ -195,11 +195,11 @@ def test_the_light_of_the_capture_passes_the_same_leaves_as_a_new_one():
     image[3, 10] = 300.0
     light, settings = Environment(image), Settings("raytraced", 8, 64, bounce_rays=8, volume=256)
     relighter = Relighter(thicket(), effects="shadows,sun,bounces,volume")
-    known = relighter.computed(settings)
+    known = relighter.transport(settings)
     lit = relighter.shading(light, settings=settings._replace(bounce_rays=0, sun_tolerance=0.007)).radiance
-    again = direct_light(relighter.occluder, known["transfer"], light, known["sunlit"])
+    again = direct_light(relighter.occluder, known.transfer, light, known.sunlit)
     np.testing.assert_allclose(again, lit, atol=0.02 * lit.max())  # the sun is split off by other tolerances
-    on_surfaces = direct_light(relighter.occluder, known["transfer"], light)
+    on_surfaces = direct_light(relighter.occluder, known.transfer, light)
     assert np.abs(on_surfaces - lit).mean() > 5.0 * np.abs(again - lit).mean()
 
 

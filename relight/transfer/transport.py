@@ -1,0 +1,28 @@
+"""How light moves in a scene as if all of it were white: what albedo, lamps and objects build on."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Transfer
+
+from ..light.suns import Suns
+
+if TYPE_CHECKING:
+    from .bounces import Interreflection
+
+Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32] | None]
+"""Suns -> their light on the white scene, (V, 3), through leaves as the transfer has it; None without suns."""
+
+
+class Transport(NamedTuple):
+    """Light on the white scene of V vertices.
+
+    transfer: (V, K) of direct light. interreflection: of bounced light. sunlit: of suns; None to trace them anew.
+    """
+
+    transfer: Transfer
+    interreflection: "Interreflection"
+    sunlit: Sunlit | None = None
