@@ -104,98 +104,153 @@ def check_city(request: RelightRequest) -> None:
 
 
 def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> dict[str, Any]:
-    tiling, env = request.tiling or TilingOptions(), request.env
-    memory, resume, overwrite = tiling.memory, tiling.resume, request.overwrite
-    store = Store(cast("str | os.PathLike[str]", request.scene))
-    albedo, exposure_ev, sky = request.albedo or "estimated", request.exposure_ev, request.sky
-    angle_deg = request.angles_deg[0]
-    formats = DEFAULT_FORMATS if request.formats is None else tuple(request.formats)
-    light = light_of(env).rotated(angle_deg)
-    if not store.exists(CITY):
-        raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
-    city = store.read_json(CITY)
-    if city.get("schema_version", 0) > SCHEMA_VERSION:
-        raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
-    plan = CityPlan(**store.read_json(FILE)["plan"])
-    folder = folder or f"relit/{light.name}_{angle_deg:.6f}".rstrip("0").rstrip(".")
-    options = request.lighting.planned(PLACE_TOLERANCE)
-    lamps_asked(options)  # one that cannot be read fails before any work
-    asked = {
-        "environment": light.name,
-        "angle_deg": angle_deg,
-        "albedo": albedo,
-        "exposure_ev": exposure_ev,
-        "formats": sorted(formats),
-        "sky": sky,
-        "memory": memory,
-        "options": repr(options),
-    }
-    held = max(plan.counts) if {"splat", "sog"} & set(formats) else 0
-    room_for(memory, held, sum(entry.get("far_vertices", 0) for entry in city["tiles"]))
-    _begin(store, folder, asked, overwrite, resume)
-    steps = TaskSteps(store, engine, stages)
-    dealt = [store.read_json(f"splats/{number:05d}.json")["dealt"] for number in range(len(plan.pieces))]
-    background = [number for number, counts in enumerate(dealt) if "-1" in counts]
-    if not {"splat", "sog"} & set(formats):
-        background = []
-    told = store.read_json(f"{folder}/light.json") if store.exists(f"{folder}/light.json") else None
-    if told is None or not store.exists(f"{folder}/{LIGHT}"):
-        write_sky(store, folder, light)
-        task = Task("light", common_light, (store, folder, options, albedo, exposure_ev, background))
-        done = steps.run("light", [task])["light"]
+    run = CityRun(request, engine, folder, stages)
+    run.begin()
+    told = run.light_of_capture()
+    run.light_tiles(told["sha256"])
+    return run.report(told)
+
+
+class CityRun:
+    """One light for a city, from its request to its report. Each step leaves what it wrote for a run that goes on."""
+
+    def __init__(self, request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> None:
+        """Read what the city holds. Raises InputError for what is no city, or for lamps that cannot be read."""
+        self._tiling = request.tiling or TilingOptions()
+        self._store = Store(cast("str | os.PathLike[str]", request.scene))
+        self._albedo, self._exposure_ev, self._sky = request.albedo or "estimated", request.exposure_ev, request.sky
+        self._overwrite, self._angle_deg = request.overwrite, request.angles_deg[0]
+        self._formats = DEFAULT_FORMATS if request.formats is None else tuple(request.formats)
+        self._light = light_of(request.env).rotated(self._angle_deg)
+        self._city = _city_of(self._store)
+        self._plan = CityPlan(**self._store.read_json(FILE)["plan"])
+        name = f"{self._light.name}_{self._angle_deg:.6f}".rstrip("0").rstrip(".")
+        self._folder = folder or f"relit/{name}"
+        self._options = request.lighting.planned(PLACE_TOLERANCE)
+        lamps_asked(self._options)  # one that cannot be read fails before any work
+        self._steps, self._stages = TaskSteps(self._store, engine, stages), stages
+        pieces = range(len(self._plan.pieces))
+        self._dealt = [self._store.read_json(f"splats/{number:05d}.json")["dealt"] for number in pieces]
+        far = [number for number, counts in enumerate(self._dealt) if "-1" in counts]
+        self._background = far if self._writes_splats else []
+
+    @property
+    def _writes_splats(self) -> bool:
+        return bool({"splat", "sog"} & set(self._formats))
+
+    @property
+    def _asked(self) -> dict[str, Any]:
+        """What a run that goes on must ask too."""
+        return {
+            "environment": self._light.name,
+            "angle_deg": self._angle_deg,
+            "albedo": self._albedo,
+            "exposure_ev": self._exposure_ev,
+            "formats": sorted(self._formats),
+            "sky": self._sky,
+            "memory": self._tiling.memory,
+            "options": repr(self._options),
+        }
+
+    def begin(self) -> None:
+        """Take the folder of results. Raises InputError where memory is short, or where other results lie there."""
+        held = max(self._plan.counts) if self._writes_splats else 0
+        room_for(self._tiling.memory, held, sum(entry.get("far_vertices", 0) for entry in self._city["tiles"]))
+        _begin(self._store, self._folder, self._asked, self._overwrite, self._tiling.resume)
+
+    def light_of_capture(self) -> dict[str, Any]:
+        """The light that all tiles share, as light.json has it: computed, or read where it is there already."""
+        store, name = self._store, f"{self._folder}/light.json"
+        if store.exists(name) and store.exists(f"{self._folder}/{LIGHT}"):
+            return cast("dict[str, Any]", store.read_json(name))
+        write_sky(store, self._folder, self._light)
+        given = store, self._folder, self._options, self._albedo, self._exposure_ev, self._background
+        done = self._steps.run("light", [Task("light", common_light, given)])["light"]
         if done.error:
             raise UnfinishedError(f"the light of the capture failed: {done.error}")
-        told = done.result
-        store.write_json(f"{folder}/light.json", told)
-    tasks, kept = [], {}
-    if resume:
-        names = {f"{folder}/{entry['name']}/relit.json" for entry in city["tiles"]}
-        names |= {f"{folder}/far/{number:05d}.json" for number in range(len(dealt))}
-        names |= {f"{folder}/{FOLDER}/environment.json"}
-        checked = steps.run("check", [Task(f"check {name}", store.committed, (name,)) for name in sorted(names)])
-        kept = {name: checked[f"check {name}"].result for name in names}
-    wanted = TileRequest(options, str(albedo), tuple(formats), memory, plan.spacing)
-    for tile, entry in enumerate(city["tiles"]):
-        if kept.get(f"{folder}/{entry['name']}/relit.json") is None:
-            sources = [number for number, counts in enumerate(dealt) if str(tile) in counts]
-            tasks.append(Task(f"tile {tile}", relit_tile, (store, folder, told["sha256"], wanted, tile, sources)))
-    environment = f"{folder}/{FOLDER}/environment.json"
-    shared = store, folder, told["sha256"]
-    for number in background:
-        if "splat" in formats and kept.get(f"{folder}/far/{number:05d}.json") is None:
-            tasks.append(Task(f"far {number}", relit_far, (*shared, number, sky)))
-    if "sog" in formats and background and kept.get(environment) is None:
-        tasks.append(Task("far", relit_environment, (*shared, background, sky)))
-    found = steps.run("tiles", tasks)
-    lost = [found[task.name] for task in tasks if found[task.name].error]
-    if lost:
-        failed = name_failed(lost)
-        raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({failed}); run again with `resume`")
-    records = [store.read_json(f"{folder}/{entry['name']}/relit.json") for entry in city["tiles"]]
-    if "glb" in formats:
-        full = [
-            record | {"name": e["name"]} for record, e in zip(records, city["tiles"], strict=True) if record["vertices"]
-        ]
-        store.write_json(f"{folder}/tileset.json", tileset(full, "mesh.glb", None, plan.finest))
-    leaves = [leaf for record in records for leaf in record.get("leaves", ())]
-    if leaves:
-        surrounded = bool(background) and store.read_json(environment)["splats"] > 0
-        store.write_json(f"{folder}/{FOLDER}/{META}", lod_meta(leaves, surrounded))
-    report = {
-        "version": VERSION,
-        **asked,
-        "light": told,
-        "tiles": len(records),
-        "vertices": sum(record["vertices"] for record in records),
-        "bytes": sum(about["bytes"] for record in records for about in record["files"].values()),
-    }
-    store.write_json(f"{folder}/report.json", report)
-    return {
-        **report,
-        "output": store.path(folder),
-        "seconds": dict(stages.seconds),
-        **costs(steps.took.values()),
-    }
+        store.write_json(name, done.result)
+        return cast("dict[str, Any]", done.result)
+
+    def light_tiles(self, sha256: str) -> None:
+        """Light every part that is not done. sha256: of the shared light. Raises UnfinishedError where some fail."""
+        tasks = self._tasks(sha256, self._done() if self._tiling.resume else set())
+        found = self._steps.run("tiles", tasks)
+        lost = [found[task.name] for task in tasks if found[task.name].error]
+        if lost:
+            failed = name_failed(lost)
+            raise UnfinishedError(f"{len(lost)} of {len(tasks)} parts are not done ({failed}); run again with `resume`")
+
+    def _done(self) -> set[str]:
+        """Records of the parts that an earlier run finished."""
+        names = {self._record_of(entry) for entry in self._city["tiles"]} | {self._environment}
+        names |= {self._record_of_far(number) for number in range(len(self._dealt))}
+        tasks = [Task(f"check {name}", self._store.committed, (name,)) for name in sorted(names)]
+        checked = self._steps.run("check", tasks)
+        return {name for name in names if checked[f"check {name}"].result is not None}
+
+    def _record_of(self, entry: dict[str, Any]) -> str:
+        return f"{self._folder}/{entry['name']}/relit.json"
+
+    def _record_of_far(self, number: int) -> str:
+        return f"{self._folder}/far/{number:05d}.json"
+
+    @property
+    def _environment(self) -> str:
+        return f"{self._folder}/{FOLDER}/environment.json"
+
+    def _tasks(self, sha256: str, done: set[str]) -> list[Task]:
+        """What is left: the tiles, and what lies far away in its own kind of file."""
+        shared = self._store, self._folder, sha256
+        wanted = TileRequest(self._options, str(self._albedo), self._formats, self._tiling.memory, self._plan.spacing)
+        tasks = []
+        for tile, entry in enumerate(self._city["tiles"]):
+            if self._record_of(entry) not in done:
+                sources = [number for number, counts in enumerate(self._dealt) if str(tile) in counts]
+                tasks.append(Task(f"tile {tile}", relit_tile, (*shared, wanted, tile, sources)))
+        for number in self._background:
+            if "splat" in self._formats and self._record_of_far(number) not in done:
+                tasks.append(Task(f"far {number}", relit_far, (*shared, number, self._sky)))
+        if "sog" in self._formats and self._background and self._environment not in done:
+            tasks.append(Task("far", relit_environment, (*shared, self._background, self._sky)))
+        return tasks
+
+    def report(self, told: dict[str, Any]) -> dict[str, Any]:
+        """Write what joins the tiles, and report.json; returns the report with the costs. told: of the shared light."""
+        records = [self._store.read_json(self._record_of(entry)) for entry in self._city["tiles"]]
+        self._join(records)
+        report = {
+            "version": VERSION,
+            **self._asked,
+            "light": told,
+            "tiles": len(records),
+            "vertices": sum(record["vertices"] for record in records),
+            "bytes": sum(about["bytes"] for record in records for about in record["files"].values()),
+        }
+        self._store.write_json(f"{self._folder}/report.json", report)
+        output, seconds = self._store.path(self._folder), dict(self._stages.seconds)
+        return {**report, "output": output, "seconds": seconds, **costs(self._steps.took.values())}
+
+    def _join(self, records: list[dict[str, Any]]) -> None:
+        """Write the index of the meshes, and that of the streamed splats."""
+        store, tiles = self._store, self._city["tiles"]
+        if "glb" in self._formats:
+            named = (record | {"name": entry["name"]} for record, entry in zip(records, tiles, strict=True))
+            full = [record for record in named if record["vertices"]]
+            store.write_json(f"{self._folder}/tileset.json", tileset(full, "mesh.glb", None, self._plan.finest))
+        leaves = [leaf for record in records for leaf in record.get("leaves", ())]
+        if leaves:
+            surrounded = bool(self._background) and store.read_json(self._environment)["splats"] > 0
+            store.write_json(f"{self._folder}/{FOLDER}/{META}", lod_meta(leaves, surrounded))
+
+
+def _city_of(store: Store) -> dict[str, Any]:
+    """What a city says of itself. Raises InputError for what is none, or for one of a newer version."""
+    if not store.exists(CITY):
+        raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
+    city = cast("dict[str, Any]", store.read_json(CITY))
+    if city.get("schema_version", 0) > SCHEMA_VERSION:
+        raise InputError(f"{store.root}: schema version {city['schema_version']}; update the tool")
+    return city
 
 
 def _begin(store: Store, folder: str, asked: dict[str, Any], overwrite: bool, resume: bool) -> None:
