@@ -18,9 +18,11 @@ from splat2mesh.scene.measured import CapturedSky
 from ..light.environment import Environment
 from ..transfer.occluder import Occluder
 from ..transfer.transport import Transport
-from . import contrast, fit, samples, skylight
+from . import fit, samples, skylight
+from .contrast import CONTRAST
 from .direct import direct_light
 from .division import LIGHTEST, Prior, albedo_of, checked, prior_of, weighted_median, weighted_quantile
+from .patches import ColorPatches, patches_of
 from .seen import SeenPoints, looks_over
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
@@ -151,11 +153,11 @@ class CapturedScene:
     def bounced(self) -> NDArray[np.float64]:
         return self.bounce[self.places.vertices].astype(np.float64)
 
-    def patches(self, volume: Floats | None) -> contrast.ColorPatches | None:
+    def patches(self, volume: Floats | None) -> ColorPatches | None:
         """The ColorPatches of what was looked at, or None where they are too few."""
         looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
         content = self.captured, self.usable, self.transport.transfer, self.bounce
-        return contrast.patches_of(looks, self.occluder, *content, volume)
+        return patches_of(looks, self.occluder, *content, volume)
 
     def start(self) -> NDArray[np.float64]:
         """(3,) radiance of a uniform light that makes the median albedo the usual one, half way to a grey world."""
@@ -210,7 +212,7 @@ class CapturedScene:
         lit = direct > 0.0
         bounds = [
             weighted_median((captured[lit] / albedo - bounced[lit]) / direct[lit], np.ones(np.count_nonzero(lit)))
-            for albedo in (contrast.ALBEDOS[-1], contrast.ALBEDOS[0])
+            for albedo in (CONTRAST.albedos[-1], CONTRAST.albedos[0])
         ]
         return np.float32(np.clip(exposure, max(bounds[0], 1e-6), max(bounds[1], 1e-6)))
 

@@ -6,148 +6,75 @@ and each counts by how much of the variance of log colour it explains within mat
 a slope that is free, as regression on noisy values asks for.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
-from splat2mesh.base.arrays import Directions, Floats, Integers, Mask, Transfer, Vector
-from splat2mesh.scene.color import luminance
+from splat2mesh.base.arrays import Directions, Floats, Mask, Vector
+from splat2mesh.base.calibration import Provenance
 
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
-from ..transfer.bounces import visible_fraction
-from ..transfer.occluder import Occluder
 from .division import weighted_median
-from .seen import SeenPoints
-
-CELL = 0.04
-"""Side of a patch over the median distance from which patches are seen."""
-
-MOST_VOLUME, LEAST_VISIBLE, SMOOTH = 0.35, 0.15, 0.9
-"""Of what is looked at: how far it may be leaves or grass, the part of its sky that it sees at least, and the least
-length of a normal between those of a face's corners."""
-
-ALIKE, MATERIAL = 0.15, 0.12
-"""Log chroma that a patch, and a material, spans."""
-
-LEVEL, BENEATH = 0.7, -0.3
-"""Height of a normal from which a surface counts as level, and below which it hangs: a material counts once for
-each, since floors and walls of one hue are not of one paint."""
-
-LEAST_PATCHES, MOST_PATCHES = 200, 3000
-"""Fewer tell nothing, and of more some are taken."""
-
-OUTLIER = 0.5
-"""Of log colour within a material: what is further off counts less than half."""
-
-INDEPENDENT = 300.0
-"""ColorPatches that their sum of evidence is scaled to: neighbours err alike, however many there are."""
-
-ALBEDO, ALBEDO_SPREAD = 0.23, 0.15
-"""Median albedo, in luminance, of what lies under an open sky, and spread of its logarithm. Asphalt has .12, grass and
-leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than one too dark."""
-
-ALBEDOS = (0.14, 0.2, 0.28, 0.38, 0.5)
-"""Medians that lights are tried to reach by their strength; none at all is tried as well."""
-
-SPREAD = 0.35
-"""Of the lean in the prior, along each axis: at 0.5 one side of the sky is e times as bright as the other."""
-
-STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
-"""Leans that are tried: these in each of so many directions, and none."""
+from .patches import ColorPatches, explained, slope
 
 SUNS, SUN_WIDTH_DEG = 400, 7.0
-"""Over the sphere, of which half are tried, and spread of each: the transfer's bands hold no narrower one."""
-
-SURE, BEYOND = 15.0, 10.0
-"""By how much, in nats, a sun must do better than all leans of what was clipped, and so must an excess that comes from
-above where nothing was seen too. In four gardens suns that were not there gained up to 9.4, since they explained errors
-of the mesh, and one that was there 30; light from beyond gained 3 where the sky was clipped all around, and 30 where
-next to nothing was and trees hid the bright zenith."""
+"""Directions over the sphere, of whose upper half suns are tried, and spread of each: the transfer's bands hold no
+narrower one."""
 
 FINE, AROUND_DEG = 4096, 12.0
 """Directions over the sphere, 3 degrees apart, of which those so near to a sun that was found are tried again."""
 
+STEEPNESS, TRIED = (0.25, 0.5, 1.0, 1.5, 2.0), 48
+"""Leans that are tried: these in each of so many directions, and none."""
+
 PARTS = (0.0, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75)
-"""Of what patches receive beyond what is known, by a flat excess beside that sun."""
-
-SLOPE, STEEP = 0.38, 0.07
-"""By how much log colour follows log irradiance within materials, and spread of its logarithm: under their true lights
-it was .30, .34, .41, .43 and .50 in three nooks and two gardens, since hues hold several paints and meshes err. A sun
-too strong beside its sky makes it less. Correlation does not see that."""
-
-MOSTLY = 0.5
-"""Part of a direction that must have been clipped or not seen for a sun to stand there."""
+"""Parts of what patches receive beyond what is known that are tried for a flat excess beside a sun."""
 
 
-@dataclass(frozen=True, eq=False)
-class ColorPatches:
-    """N patches of surfaces. log_captured: (N,) of luminance. transfer: (N, K). bounced: (N,) luminance. material:
-    (N,) numbers. weight: (N,)."""
+@dataclass(frozen=True)
+class ContrastCalibration:
+    """Which lights are usual.
 
-    log_captured: NDArray[np.float64]
-    transfer: NDArray[np.float64]
-    bounced: NDArray[np.float64]
-    material: Integers
-    weight: NDArray[np.float64]
+    most_patches: of more some are taken.
+    independent: patches that the sum of their evidence is scaled to. Neighbours err alike, however many there are.
+    albedo, albedo_spread: median albedo, in luminance, of what lies under an open sky, and spread of its logarithm.
+    Asphalt has .12, grass and leaves .1 to .25, brick and paving .2 to .35. A light too bright costs less than one too
+    dark.
+    albedos: medians that lights are tried to reach by their strength; none at all is tried as well.
+    spread: of the lean in the prior, along each axis. At .5 one side of the sky is e times as bright as the other.
+    sure, beyond: by how much, in nats, a sun must do better than all leans of what was clipped, and so must an excess
+    that comes from above where nothing was seen too. In four gardens suns that were not there gained up to 9.4, since
+    they explained errors of the mesh, and one that was there 30; light from beyond gained 3 where the sky was clipped
+    all around, and 30 where next to nothing was and trees hid the bright zenith.
+    slope, steep: by how much log colour follows log irradiance within materials, and spread of its logarithm. Under
+    their true lights it was .30, .34, .41, .43 and .50 in three nooks and two gardens, since hues hold several paints
+    and meshes err. A sun too strong beside its sky makes it less; correlation does not see that.
+    mostly: part of a direction that must have been clipped or not seen for a sun to stand there.
+    """
 
-    def thinned(self, count: int) -> "ColorPatches":
-        """At most so many of them, evenly."""
-        if len(self.weight) <= count:
-            return self
-        rows = np.arange(count) * len(self.weight) // count
-        _, material = np.unique(self.material[rows], return_inverse=True)
-        others = self.log_captured[rows], self.transfer[rows], self.bounced[rows]
-        return ColorPatches(*others, material.reshape(-1), self.weight[rows])
-
-    @cached_property
-    def within(self) -> "_Within":
-        """The _Within of them."""
-        return _Within(self)
-
-
-def patches_of(
-    looks: SeenPoints,
-    occluder: Occluder,
-    captured: NDArray[np.float32],  # (V, 3) linear
-    usable: Mask,  # (V,) bool, neither black nor clipped
-    transfer: Transfer,  # (V, K)
-    bounce: NDArray[np.float32],  # (V, 3)
-    volume: Floats | None = None,  # (V,) in [0, 1]
-) -> ColorPatches | None:
-    """The ColorPatches of what is looked at, or None where they are too few."""
-    normal = looks.at(occluder.normals)
-    good = usable[looks.corners].all(axis=1) & (np.linalg.norm(normal, axis=1) > SMOOTH)
-    good &= looks.at(visible_fraction(transfer)[:, None])[:, 0] > LEAST_VISIBLE
-    if volume is not None:
-        good &= looks.at(volume[:, None])[:, 0] < MOST_VOLUME
-    if np.count_nonzero(good) < LEAST_PATCHES:
-        return None
-    some = looks.of(good)
-    logs, normal, points = np.log(some.at(captured)), normal[good], some.at(occluder.origins)
-    chroma = (logs - logs.mean(axis=1, keepdims=True))[:, :2]
-    cell = CELL * float(np.median(some.distance))
-    index = _numbered([points / cell, 1.2 * normal + 0.5, chroma / ALIKE])
-    count = np.bincount(index)
-    shape = len(count), len(captured)
-    means = csr_array(
-        ((some.shares / count[index][:, None]).ravel(), (np.repeat(index, 3), some.corners.ravel())), shape
+    provenance: ClassVar = Provenance(
+        script="scripts/bench albedo",
+        fitted_on="three generated nooks and four generated gardens, one trained garden (docs/albedo.md)",
+        held_out="of gardens 4, 5 and 6 the irradiance of red is off by 7%, that of blue by 8% (docs/albedo.md)",
     )
-    height = means @ occluder.normals[:, 1]
-    side = np.where(height > LEVEL, 0.0, np.where(height < BENEATH, 2.0, 1.0))
-    hue = np.stack([np.bincount(index, column) / count for column in chroma.T], axis=1)
-    return ColorPatches(
-        np.log(np.maximum(luminance(means @ captured), 1e-9)),
-        (means @ transfer).astype(np.float64),
-        np.asarray(luminance(means @ bounce), np.float64),
-        _numbered([hue / MATERIAL, side[:, None]]),
-        np.sqrt(count),
-    )
+
+    most_patches: int = 3000
+    independent: float = 300.0
+    albedo: float = 0.23
+    albedo_spread: float = 0.15
+    albedos: tuple[float, ...] = (0.14, 0.2, 0.28, 0.38, 0.5)
+    spread: float = 0.35
+    sure: float = 15.0
+    beyond: float = 10.0
+    slope: float = 0.38
+    steep: float = 0.07
+    mostly: float = 0.5
+
+
+CONTRAST = ContrastCalibration()
 
 
 class SkyBrightness(NamedTuple):
@@ -182,7 +109,7 @@ def brightness_of(
     unseen: Floats,  # (D,) part of each direction that was not seen, above the horizon
 ) -> SkyBrightness:
     """The SkyBrightness that explains the patches best: leans and strengths weighted by evidence, then a sun."""
-    patches = patches.thinned(MOST_PATCHES)
+    patches = patches.thinned(CONTRAST.most_patches)
     bands = int(np.sqrt(patches.transfer.shape[1]))
     project = harmonics.evaluate(directions, bands) * (4.0 * np.pi / len(directions))
     known = np.maximum(patches.transfer @ (project.T @ bound), 0.0) + patches.bounced
@@ -191,13 +118,13 @@ def brightness_of(
     seen, wide = (
         _excess(patches, known, directions, region, project) or least for region in (clipped, clipped + unseen)
     )
-    suns = clipped + unseen > MOSTLY
+    suns = clipped + unseen > CONTRAST.mostly
     sun, (irradiance, alone), gained = _sun(patches, known, seen.lit, directions, suns, bands)
-    if gained - seen.evidence > SURE and gained > wide.odds:
+    if gained - seen.evidence > CONTRAST.sure and gained > wide.odds:
         if alone and sun is not None:
             return _beside_sun(patches, known, directions, clipped + unseen, project, sun)
         return SkyBrightness(seen.excess, seen.lean, False, sun, irradiance)
-    beyond = bool(wide.odds - seen.odds > BEYOND)
+    beyond = bool(wide.odds - seen.odds > CONTRAST.beyond)
     found = wide if beyond else seen
     return SkyBrightness(found.excess, found.lean, beyond, None, 0.0)
 
@@ -212,7 +139,7 @@ def _excess(
         return None
     scales, evidence = _strengths(patches, known, np.maximum(patches.transfer @ (project.T @ shape), 0.0))
     steep = np.linalg.norm(tried, axis=1)
-    odds = evidence - 0.5 * (steep[:, None] / SPREAD) ** 2
+    odds = evidence - 0.5 * (steep[:, None] / CONTRAST.spread) ** 2
     if not odds.max() > _evidence(patches, known):
         return None
     # Each shell of directions stands for the volume around its steepness, as a prior over space has it.
@@ -264,7 +191,7 @@ def _beside_sun(
     bright = np.exp(patches.log_captured)
     lights, best = np.maximum(_sunlit(patches, around, bands).T, 1e-9), -np.inf
     found: SkyBrightness | None = None
-    for albedo in ALBEDOS:
+    for albedo in CONTRAST.albedos:
         lacking = bright / albedo - known
         most = max(weighted_median(lacking / np.maximum(flat, 1e-9), patches.weight), 0.0)
         for excess in (part * most for part in PARTS):
@@ -272,7 +199,10 @@ def _beside_sun(
                 scale = weighted_median((lacking - excess * flat) / light, patches.weight)
                 if scale > 0.0:
                     received = known + excess * flat + scale * light
-                    odds = _evidence(patches, received) - 0.5 * (np.log(_slope(patches, received) / SLOPE) / STEEP) ** 2
+                    odds = (
+                        _evidence(patches, received)
+                        - 0.5 * (np.log(slope(patches, received) / CONTRAST.slope) / CONTRAST.steep) ** 2
+                    )
                     if odds > best:
                         best, found = odds, SkyBrightness(excess, np.zeros(3), True, direction, float(scale))
     assert found is not None  # the sun itself, without an excess, has a strength above 0
@@ -292,10 +222,13 @@ def _strengths(
     """For lights (N, L) beside a base (N,): by how much each is taken for the median albedos tried, (L, A), and the
     evidence then."""
     bright = np.exp(patches.log_captured)
-    scales, evidence = np.zeros((lights.shape[1], len(ALBEDOS))), np.full((lights.shape[1], len(ALBEDOS)), -np.inf)
+    scales, evidence = (
+        np.zeros((lights.shape[1], len(CONTRAST.albedos))),
+        np.full((lights.shape[1], len(CONTRAST.albedos)), -np.inf),
+    )
     for row, light in enumerate(lights.T):
         light = np.maximum(light, 1e-9)
-        for column, albedo in enumerate(ALBEDOS):
+        for column, albedo in enumerate(CONTRAST.albedos):
             scale = weighted_median((bright / albedo - base) / light, patches.weight)
             if scale > 0.0:
                 scales[row, column] = scale
@@ -306,58 +239,13 @@ def _strengths(
 def _evidence(patches: ColorPatches, received: NDArray[np.float64]) -> float:
     """Evidence for an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
     logs = np.log(np.maximum(received, 1e-9))
-    usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(ALBEDO)
-    return -0.5 * INDEPENDENT * np.log1p(-_explained(patches, logs)) - 0.5 * (usual / ALBEDO_SPREAD) ** 2
+    usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(CONTRAST.albedo)
+    return (
+        -0.5 * CONTRAST.independent * np.log1p(-explained(patches, logs)) - 0.5 * (usual / CONTRAST.albedo_spread) ** 2
+    )
 
 
 def _widths(steep: NDArray[np.float64]) -> NDArray[np.float64]:
     """How much of the axis of steepness each of the tried stands for."""
     edges = np.concatenate([[0.0], 0.5 * np.add(STEEPNESS[1:], STEEPNESS[:-1]), [STEEPNESS[-1]]])
     return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]
-
-
-def _explained(patches: ColorPatches, log_received: NDArray[np.float64]) -> float:
-    """Part of the variance of log colour within materials that a log irradiance explains, 0 where they are opposed."""
-    across, colors, light = _moments(patches, log_received)
-    return float(np.clip(across, 0.0, None) ** 2 / (colors * light)) if colors * light > 0.0 else 0.0
-
-
-def _slope(patches: ColorPatches, received: NDArray[np.float64]) -> float:
-    """By how much log colour follows the logarithm of an irradiance (N,) within materials; at least next to nothing."""
-    across, _, light = _moments(patches, np.log(np.maximum(received, 1e-9)))
-    return max(float(across / light), 1e-3) if light > 0.0 else 1.0
-
-
-def _moments(patches: ColorPatches, log_received: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Within materials: the weighted sums of log colour times log irradiance, and of the squares of both."""
-    within = patches.within
-    light = within.off(log_received)
-    return float(within.weight @ (within.colors * light)), within.own, float(within.weight @ light**2)
-
-
-class _Within:
-    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
-    whatever the light. own: their weighted square."""
-
-    def __init__(self, patches: ColorPatches) -> None:
-        self.weight, self._groups = patches.weight, patches.material
-        self._total = np.bincount(self._groups, self.weight)
-        off = self.off(patches.log_captured)
-        self.weight = self.weight / (1.0 + (off / OUTLIER) ** 2)
-        self._total = np.bincount(self._groups, self.weight)
-        self.colors = self.off(patches.log_captured)
-        self.own = float(self.weight @ self.colors**2)
-
-    def off(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Values (N,) less the weighted mean of their group."""
-        return values - (np.bincount(self._groups, self.weight * values) / self._total)[self._groups]
-
-
-def _numbered(columns: Sequence[Floats]) -> NDArray[np.int64]:
-    """Numbers (N,) from 0 for rows that fall into the same cell of side 1: a list of (N, C)."""
-    cells = np.floor(np.concatenate(columns, axis=1)).astype(np.int64)
-    cells -= cells.min(axis=0)
-    key = np.zeros(len(cells), np.int64)
-    for column in cells.T:
-        key = np.unique(key * (int(column.max()) + 1) + column, return_inverse=True)[1].reshape(-1)
-    return key

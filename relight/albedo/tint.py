@@ -15,8 +15,9 @@ from splat2mesh.scene.measured import CapturedSky
 
 from ..light import projections
 from ..light.environment import Environment
-from . import contrast, skylight
+from . import skylight
 from .captured import CapturedScene
+from .patches import PATCHES
 
 USUAL_HUE = np.array([1.22, 1.0, 0.79])
 """Albedo over its green of what lies around people outdoors and is not green. Of a trained patio 1.25, 0.86, of three
@@ -75,7 +76,7 @@ def _factor(captured: NDArray[np.float64], received: _Received, volume: Floats |
     albedo = captured / np.maximum(whole, 1e-9)
     lit &= albedo[:, 1] < GREENEST * np.sqrt(np.maximum(albedo[:, 0] * albedo[:, 2], 0.0))
     if volume is not None:
-        lit &= volume < contrast.MOST_VOLUME
+        lit &= volume < PATCHES.most_volume
     if lit.mean() < LEAST_SHARE:
         return np.ones(3)
     fixed, free = received.fixed[lit], received.free[lit]

@@ -13,6 +13,7 @@ from ..light import projections
 from ..light.environment import Environment
 from . import contrast, fit, skylight, sun
 from .captured import HEIGHT, WIDTH, CapturedScene
+from .patches import ColorPatches
 from .samples import Samples
 
 
@@ -75,7 +76,7 @@ def _by_pairs(
 
 
 def _by_contrast(
-    patches: contrast.ColorPatches,
+    patches: ColorPatches,
     sky: CapturedSky,
     parts: skylight.SkyParts,
     start: NDArray[np.float64],

@@ -1,5 +1,7 @@
 """What a place's own colours tell of a sky that was clipped; and that only what can be seen from within counts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from captured_scenes import BANDS, PLACE, clipped_picture, given, photographed, yard
@@ -7,6 +9,7 @@ from captured_scenes import BANDS, PLACE, clipped_picture, given, photographed, 
 from relight import Environment
 from relight.albedo import contrast, estimate, samples, with_known_light
 from relight.albedo.check import self_relight
+from relight.albedo.patches import ColorPatches, patches_of
 from relight.albedo.seen import LOOKS, looks_from, standing
 from relight.albedo.skylight import LITTLE_TOLD, told_by_sky
 from relight.light.projections import texel_directions
@@ -24,7 +27,7 @@ def fewer():
     """Fewer places, patches and suns: everything works the same, in a fraction of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(samples, "SAMPLES", 400)
-        patch.setattr(contrast, "MOST_PATCHES", 1200)
+        patch.setattr(contrast, "CONTRAST", replace(contrast.CONTRAST, most_patches=1200))
         patch.setattr(contrast, "TRIED", 24)
         yield
 
@@ -132,7 +135,7 @@ def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
     noise = np.random.default_rng(0).normal(0.0, 0.1, len(transfer))
     log_captured = np.log(0.23 * np.maximum(transfer @ (project.T @ light), 1e-3)) + noise
     ones, none = np.ones(len(transfer)), np.zeros(len(transfer))
-    patches = contrast.ColorPatches(log_captured, transfer, none, none.astype(int), ones)
+    patches = ColorPatches(log_captured, transfer, none, none.astype(int), ones)
     found = contrast.brightness_of(patches, directions, bound, clipped, high.astype(float))
     assert found.beyond == beyond and found.sun is None
     region = clipped + (high if beyond else 0.0)
@@ -145,11 +148,11 @@ def test_too_few_patches_tell_nothing(place):
     captured = np.full(albedo.shape, 0.5, np.float32)
     usable = np.zeros(len(captured), bool)
     arrays = geometry[0], captured, usable, geometry[1], np.zeros_like(captured)
-    assert contrast.patches_of(looks, *arrays) is None
+    assert patches_of(looks, *arrays) is None
 
 
 def test_thinned_patches_keep_their_materials_apart():
-    many = contrast.ColorPatches(np.zeros(50), np.zeros((50, 4)), np.ones(50), np.arange(50) // 5, np.ones(50))
+    many = ColorPatches(np.zeros(50), np.zeros((50, 4)), np.ones(50), np.arange(50) // 5, np.ones(50))
     few = many.thinned(10)
     assert len(few.weight) == 10 and (few.material == np.arange(10)).all()
 
