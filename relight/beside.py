@@ -67,7 +67,7 @@ class Beside:
     @property
     def lamp_factors(self) -> list[float]:
         """The factor on each captured lamp of a closed room."""
-        return self._options.lamp_factors(self._room.lamps_found if self._room else 0)
+        return self._room.lamp_factors if self._room else []
 
     @cached_property
     def scale(self) -> "LampScale":

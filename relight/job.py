@@ -233,7 +233,7 @@ class Job(Loaded):
 
             room = RelitRoom(look, self.relighter, self._level)
         if isinstance(options.lamps, tuple):
-            options.lamp_factors(room.lamps_found if room else 0)
+            _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
             told = "`lamps`: found no lamp of known strength, so none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)

@@ -76,7 +76,7 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     if found is None:
         line += f"{problem}, so it stays as captured"
         return f"{line} ({BESIDE}, `opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
-    lamps, windows = len(found["lamps"]), bool(found["windows"])
+    lamps, windows = sum(any(each["radiance"]) for each in found["lamps"]), bool(found["windows"])
     line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
     if not windows:
         line += "and no window found, so no new light enters"

@@ -51,7 +51,8 @@ class RelitRoom:
         self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
         self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
-        self._factors = relighter.options.lamp_factors(self.lamps_found)
+        pointed = () if look.room is None else look.room.told.get("pointed", ())
+        self._factors = relighter.options.lamp_factors(self.lamps_found, pointed)
         self._shut = look.room is not None and look.room.told["windows"] is None
         self.steady = look.kept or (self._shut and not self._opened)
         method = relighter.options.method
@@ -67,6 +68,11 @@ class RelitRoom:
 
         scene = without_ceiling(self._relighter.scene, self._relighter.occluder)
         return Relighter(scene, self._relighter.options, stages=self._relighter.stages)
+
+    @property
+    def lamp_factors(self) -> list[float]:
+        """The factor on the light of each captured lamp, by number."""
+        return self._factors
 
     @property
     def exposure(self) -> float | None:
