@@ -180,6 +180,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "inserted": [described(each) for each in job.asked_inserts],
         "captured": job.beside.captured_factor if job.mixes else None,
         "env_scale": job.options.env_scale,
+        "assumed": job.assumed,
         "open": job.options.opened,
         "albedo": job.choice_name,
         "capture": job.appearance.capture,

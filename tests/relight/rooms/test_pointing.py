@@ -67,7 +67,7 @@ def test_a_place_on_a_lamp_that_was_found_means_that_one():
     np.testing.assert_allclose(by_place, by_number, rtol=1e-5, atol=1e-6)
     both = job_of(scene, {1: 0.25, tuple(at.tolist()): 0.5})
     with (
-        pytest.raises(InputError, match="this is lamp 1, which has the factor 0.25 already"),
+        pytest.raises(InputError, match=r"this is lamp 1, which has the factor 0\.25 already"),
         pytest.warns(DataWarning, match="closed room"),
     ):
         _ = both.room
