@@ -253,7 +253,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         return RelightPlan(None, note, lamps, count, picture)
     plan, note = job.planned()
     if plan is None and job.steady and lamps is None:
-        raise InputError("no environment changes this room, so there is nothing to plan")
+        raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
     if plan is None and lamps is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)

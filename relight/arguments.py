@@ -95,9 +95,10 @@ def parser() -> argparse.ArgumentParser:
     add("--scale", action=OfInsert, metavar="S", help=scale)
     add("--on", action=OfInsert, metavar="floor", help="stand the --insert before it on what is below")
     add("--env-scale", type=float, metavar="FACTOR", help="scale the light of --env (default: 1)")
-    lamps = "captured lamps of a closed room: keep, off, a factor for all, or a factor for each by its number "
+    lamps = "captured lamps of a closed room: keep, off, a factor for all, or a factor for each by its number or by a "
+    lamps += "place on it in the frame of the splat (1=off,at=1.2,2.0,-.4=off) "
     lamps += f"(default: {LightingOptions.lamps})"
-    add("--lamps", metavar="keep|off|FACTOR|1=off,3=.5", help=lamps)
+    add("--lamps", metavar="keep|off|FACTOR|1=off,at=X,Y,Z=.5", help=lamps)
     add("--open", dest="opened", choices=("ceiling",), help="let the light into a closed room from above")
     add("--exposure", dest="exposure_ev", type=float, metavar="EV", help=exposure)
 

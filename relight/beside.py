@@ -67,7 +67,7 @@ class Beside:
     @property
     def lamp_factors(self) -> list[float]:
         """The factor on each captured lamp of a closed room."""
-        return self._options.lamp_factors(self._room.lamps_found if self._room else 0)
+        return self._room.lamp_factors if self._room else []
 
     @cached_property
     def scale(self) -> "LampScale":
@@ -146,7 +146,7 @@ class Beside:
 
     def _mixed(self, shaded: Shaded, level: float, captured: float, placed: "Placed | None") -> Shaded:
         own, shading = self._own if captured else self._look.captured, shaded.shading
-        if self.alone:  # the shading of a room that no environment changes is what was captured
+        if self.alone:  # of a room that lets no environment in `own` has what that is assumed to change
             shading = shading._replace(radiance=np.zeros_like(own))
         part = CapturedPart(own, captured)
         shading = mixed(self._look, shading, self._options.env_scale, part, placed, level)
@@ -166,7 +166,11 @@ class Beside:
 
     @cached_property
     def _own(self) -> NDArray[np.float32]:
-        """The captured colours under the captured light as the options want it."""
+        """The captured colours under the captured light as the options want it: where no environment gets into a room,
+        and that light alone is asked for, it takes after the new one."""
+        if self._room and self._look.kept and self._options.captured is None and not self.asked_lamps:
+            if not isinstance(self._environment, CapturedLight):
+                return self._room.assumed(self._environment, self._options.env_scale)
         return self._room.with_its_own_light() if self._room else self._look.captured
 
     def level(self, radiance: NDArray[np.float32]) -> float:

@@ -128,7 +128,14 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
         stages.close()
     if done.job is None:
         return done.notes, done.reports[0]
-    lines = [*done.notes, *map(str, done.files), *_cleaned(done.reports[0]), *_lamps(done.job), *_costs(done.job)]
+    lines = [
+        *done.notes,
+        *map(str, done.files),
+        *_cleaned(done.reports[0]),
+        *_assumed(done.job),
+        *_lamps(done.job),
+        *_costs(done.job),
+    ]
     if display.verbose:
         lines += done.job.plan.table() if done.job.plan else []
         lines += [f"  {label:<12}{seconds:7.2f} s" for label, seconds in stages.seconds.items()]
@@ -198,6 +205,17 @@ def _cleaned(report: dict[str, Any]) -> list[str]:
     """What the summary says of floaters."""
     told = report.get("clean_splat")
     return [f"  {told['floaters']:,} of {told['splats']:,} splats were floaters"] if told else []
+
+
+def _assumed(job: "Job") -> list[str]:
+    """What the summary says of a light of which nothing tells how it gets in."""
+    if job.assumed is None:
+        return []
+    share, change = job.assumed["outside"], ", ".join(f"{each:.2f}" for each in job.assumed["change"])
+    whole = "all" if share == 1.0 else f"{share:.0%}"
+    return [
+        f"  assumed: {whole} of the captured light came from outside, and is now {change} times as bright (R, G, B)"
+    ]
 
 
 def _lamps(job: "Job") -> list[str]:

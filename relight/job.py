@@ -233,7 +233,7 @@ class Job(Loaded):
 
             room = RelitRoom(look, self.relighter, self._level)
         if isinstance(options.lamps, tuple):
-            options.lamp_factors(room.lamps_found if room else 0)
+            _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
             told = "`lamps`: found no lamp of known strength, so none is changed"
             warnings.warn(told, DataWarning, stacklevel=4)
@@ -241,8 +241,20 @@ class Job(Loaded):
 
     @property
     def steady(self) -> bool:
-        """Whether no environment changes anything here: a closed room that stays as captured, or has no window."""
+        """Whether no environment is known to get in: in a closed room of unknown light, or without a window."""
         return bool(self.room and self.room.steady)
+
+    @property
+    def assumed(self) -> dict[str, Any] | None:
+        """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
+        light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
+        beside = self.keeps_captured or self.options.captured is not None or bool(self.asked_lamps)
+        if not self.room or not self.appearance.kept or beside:
+            return None
+        from .engine.assumed_light import assumed_change
+
+        change = assumed_change(self.environment, self.options.env_scale)
+        return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
 
     @property
     def brightness(self) -> float | None:

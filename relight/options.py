@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 from splat2mesh.base.errors import InputError
 
@@ -35,6 +35,10 @@ MOST_LAMPS = 1000.0
 """Largest factor on the light of the capture, of its lamps, of an environment: ten stops."""
 
 
+LampKey: TypeAlias = int | tuple[float, float, float]
+"""Which captured lamp: its number, from 1, or a place on it in the frame of the splat."""
+
+
 @dataclass(frozen=True)
 class LightingOptions:
     """How a scene is to be lit. What is given is not planned.
@@ -50,7 +54,9 @@ class LightingOptions:
         is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
         bands and rays as suit the method.
     lamps: what becomes of the captured lamps of a closed room: "keep", "off", a factor on their light, or a factor of
-        each by its number, as {1: 0, 3: 0.5} or "1=off,3=0.5"; kept as a number or as pairs of number and factor.
+        each by its number, as {1: 0, 3: 0.5} or "1=off,3=0.5", or by a place on it, in the frame of the splat, as
+        {(1.2, 2.0, -0.4): 0} or "at=1.2,2.0,-.4=off", off where no factor follows; kept as a number or as pairs of
+        number or place and factor.
     placed: lamps that are put in: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
     captured: factor on the light of the capture that stays beside lamps and environment; 1 where the light is that of
         the capture, else 0. env_scale: factor on the light of the environment.
@@ -65,7 +71,7 @@ class LightingOptions:
     tolerance: float | None = None
     budget_s: float | None = None
     seed: int = 0
-    lamps: str | float | Mapping[int, float] | Sequence[tuple[int, float]] = "keep"
+    lamps: str | float | Mapping[LampKey, float] | Sequence[tuple[LampKey, float]] = "keep"
     opened: str | None = None
     placed: Sequence[Any] = ()
     captured: float | None = None
@@ -142,17 +148,32 @@ class LightingOptions:
         """The factor on the light of captured lamps: 1 to keep it, 0 for off; 1 where each has one of its own."""
         return float(self.lamps) if isinstance(self.lamps, float) else 1.0
 
-    def lamp_factors(self, count: int) -> list[float]:
-        """Return the factor of each of so many captured lamps. Raises InputError for the number of one that is not."""
+    @property
+    def pointed_at(self) -> list[tuple[float, float, float]]:
+        """Places on captured lamps that were given, in the frame of the splat."""
+        pairs = () if isinstance(self.lamps, (str, float)) else dict(self.lamps)
+        return [key for key in pairs if isinstance(key, tuple)]
+
+    def lamp_factors(self, count: int, pointed: Sequence[int] = ()) -> list[float]:
+        """Return the factor of each of so many captured lamps.
+
+        pointed: the number, from 1, of the lamp at each place of `pointed_at`. Raises InputError for one that is not.
+        """
         if isinstance(self.lamps, (str, float)):
             return [self.lamp_factor] * count
-        factors = [1.0] * count
-        for number, factor in dict(self.lamps).items():
+        chosen: dict[int, float] = {}
+        found = dict(zip(self.pointed_at, pointed, strict=False))
+        for key, factor in dict(self.lamps).items():
+            number = key if isinstance(key, int) else found.get(key, 0)
             if not 1 <= number <= count:
                 there = f"its lamps are 1 to {count}" if count else "found no lamp of known strength"
-                raise InputError(f"`lamps` {number}={factor:g}: {there}")
-            factors[number - 1] = factor
-        return factors
+                if not isinstance(key, int):
+                    there = "expected a closed room that was captured from inside, with its albedo estimated"
+                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {there}")
+            if chosen.setdefault(number, factor) != factor:
+                told = f"this is lamp {number}, which has the factor {chosen[number]:g} already"
+                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {told}")
+        return [chosen.get(number, 1.0) for number in range(1, count + 1)]
 
     @property
     def changes_captured_light(self) -> bool:
@@ -179,20 +200,57 @@ def _able(method: str) -> frozenset[str]:
     return frozenset(EFFECTS if method in ("auto", *SHADOWING) else ())
 
 
-def _checked_lamps(choice: Any) -> str | float | tuple[tuple[int, float], ...]:
-    """ "keep"; a factor, 0.0 for "off"; or pairs of a lamp's number and its factor, by number."""
+def _checked_lamps(choice: Any) -> str | float | tuple[tuple[LampKey, float], ...]:
+    """ "keep"; a factor, 0.0 for "off"; or pairs of a lamp's number or place and its factor, by number."""
     if isinstance(choice, str) and "=" in choice:
-        choice = [each.partition("=")[::2] for each in choice.split(",")]
+        choice = _words_of_lamps(choice)
     if isinstance(choice, (str, int, float)):
         return "keep" if choice == "keep" else _checked_factor("lamps", 0.0 if choice == "off" else choice)
     pairs = choice.items() if isinstance(choice, Mapping) else choice
-    found: dict[int, float] = {}
-    for number, factor in pairs:
-        text = str(number).strip()
-        if not text.isdecimal() or int(text) in found:
-            raise InputError(f"`lamps` {text}={factor}: expected the number of a lamp, once, as in 1=off,3=0.5")
-        found[int(text)] = _checked_factor("lamps", {"off": 0.0, "keep": 1.0}.get(factor, factor))
-    return tuple(sorted(found.items()))
+    found: dict[LampKey, float] = {}
+    for name, factor in pairs:
+        key = _checked_key(name, factor)
+        if key in found:
+            raise InputError(f"`lamps` {lamp_name(key)}={factor}: expected each lamp once, as in 1=off,3=0.5")
+        found[key] = _checked_factor("lamps", {"off": 0.0, "keep": 1.0}.get(factor, factor))
+    return tuple(sorted(found.items(), key=lambda pair: (isinstance(pair[0], tuple), pair[0])))
+
+
+def _words_of_lamps(text: str) -> list[tuple[str, str]]:
+    """(number or x,y,z; factor) of each lamp in a text such as "1=off,at=1.2,2.0,-.4=0.5"; a place alone is off."""
+    parts, found = text.split(","), []
+    while parts:
+        word = parts.pop(0).strip()
+        if word.startswith("at="):
+            while "=" not in word[3:] and parts and word.count(",") < 2:
+                word += "," + parts.pop(0)
+            place, _, factor = word[3:].partition("=")
+            found.append((f"at={place}", factor.strip() or "off"))
+        else:
+            number, _, factor = word.partition("=")
+            found.append((number, factor))
+    return found
+
+
+def _checked_key(name: Any, factor: Any) -> LampKey:
+    """Which lamp a number, a text or three numbers mean. Raises InputError for what means none."""
+    text = str(name).strip()
+    if text.isdecimal():
+        return int(text)
+    values = text.removeprefix("at=").split(",") if isinstance(name, str) else name
+    try:
+        x, y, z = (float(each) for each in values)
+    except (TypeError, ValueError):
+        x = y = z = math.nan
+    if all(map(math.isfinite, (x, y, z))):
+        return x, y, z
+    expected = "three numbers, as in at=1.2,2.0,-.4=off" if "at=" in text else "the number of a lamp, as in 1=off,3=0.5"
+    raise InputError(f"`lamps` {text}={factor}: expected {expected}")
+
+
+def lamp_name(key: LampKey) -> str:
+    """Return what a captured lamp is called in a request: "2" or "at=1.2,2,-0.4"."""
+    return str(key) if isinstance(key, int) else "at=" + ",".join(f"{value:g}" for value in key)
 
 
 def _checked_factor(name: str, value: Any) -> float:

@@ -32,7 +32,7 @@ def session_of(job: Job) -> dict[str, Any]:
     chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
     lights = Path(job.light_name)
     exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
-    albedo, by_lamps = (look.albedo, None) if room is None else room.session()
+    albedo, by_lamps = (look.albedo, None) if room is None else room.session(job.lights[0])
     exposure = room.exposure if room and exposure is None else exposure
     opened = job.options.opened is not None
     albedos = {chosen: albedo, **{name: each for name, each in others.items() if name != chosen}}

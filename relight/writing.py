@@ -27,6 +27,7 @@ from .insert.asked import described
 from .job import Job
 from .light.loading import light_of
 from .light.skies import BUILTIN
+from .options import LightingOptions, lamp_name
 from .output.around_files import AroundFiles
 from .output.clean_files import CleanFiles
 from .output.engine_files import EngineFiles
@@ -155,6 +156,13 @@ class Writer:
         (folder / REPORT).write_text(text_of(report, indent=1) + "\n", encoding="utf-8")
 
 
+def _lamps_of(options: LightingOptions) -> float | list[tuple[int | str, float]]:
+    """The factor of all captured lamps, or that of each by number or place."""
+    if not isinstance(options.lamps, tuple):
+        return options.lamp_factor
+    return [(key if isinstance(key, int) else lamp_name(key), factor) for key, factor in options.lamps]
+
+
 def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
     """What was done and how, JSON-clean, without files and times."""
     light, shading, exposure = shaded[:3]
@@ -167,11 +175,12 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "chunks": len(job.scene.chunks),
         "environment": {"name": light.name, "source": job.light_name, "repaired_pixels": light.repaired},
         "angle_deg": light.rotation_deg,
-        "lamps": job.options.lamps if isinstance(job.options.lamps, tuple) else job.options.lamp_factor,
+        "lamps": _lamps_of(job.options),
         "placed": job.beside.in_words,
         "inserted": [described(each) for each in job.asked_inserts],
         "captured": job.beside.captured_factor if job.mixes else None,
         "env_scale": job.options.env_scale,
+        "assumed": job.assumed,
         "open": job.options.opened,
         "albedo": job.choice_name,
         "capture": job.appearance.capture,

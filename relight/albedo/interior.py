@@ -2,7 +2,7 @@
 
 In a room light comes from lamps and surfaces, and what enters comes through windows and through the holes of the mesh
 alike. Where next to nothing enters, neither can the light of the capture be told from the colours, nor does a new
-environment light anything: the places are left as captured.
+environment light anything by what is known: what it changes is assumed (`engine.assumed_light`).
 """
 
 from typing import Any
@@ -74,12 +74,16 @@ def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     """
     line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
     if found is None:
-        line += f"{problem}, so it stays as captured"
-        return f"{line} ({BESIDE}, `opened` ceiling lets the new light in; `albedo` captured lights it as it is)"
-    lamps, windows = len(found["lamps"]), bool(found["windows"])
+        line += f"{problem}, so all of its light is assumed to come from outside, and takes the brightness and colour "
+        line += f"of a new one ({BESIDE}, `opened` ceiling lets the new light in; "
+        return f"{line}`albedo` captured lights it as it is)"
+    lamps, windows = sum(any(each["radiance"]) for each in found["lamps"]), bool(found["windows"])
     line += f"{lamps or 'no'} lamp{'s' * (lamps != 1)} "
     if not windows:
-        line += "and no window found, so no new light enters"
+        line += (
+            "and no window found, so half of its light is assumed to come from outside, and takes the brightness and "
+        )
+        line += "colour of a new one"
     else:
         line += "found, windows let the new light in"
     if lamps and windows:

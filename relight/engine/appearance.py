@@ -22,7 +22,7 @@ from ..transfer.store import array_key
 if TYPE_CHECKING:
     from ..albedo import Prior
     from ..light.environment import Environment
-    from ..rooms.room import Room
+    from ..rooms.room import Pointed, Room
     from .relighter import Relighter
 
 CHOICES = ("estimated", "captured", "white")
@@ -143,6 +143,18 @@ def _without_light(
     return look._replace(kept=described["left_as_captured"], room=room, environment=sky)
 
 
+def _pointed(relighter: "Relighter") -> "Pointed | None":
+    """Where the options say that captured lamps are; None where nobody pointed at any."""
+    places = relighter.options.pointed_at
+    if not places:
+        return None
+    from ..options import lamp_name
+    from ..rooms.room import Pointed
+
+    matrix = np.asarray(relighter.scene.scene_from_splat, np.float64)
+    return Pointed(np.asarray(places) @ matrix[:3, :3].T + matrix[:3, 3], [lamp_name(each) for each in places])
+
+
 def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
     """What was kept of an estimate. Raises KeyError or ValueError where something is missing or does not fit."""
     from ..albedo import Prior
@@ -170,6 +182,7 @@ def _key(
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts += [standing(relighter.scene), np.array(WAY)] + ([] if reflected is None else [reflected])
+    parts += [np.array(relighter.options.pointed_at)] if relighter.options.pointed_at else []
     known = array_key(captured, None if capture_env is None else capture_env.radiance, *parts)
     return known + relighter.leaves + "shown" * relighter.precomputed.partly, relighter.seed
 
@@ -251,9 +264,8 @@ def _estimated(
                 from ..rooms.keeping import as_arrays
                 from ..rooms.room import room_of
 
-                room, hopeless = room_of(
-                    scene, relighter.occluder, captured, known.transfer, known.interreflection, relighter.seed
-                )
+                asked_of = relighter.occluder, captured, known.transfer, known.interreflection
+                room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter))
                 if room is not None:
                     return as_arrays(room, told(part, room.told))
                 hopeless = told(part, None, hopeless)

@@ -20,6 +20,7 @@ from ..transfer import SHADOWING
 from ..transfer.bounces import with_bounces
 from ..transfer.settings import Settings
 from .appearance import CAPTURE_OF_PLACE, Appearance
+from .assumed_light import OUTSIDE, assumed_change
 from .relighter import Relighter, Shading
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ class RelitRoom:
 
     look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
     environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
-    steady: whether no environment changes anything: the room stays as captured, or has neither window nor opening.
+    steady: whether the model of the room lets no environment in: its light is unknown, or it has neither window nor
+    opening. What an environment changes there is assumed, or nothing where its lamps are changed.
     lamps_found: how many. lamp_factor: what their light is multiplied by.
     """
 
@@ -51,7 +53,8 @@ class RelitRoom:
         self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
         self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
-        self._factors = relighter.options.lamp_factors(self.lamps_found)
+        pointed = () if look.room is None else look.room.told.get("pointed", ())
+        self._factors = relighter.options.lamp_factors(self.lamps_found, pointed)
         self._shut = look.room is not None and look.room.told["windows"] is None
         self.steady = look.kept or (self._shut and not self._opened)
         method = relighter.options.method
@@ -69,6 +72,11 @@ class RelitRoom:
         return Relighter(scene, self._relighter.options, stages=self._relighter.stages)
 
     @property
+    def lamp_factors(self) -> list[float]:
+        """The factor on the light of each captured lamp, by number."""
+        return self._factors
+
+    @property
     def exposure(self) -> float | None:
         """Display value per unit of the radiance of `shading`, as the capture was exposed; None where that is not
         known, of a room that is lit by its captured colours."""
@@ -79,12 +87,30 @@ class RelitRoom:
         look, room = self._look, self._look.room
         nothing = Shading(np.zeros_like(look.captured), 0, [], self._relighter.options.unplanned)
         if look.kept:
-            return nothing._replace(radiance=look.captured)
+            colors, change = self.assumed(environment), assumed_change(environment)
+            ratio = np.broadcast_to(change, colors.shape).copy()
+            np.divide(colors, look.captured, out=ratio, where=look.captured > 0.0)
+            return nothing._replace(radiance=colors, received=(look.irradiance * ratio).astype(np.float32))
         if room is None:
             return self.lit.shading(environment, look.albedo)
         shaded = nothing if self.steady else self.lit.shading(environment, room.albedo)
         radiance = self._changed(self._level * shaded.radiance, shaded.settings)
         return shaded._replace(radiance=(radiance / self._level).astype(np.float32))
+
+    @property
+    def outside(self) -> float:
+        """Share of the captured light that is assumed to come from outside, where no environment gets in."""
+        return 1.0 if self._look.room is None else OUTSIDE
+
+    def assumed(self, environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
+        """The captured colours, (V, 3) float32, under an environment times a scale of which nothing tells how it gets
+        in. Lamps keep shining."""
+        look, room = self._look, self._look.room
+        change = np.float32(1.0 - self.outside) + np.float32(self.outside) * assumed_change(environment, scale)
+        colors = look.captured * change
+        if room is not None:
+            colors = np.where(room.glow.any(axis=1, keepdims=True), look.captured, colors)
+        return np.asarray(colors, np.float32)
 
     def with_its_own_light(self) -> NDArray[np.float32]:
         """The captured colours, (V, 3) float32, with each captured lamp as bright as the options say, all else as it
@@ -167,12 +193,15 @@ class RelitRoom:
         usual, below, trust = mean.astype(np.float32), before + soft, self._known.trust[:, None]
         return trust * after, usual * (trust * soft + (1.0 - trust) * below), below
 
-    def session(self) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
+    def session(
+        self, environment: Environment | None = None
+    ) -> tuple[NDArray[np.float32] | None, NDArray[np.float32] | None]:
         """(albedo (V, 3), radiance (V, 3) of what the lamps light) by which a session shows it: what it shades with,
-        and what it adds to every light, as captured; None for nothing to add."""
+        and what it adds to every light, as captured; None for nothing to add. environment: that it shows first, which
+        a room that lets none in keeps."""
         look, room = self._look, self._look.room
         if look.kept:
-            return np.zeros_like(look.captured), look.captured
+            return np.zeros_like(look.captured), look.captured if environment is None else self.assumed(environment)
         if room is None:
             return look.albedo, None
         return room.albedo, (room.by_lamps + room.glow) / self._level

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.scene.color import luminance
 from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
+from ..engine.assumed_light import assumed_change
 from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
@@ -227,11 +229,12 @@ class Results:
         inserted = shaded.inserted
         rows, frame = self._sky_rows, self._scene.scene_from_splat
         capture = self._appearance.capture
-        if (
-            capture is not None and self._appearance.kept and shading.received is None
-        ):  # the sky as bright as in the capture, whose exposure they have
-            exposure = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
-            return under_sky(self._splats, rows, light, frame, exposure, self._sky)
+        if capture is not None and self._appearance.kept and shaded.environment > 0.0:
+            # The sky is as bright beside what was captured as it was then.
+            behind = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
+            if shading.received is None:
+                return under_sky(self._splats, rows, light, frame, behind, self._sky)
+            backdrop = behind / exposure * float(luminance(assumed_change(light)))
         binding = self._bound()
         with self._stages.stage("relight splats"):
             received = self._received(shading)

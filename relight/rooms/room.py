@@ -24,6 +24,7 @@ from ..transfer.occluder import Frame, Occluder
 from ..transfer.sunlight import sunlight
 from . import lamps, received, strengths
 from .evenness import Evenness
+from .pointing import lamps_at
 from .seen import seen_from
 
 LEAST_EVIDENCE = 0.5
@@ -77,6 +78,13 @@ class Room(NamedTuple):
     told: dict[str, Any]
 
 
+class Pointed(NamedTuple):
+    """Where a person says that lamps are. places: (P, 3) float64, scene frame. names: what messages call them."""
+
+    places: NDArray[np.float64]
+    names: list[str]
+
+
 def room_of(
     scene: Scene,
     occluder: Occluder,
@@ -84,6 +92,7 @@ def room_of(
     transfer: NDArray[np.float32],
     interreflection: Interreflection,
     seed: int = 0,
+    pointed: Pointed | None = None,
 ) -> tuple[Room | None, str]:
     """Tell lamps, windows and albedo of a closed room from its captured colours.
 
@@ -101,6 +110,8 @@ def room_of(
         Bounces in the same scene.
     seed : int
         Seed of the choice of places at which light is judged.
+    pointed : Pointed, optional
+        Where a person says that lamps are; they come after those that are found, whose numbers stay.
 
     Returns
     -------
@@ -108,6 +119,11 @@ def room_of(
         None where its light cannot be told.
     reason : str
         Why not; empty with a Room.
+
+    Raises
+    ------
+    InputError
+        For a place that points at no lamp.
     """
     sky = None if scene.measured is None else scene.measured.sky
     areas, visible = samples.vertex_areas(occluder), visible_fraction(transfer)
@@ -120,24 +136,51 @@ def room_of(
     ]
     even = Evenness(occluder)
     normals = even.average_directions(occluder.normals, AVERAGING_ROUNDS)
-    lights = [even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS) for lamp in found]
-    while True:  # until nothing more of it proves to be lit itself, or proves nothing
+
+    def light_of(lamp: lamps.Lamp) -> NDArray[np.float32]:
+        return even.average(lamps.light_of(lamp, occluder, areas, normals), AVERAGING_ROUNDS)
+
+    def judged() -> tuple[received.RoomIrradiance, strengths.Strengths | None]:
         usable = seen.copy()
         for lamp in found:
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
         places = received.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
-        colors = [lamp.color for lamp in found]
-        solved = strengths.solve(places, np.array(colors).reshape(-1, 3))
+        return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
+
+    lights = [light_of(lamp) for lamp in found]
+    while True:  # until nothing more of it proves to be lit itself, or proves nothing
+        places, solved = judged()
         if solved is None:
-            return None, "neither a lamp nor a window was found in it"
+            break
         kept = _rows_of_lamps(found, lights, solved, interreflection, captured, areas)
         if len(kept) == len(found):
             break
         found, lights = [found[k] for k in kept], [lights[k] for k in kept]
-    reason = _unlikely(solved)
-    if reason:
+    reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
+    numbers: list[int] = []
+    if pointed is not None:
+        if reason:  # nobody was told their numbers
+            found, lights = [], []
+        bounce = interreflection.bounce(captured)
+        at = frame.unit(pointed.places)
+        more, numbers = lamps_at(occluder, captured, areas, bounce, at, pointed.names, found)
+        first, said = found, len(more)
+        found, lights = [*found, *more], [*lights, *map(light_of, more)]
+        while True:  # beside those of which a person says that they are lamps, the others have to prove it again
+            places, solved = judged()
+            if solved is None:
+                break
+            kept = _rows_of_lamps(found, lights, solved, interreflection, captured, areas)
+            kept = sorted({*kept, *range(len(found) - said, len(found))})
+            if len(kept) == len(found):
+                break
+            found, lights = [found[k] for k in kept], [lights[k] for k in kept]
+        if solved is not None:
+            found, lights, solved = _in_place(first, found, lights, solved)
+        reason = "" if solved is not None else "the lamps that were pointed at light nothing of what was seen"
+    if solved is None or reason:
         return None, reason
     environment = _capture_light(sky, places.patches, solved.patches)
     outside, brightness = np.zeros_like(captured), 1.0
@@ -147,6 +190,7 @@ def room_of(
     emitters = list(zip(found, lights, solved.radiance, strict=False))
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
     told = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
+    told |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
     return Room(**lit, environment=environment, brightness=brightness, told=told), ""
 
 
@@ -169,6 +213,27 @@ def _rows_of_lamps(
         if luminance(solved.radiance[k]) > LEAST_EXCESS * around and solved.evidence[k] > LEAST_EVIDENCE:
             kept.append(k)
     return kept
+
+
+def _in_place(
+    first: list[lamps.Lamp],
+    found: list[lamps.Lamp],
+    lights: list[NDArray[np.float32]],
+    solved: strengths.Strengths,
+) -> tuple[list[lamps.Lamp], list[NDArray[np.float32]], strengths.Strengths]:
+    """The lamps with those of the first that are none after all as dark ones, so that all keep their numbers."""
+    gone = [k for k, lamp in enumerate(first) if not any(lamp is other for other in found)]
+    found, lights = list(found), list(lights)
+    radiance, evidence, share = solved.radiance, solved.evidence, solved.share
+    for k in gone:
+        found.insert(k, first[k]._replace(rows=np.zeros(0, np.int64)))
+        lights.insert(k, np.zeros_like(lights[0]))
+        radiance, evidence, share = (
+            np.insert(radiance, k, 0.0, axis=0),
+            np.insert(evidence, k, 0.0),
+            np.insert(share, k, 0.0),
+        )
+    return found, lights, solved._replace(radiance=radiance, evidence=evidence, share=share)
 
 
 def _unlikely(solved: strengths.Strengths) -> str:

@@ -40,7 +40,7 @@ def relit(scene, **wishes):
 
 @cache
 def kept_on():
-    return relit(room()[0])
+    return relit(room()[0], env="captured")
 
 
 def test_the_lamp_is_found_with_its_strength_and_the_albedo_behind_its_light():

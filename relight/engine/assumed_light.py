@@ -1,0 +1,48 @@
+"""What a new light does in a room where nothing tells how it gets in: an assumption, in place of physics.
+
+The light that came in on the capture day takes the brightness and the colour of the new one, relative to a white sky of
+radiance 1: by that a camera was exposed and balanced.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.color import luminance
+
+from ..light.environment import Environment
+
+OUTSIDE = 0.5
+"""Share of the captured light that is taken for light from outside, where lamps were found, but no window. Nothing
+tells it: the model gives the lamps all of the light that it knows no other origin of."""
+
+BRIGHTNESS = {"sunset": 0.3}
+"""Mean luminance of built-in skies beside that of a clear noon, where their files have 1: by the skies of a date (.44
+with the sun at 10 degrees, .13 at 2; here it stands at 6)."""
+
+LEAST, MOST = 1.0 / 16.0, 1.0
+"""Range of the change of brightness: at night four stops, so that no black picture results, and what is brighter than
+white would burn out, for a camera is exposed for it."""
+
+AS_BUILT_IN = 1e-3
+"""How far from 1 the mean luminance of a built-in sky is at most."""
+
+
+def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
+    """Return the factors of each colour, (3,) float32, on light that came from outside.
+
+    Parameters
+    ----------
+    environment : Environment
+        The new light. Radiance 1 all around is the light of the capture.
+    scale : float
+        Factor on it, beyond the range that the change is kept in.
+    """
+    mean = np.maximum(np.asarray(environment.sh(1)[0], np.float64) / math.sqrt(4.0 * math.pi), 0.0)
+    bright = float(luminance(mean))
+    if not bright > 0.0:
+        return np.full(3, LEAST * scale, np.float32)
+    built_in = abs(environment.mean_luminance - 1.0) < AS_BUILT_IN
+    usual = BRIGHTNESS.get(environment.name, 1.0) if built_in else 1.0
+    return (min(max(bright * usual, LEAST), MOST) * scale * mean / bright).astype(np.float32)

@@ -1,0 +1,83 @@
+"""A new light where nothing tells how it gets in: closed boxes, whose light is then assumed to take after it."""
+
+import numpy as np
+import pytest
+from lit_rooms import room
+
+from relight import Environment, LightingOptions
+from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change
+from relight.job import Job
+from relight.request import RelightRequest
+from relight.writing import report_of
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.color import luminance
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
+
+
+def even(*radiance):
+    return Environment(np.broadcast_to(np.float32(radiance), (8, 16, 3)).copy(), "even")
+
+
+def shaded(scene, env, **wishes):
+    job = Job(RelightRequest(scene, env, LightingOptions(**wishes), albedo="estimated", caching="none"))
+    with pytest.warns(DataWarning, match="closed room"):
+        found = next(iter(job.shaded()))
+    return job, found, found.shading.radiance * found.exposure
+
+
+def unknown_room():
+    """The closed box in grey: nothing tells its light."""
+    scene = room()[0]
+    grey = np.full_like(scene.colors_srgb, 120)
+    return Scene([Mesh(scene.vertices, scene.normals, scene.faces, grey)], capture=scene.capture)
+
+
+def test_an_even_white_light_is_that_of_the_capture_and_other_lights_are_factors_on_it():
+    np.testing.assert_allclose(assumed_change(even(1, 1, 1)), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(assumed_change(even(0.5, 0.4, 0.2)), [0.5, 0.4, 0.2], rtol=1e-5)
+    np.testing.assert_allclose(assumed_change(even(0.5, 0.4, 0.2), 0.1), [0.05, 0.04, 0.02], rtol=1e-5)
+    # Brighter than white it is exposed for, darker than four stops it is shown as those.
+    np.testing.assert_allclose(assumed_change(even(9, 9, 9)), 1.0, rtol=1e-5)
+    np.testing.assert_allclose(assumed_change(even(1e-6, 1e-6, 1e-6)), LEAST, rtol=1e-5)
+    np.testing.assert_allclose(assumed_change(even(0, 0, 0)), LEAST, rtol=1e-5)
+
+
+def test_a_sunset_is_dimmer_and_warmer_than_noon_from_any_side():
+    sunset, noon = (assumed_change(Environment.load(name)) for name in ("sunset", "noon"))
+    assert luminance(sunset) < 0.4 * luminance(noon) and sunset[0] / sunset[2] > 1.2 * noon[0] / noon[2]
+    turned = assumed_change(Environment.load("sunset").rotated(70.0))
+    np.testing.assert_allclose(turned, sunset, rtol=1e-5)
+
+
+def test_a_room_of_unknown_light_takes_after_the_new_one_and_says_so():
+    scene = unknown_room()
+    job, found, radiance = shaded(scene, "sunset")
+    change = assumed_change(Environment.load("sunset"))
+    np.testing.assert_allclose(radiance, change * scene.colors_linear, rtol=1e-5)
+    # Splats change by what is received, which changes alike.
+    look = job.appearance
+    np.testing.assert_allclose(found.shading.received * found.exposure, change * look.irradiance, rtol=1e-5)
+    assert report_of(job, found)["assumed"] == {"outside": 1.0, "change": pytest.approx(change, abs=1e-4)}
+    job, found, radiance = shaded(scene, "captured")
+    np.testing.assert_allclose(radiance, scene.colors_linear, rtol=1e-6)
+    assert report_of(job, found)["assumed"] is None
+
+
+def test_what_is_said_of_the_captured_light_holds_beside_any_environment():
+    scene = unknown_room()
+    _, _, fifth = shaded(scene, "sunset", captured=0.2)
+    np.testing.assert_allclose(fifth, 0.2 * scene.colors_linear, rtol=1e-5)
+    _, _, dim = shaded(scene, "sunset", env_scale=0.5)
+    change = assumed_change(Environment.load("sunset"), 0.5)
+    np.testing.assert_allclose(dim, change * scene.colors_linear, rtol=1e-5)
+
+
+def test_without_a_window_lamps_stay_on_and_the_other_half_takes_after_the_new_light():
+    scene = room()[0]
+    job, _, radiance = shaded(scene, "sunset")
+    captured, change = scene.colors_linear, assumed_change(Environment.load("sunset"))
+    glowing = job.appearance.room.glow.any(axis=1)
+    wanted = (1.0 - OUTSIDE + OUTSIDE * change) * captured
+    np.testing.assert_allclose(radiance[~glowing], wanted[~glowing], rtol=1e-5)
+    np.testing.assert_array_equal(radiance[glowing], captured[glowing])
