@@ -131,11 +131,11 @@ class Writer:
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
             wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
-            live = LiveFiles(relighter, look, splats[0], others, *wishes, job.beside.live(), job.beside.level_under)
+            beside = job.beside.live(), job.beside.level_under, job.gloss
+            live = LiveFiles(relighter, look, splats[0], others, *wishes, *beside)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
-            engines = EngineFiles(
-                relighter, look, formats, splats, asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown
-            )
+            wishes_of_mesh = asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown, job.gloss
+            engines = EngineFiles(relighter, look, formats, splats, *wishes_of_mesh)
         more = asked.texture_size, seed, asked.sky, live, engines
         around = None
         if {*AROUND} & {*formats}:

@@ -12,6 +12,7 @@ from splat2mesh.splats.formats import write_splats
 from .lights import IMAGE, rgbe
 from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
+from .shine import FILE as GLOSS_FILE
 from .surface import OWN_STEPS
 from .terms import CAPTURED
 
@@ -37,6 +38,8 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
     contents = dict(zip(("transfer.bin", "surface.bin", "basis.bin"), parts, strict=True))
     if live.terms:
         contents["terms.bin"] = b"".join(term.tobytes() for term in live.terms)
+    if live.gloss is not None:
+        contents[GLOSS_FILE] = live.gloss.tobytes()
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
@@ -92,6 +95,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         "brightness": live.brightness,
         "lamps": live.lamps,
         **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
+        **({} if live.gloss is None else {"gloss": live.gloss.described()}),
         "lights": [
             {
                 "name": light.name,

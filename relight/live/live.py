@@ -23,6 +23,7 @@ from .compression import Compressed, choices_for, cluster_centers, compress
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, light_vector, response_of
+from .shine import Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 from .terms import Source, Term, term_of
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
     from ..engine.relit_room import RelitRoom
+    from ..gloss.material import Gloss
     from ..transfer.settings import Settings
 
 BYTES_TOLERANCE = 0.03
@@ -64,6 +66,7 @@ class Live(NamedTuple):
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
     degrees, where to look from first, scene frame; of an object, bounds too, the box of what was captured, which the
     page fits into its window. lamps: factor on the lamps of a room, None where there are none. terms: list of Term.
+    gloss: Shine of what is glossy, None where nothing is.
     """
 
     splats: Splats
@@ -82,6 +85,7 @@ class Live(NamedTuple):
     camera: dict[str, Any]
     lamps: float | None = None
     terms: Sequence[Term] = ()
+    gloss: Shine | None = None
 
 
 def live_of(
@@ -95,6 +99,7 @@ def live_of(
     seed: int = 0,
     room: "RelitRoom | None" = None,
     sources: Sequence[Source] = (),
+    gloss: "Gloss | None" = None,
 ) -> Live:
     """The Live of a scene.
 
@@ -102,6 +107,7 @@ def live_of(
     display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are
     used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom
     that the scene is, or None. sources: light beside the environments, of which the Live has a Term each.
+    gloss: what is glossy on the scene, or None.
     Raises InputError where there is nothing to light.
     """
     scene = relighter.scene
@@ -179,7 +185,19 @@ def live_of(
         camera=_first_view(scene, splats, vertices),
         lamps=lamps,
         terms=terms,
+        gloss=_shine(binding, gloss, appearance, scene, kinds == LIT, order),
     )
+
+
+def _shine(
+    binding: Binding, gloss: "Gloss | None", look: "Appearance", scene: Scene, lit: NDArray[np.bool_], order: Indices
+) -> Shine | None:
+    """The Shine of what is glossy, or None."""
+    if gloss is None or look.environment is None:
+        return None
+    linear = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
+    turn = linear / np.cbrt(np.linalg.det(linear))
+    return shine_of(binding, gloss, look.environment.sh(BANDS), look.captured, turn, lit, order)
 
 
 def _unchanged(count: int) -> Response:

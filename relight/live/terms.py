@@ -85,7 +85,7 @@ class Term(NamedTuple):
             return np.ones((count, 3), np.float32)
         stored = np.asarray(self.peak) * 2.0 ** ((self.rows.astype(np.float64) - 255.0) / self.steps)
         found = np.zeros((count, 3), np.float32)
-        found[_rows_of(self.runs)] = np.where(self.rows > 0, stored, 0.0)
+        found[rows_of(self.runs)] = np.where(self.rows > 0, stored, 0.0)
         return found
 
 
@@ -133,15 +133,15 @@ def _stored(values: NDArray[np.float32]) -> tuple[NDArray[np.uint32], NDArray[np
     shining = largest[largest > 0.0]
     usual = float(np.percentile(shining, 98.0)) if len(shining) else 1.0
     least = LEAST * min(1.0, usual)
-    runs = _runs(largest >= least)
+    runs = runs_of(largest >= least)
     peak = np.maximum(peak, least)
     steps = 254.0 / float(np.log2(peak.max() * MARGIN / least))
-    level = 255.0 + steps * np.log2(np.maximum(values[_rows_of(runs)], 1e-30) / peak)
+    level = 255.0 + steps * np.log2(np.maximum(values[rows_of(runs)], 1e-30) / peak)
     rows = np.where(level >= 0.5, np.clip(np.rint(level), 1, 255), 0).astype(np.uint8)
     return runs, rows, peak.tolist(), steps
 
 
-def _runs(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
+def runs_of(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
     """(R, 2) first row and count of what is kept, (N,), across gaps of up to GAP rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8)))
     first, end = edges[::2], edges[1::2]
@@ -150,7 +150,7 @@ def _runs(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
     return np.stack([first, end - first], axis=1).astype(np.uint32)
 
 
-def _rows_of(runs: NDArray[np.uint32]) -> NDArray[np.int64]:
+def rows_of(runs: NDArray[np.uint32]) -> NDArray[np.int64]:
     """The numbers of the rows in runs, end to end."""
     first, count = runs.astype(np.int64).T
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))

@@ -18,6 +18,7 @@ from .lamps_glb import NO_LAMPS, PlacedLamps
 if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
+    from ..gloss import SceneGloss
     from ..light.environment import Environment
 
 PROXY, COLLISION = "proxy.glb", "albedo_splat.collision.glb"
@@ -29,6 +30,7 @@ class EngineFiles:
     splats: (Splats, paths of their files), None where no kind needs them. harmonics: of `kinds.HARMONICS`, what becomes
     of an albedo splat's colour that depends on the view. sky: of `splats.SKIES`; "keep" keeps the far background of an
     albedo splat as captured, else it is hidden. lamps: function of a light and its exposure: what was put in beside it.
+    gloss: SceneGloss; None where all is matt.
     Raises InputError for another word.
     """
 
@@ -42,6 +44,7 @@ class EngineFiles:
         harmonics: str = "zero",
         sky: str = "new",
         lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
+        gloss: "SceneGloss | None" = None,
     ) -> None:
         if harmonics not in HARMONICS:
             raise InputError(f"`harmonics` {harmonics!r}: expected one of {', '.join(HARMONICS)}")
@@ -49,7 +52,7 @@ class EngineFiles:
         self._kinds = [kind for kind in FOR_ENGINES if kind in kinds]
         self._splats: Splats | None
         self._splats, self._paths = splats or (None, [])
-        self._harmonics, self._sky, self._lamps = harmonics, sky, lamps
+        self._harmonics, self._sky, self._lamps, self._gloss = harmonics, sky, lamps, gloss
         self._scene, self._stages = relighter.scene, relighter.stages
         self._nine: Any = None
         self._bare: Any = None
@@ -88,7 +91,9 @@ class EngineFiles:
                 looks = {"relit": relit}
                 if "albedo-splat" in self._kinds:
                     looks["albedo"] = self._albedo(bound)[0]
-                names += write_usd(folder, looks, self._scene, self._surface, light, exposure * scale, placed)
+                names += write_usd(
+                    folder, looks, self._scene, self._surface, light, exposure * scale, placed, self._shine
+                )
         return names
 
     @property
@@ -96,6 +101,11 @@ class EngineFiles:
         """(V, 3) linear albedo, white where it is that."""
         look = self._appearance
         return np.ones_like(look.captured) if look.albedo is None else look.albedo
+
+    @property
+    def _shine(self) -> NDArray[np.float32] | None:
+        """(V, 2) roughness and metalness, None where nothing is glossy."""
+        return None if self._gloss is None else self._gloss.roughness(self._appearance)
 
     def _write_live(self, folder: Path, light: "Environment", exposure: float, placed: PlacedLamps) -> list[str]:
         from ..engine.nine import nine_coefficients
@@ -111,7 +121,7 @@ class EngineFiles:
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)
         with self._stages.stage("write"):
             grey, tint = self._nine
-            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure, placed)
+            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure, placed, self._shine)
         return [FILE]
 
     def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:
@@ -138,6 +148,6 @@ class EngineFiles:
         with self._stages.stage("write"):
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["albedo-splat"], splats, source, normals)
-            write_proxy_glb(folder / PROXY, self._scene, back, self._surface)
+            write_proxy_glb(folder / PROXY, self._scene, back, self._surface, self._shine)
             write_proxy_glb(folder / COLLISION, self._scene, PLAYCANVAS_FROM_SPLAT @ back)
         return [FILES["albedo-splat"], PROXY, COLLISION]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
     from ..engine.relit_room import RelitRoom
+    from ..gloss import SceneGloss
     from ..light.environment import Environment
 
 
@@ -29,6 +30,7 @@ class LiveFiles:
     tolerance: relative error that the bytes may add.
     room: the RelitRoom that the scene is, or None. mixture: what is beside the environment. level_of: function like
     exposure_of: units of the picture per radiance, where there is a mixture.
+    gloss: SceneGloss; None where gloss stays as captured.
     """
 
     def __init__(
@@ -44,11 +46,12 @@ class LiveFiles:
         room: "RelitRoom | None" = None,
         mixture: Mixture | None = None,
         level_of: "Callable[[Environment, NDArray[np.float32] | None], float]" = lambda light, radiance: 1.0,
+        gloss: "SceneGloss | None" = None,
     ) -> None:
         self._relighter, self._appearance, self._splats = relighter, appearance, splats
         self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
         self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
-        self._room = room
+        self._room, self._gloss = room, gloss
         self._mixture, self._level_of = mixture or Mixture(), level_of
         self._live: dict[bool, Any] = {}
 
@@ -100,6 +103,7 @@ class LiveFiles:
                 self._seed,
                 self._room,
                 self._mixture.sources(self._appearance) if mixes else (),
+                None if self._gloss is None else self._gloss.of(self._appearance),
             )
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]

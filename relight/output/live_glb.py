@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from splat2mesh.scene.glb import Glb, matt_white
 
 from ..transfer.nine import COUNT
+from .gloss_map import coordinates, glossy_white
 from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 from .mesh_files import unit_normals
 
@@ -40,17 +41,21 @@ def write_live_glb(
     light: "Environment",  # turned as the loaders start
     exposure: float,  # display value per unit of radiance
     placed: PlacedLamps = NO_LAMPS,  # beside that light
+    gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness; matt without
 ) -> None:
     """Write binary glTF 2.0: a mesh per chunk with COLOR_0, _TRANSFER_0 to _TRANSFER_2, and the same as _CUSTOM0 to 2.
 
     COLOR_0 is linear float32 albedo. The twelve normalised 16-bit integers of the transfer are grey 0-3, 4-7, and 8
     with the tint. `extras` hold nine radiance coefficients of the light, not turned, its angle, and the exposure.
+    Where something is glossy its roughness and metalness are a texture, for engines that light the mesh themselves.
     Placed lamps are KHR_lights_punctual, for what else is lit: the transfer knows the environment alone.
     """
     count = len(scene.vertices)
     albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0).astype(np.float32)
     packed = np.rint(np.clip(np.hstack([grey, tint]), -1.0, 1.0) * SNORM).astype(np.int16)
-    file, start = Glb(materials=[matt_white()]), 0
+    file, start = Glb(), 0
+    file.document.materials = [matt_white() if gloss is None else glossy_white(file)]
+    uv = None if gloss is None else coordinates(gloss)
     normals = unit_normals(scene.normals)
     for index, chunk in enumerate(scene.chunks):
         rows = slice(start, start + len(chunk.vertices))
@@ -60,6 +65,8 @@ def write_live_glb(
             "NORMAL": file.values(normals[rows]),
             "COLOR_0": file.values(albedo[rows]),
         }
+        if uv is not None:
+            attributes["TEXCOORD_0"] = file.values(uv[rows])
         for part in range(3):
             accessor = file.values(packed[rows, 4 * part : 4 * part + 4], normalized=True)
             attributes |= {f"_TRANSFER_{part}": accessor, f"_CUSTOM{part}": accessor}

@@ -26,6 +26,122 @@ fn modifySplatColor(center: vec3f, color: ptr<function, vec4f>) {
 }`,
 };
 
+// The same where something is glossy: `glossChange` of gloss.js, on linear colours, for the eye at uLiveEye.
+const GLOSSY = {
+  glsl: `
+uniform highp sampler2D uLiveMirror;
+uniform vec3 uLiveEye;
+uniform vec4 uLiveHidden;
+vec3 liveMirror(int x0, int row, vec3 r) {
+  float across = (0.5 - atan(r.x, r.z) / 6.28318531) * 64.0 - 0.5;
+  float down = clamp((0.5 - atan(r.y, length(r.xz)) / 3.14159265) * 32.0 - 0.5, 0.0, 31.0);
+  int left = int(floor(across)), top = min(int(down), 30), a = x0 + ((left + 64) & 63), b = x0 + ((left + 65) & 63), y = row + top;
+  float right = across - floor(across), low = down - float(top);
+  vec3 above = mix(texelFetch(uLiveMirror, ivec2(a, y), 0).rgb, texelFetch(uLiveMirror, ivec2(b, y), 0).rgb, right);
+  vec3 below = mix(texelFetch(uLiveMirror, ivec2(a, y + 1), 0).rgb, texelFetch(uLiveMirror, ivec2(b, y + 1), 0).rgb, right);
+  return mix(above, below, low);
+}
+vec3 liveLinear(vec3 c) {
+  return mix(c / 12.92, pow((max(c, vec3(0.0)) + 0.055) / 1.055, vec3(2.4)), step(vec3(0.04045), c));
+}
+float liveByte(uint word, int at) {
+  return float(int(word << uint(24 - at)) >> 24);
+}
+vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
+  uvec4 g = loadGloss();
+  int material = int(g.x >> 16 & 255u) - 1;
+  if (material < 0 || uLiveHidden.w == 0.0) return lit;
+  int end = textureSize(uLiveMirror, 0).y - 3;
+  vec4 of = texelFetch(uLiveMirror, ivec2(material & 127, end + (material >> 7)), 0);
+  vec2 o = vec2(liveByte(g.x, 0), liveByte(g.x, 8)) / 127.0;
+  vec3 n = vec3(o, 1.0 - abs(o.x) - abs(o.y));
+  float fold = max(-n.z, 0.0);
+  n.xy -= vec2(n.x < 0.0 ? -fold : fold, n.y < 0.0 ? -fold : fold);
+  n = normalize(n);
+  vec3 toward = normalize(uLiveEye - center);
+  n = normalize(n + max(0.05 - dot(n, toward), 0.0) * toward);
+  float cosine = dot(n, toward);
+  vec3 r = 2.0 * cosine * n - toward;
+  vec4 coefficients = vec4(liveByte(g.y, 16), liveByte(g.y, 24), liveByte(g.z, 0), liveByte(g.z, 8)), peaks;
+  for (int i = 0; i < 4; i++) peaks[i] = texelFetch(uLiveMirror, ivec2(i, end + 2), 0).r;
+  float seen = clamp(dot(coefficients * peaks, vec4(0.282095, 0.488603 * r.yzx)), 0.0, 1.0);
+  float rise = fract(of.a) > 0.25 ? 1.0 : 1.0 + 24.0 * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0);
+  vec3 strength = min(of.rgb * rise, vec3(1.0));
+  vec3 stands = liveLinear(vec3(float(g.x >> 24), float(g.y & 255u), float(g.y >> 8 & 255u)) / 255.0);
+  int row = 32 * int(floor(of.a));
+  vec3 old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
+  vec3 now = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uLiveHidden.rgb;
+  vec3 before = liveLinear(max(lit, vec3(0.0)));
+  vec3 after = max(before + strength * (now - pow(gain, vec3(2.4)) * old), 0.02 * before);
+  vec3 shown = mix(12.92 * after, 1.055 * pow(max(after, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), after));
+  return min(shown, max(lit, vec3(1.0)));
+}`,
+  wgsl: `
+var uLiveMirror: texture_2d<uff>;
+uniform uLiveEye: vec3f;
+uniform uLiveHidden: vec4f;
+fn liveTexel(x: i32, y: i32) -> vec4f {
+  return textureLoad(uLiveMirror, vec2i(x, y), 0);
+}
+fn liveMirror(x0: i32, row: i32, r: vec3f) -> vec3f {
+  let across = (0.5 - atan2(r.x, r.z) / 6.28318531) * 64.0 - 0.5;
+  let down = clamp((0.5 - atan2(r.y, length(r.xz)) / 3.14159265) * 32.0 - 0.5, 0.0, 31.0);
+  let left = i32(floor(across));
+  let top = min(i32(down), 30);
+  let a = x0 + ((left + 64) & 63);
+  let b = x0 + ((left + 65) & 63);
+  let y = row + top;
+  let right = across - floor(across);
+  let above = mix(liveTexel(a, y).rgb, liveTexel(b, y).rgb, right);
+  let below = mix(liveTexel(a, y + 1).rgb, liveTexel(b, y + 1).rgb, right);
+  return mix(above, below, down - f32(top));
+}
+fn liveLinear(c: vec3f) -> vec3f {
+  return select(c / 12.92, pow((max(c, vec3f(0.0)) + 0.055) / 1.055, vec3f(2.4)), c > vec3f(0.04045));
+}
+fn liveByte(word: u32, at: u32) -> f32 {
+  return f32(bitcast<i32>(word << (24u - at)) >> 24u);
+}
+fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
+  let g = loadGloss();
+  let material = i32((g.x >> 16u) & 255u) - 1;
+  if (material < 0 || uniform.uLiveHidden.w == 0.0) {
+    return lit;
+  }
+  let end = i32(textureDimensions(uLiveMirror).y) - 3;
+  let made = liveTexel(material & 127, end + (material >> 7u));
+  let o = vec2f(liveByte(g.x, 0u), liveByte(g.x, 8u)) / 127.0;
+  var n = vec3f(o, 1.0 - abs(o.x) - abs(o.y));
+  let fold = max(-n.z, 0.0);
+  n = vec3f(n.x - select(fold, -fold, n.x < 0.0), n.y - select(fold, -fold, n.y < 0.0), n.z);
+  n = normalize(n);
+  let toward = normalize(uniform.uLiveEye - center);
+  n = normalize(n + max(0.05 - dot(n, toward), 0.0) * toward);
+  let cosine = dot(n, toward);
+  let r = 2.0 * cosine * n - toward;
+  let coefficients = vec4f(liveByte(g.y, 16u), liveByte(g.y, 24u), liveByte(g.z, 0u), liveByte(g.z, 8u));
+  let peaks = vec4f(liveTexel(0, end + 2).r, liveTexel(1, end + 2).r, liveTexel(2, end + 2).r, liveTexel(3, end + 2).r);
+  let seen = clamp(dot(coefficients * peaks, vec4f(0.282095, 0.488603 * r.yzx)), 0.0, 1.0);
+  let rise = select(1.0 + 24.0 * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0), 1.0, fract(made.a) > 0.25);
+  let strength = min(made.rgb * rise, vec3f(1.0));
+  let stands = liveLinear(vec3f(f32(g.x >> 24u), f32(g.y & 255u), f32((g.y >> 8u) & 255u)) / 255.0);
+  let row = 32 * i32(floor(made.a));
+  let old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
+  let now = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb;
+  let before = liveLinear(max(lit, vec3f(0.0)));
+  let after = max(before + strength * (now - pow(gain, vec3f(2.4)) * old), 0.02 * before);
+  let shown = select(12.92 * after, 1.055 * pow(max(after, vec3f(1e-9)), vec3f(1.0 / 2.4)) - 0.055, after > vec3f(0.0031308));
+  return min(shown, max(lit, vec3f(1.0)));
+}`,
+};
+
+// The modifier with gloss: declared ahead of it, and called on what it found.
+const glossy = (text, code, from, to) => `${code}\n${text.replace(from, to)}`;
+const modifierOf = (gloss) => !gloss ? MODIFIER : {
+  glsl: glossy(MODIFIER.glsl, GLOSSY.glsl, "? gain : lit;", "? gain : liveGloss(center, lit, gain);"),
+  wgsl: glossy(MODIFIER.wgsl, GLOSSY.wgsl, "select(lit, gain", "select(liveGloss(center, lit, gain), gain"),
+};
+
 const SKY_HEIGHT = 256;
 
 // Show a splat in the viewer. splat: its bytes, a compressed PLY. frame: scene_from_splat, 4 x 4. cameraFor: a function of
@@ -46,17 +162,46 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   const { gsplat } = entity, { resource } = gsplat;
   resource.format.addExtraStreams([{ name: "live", format: PIXELFORMAT_RGBA16U }]);
   const stream = resource.getTexture("live");
-  const show = (gains, most) => {
+  const shine = options.gloss ? shineOf(app, gsplat, resource, options.gloss) : () => {};
+  const show = (gains, most, mirrored = null) => {
     stream.lock().set(gains);
     stream.unlock();
     gsplat.setParameter("uLiveMost", most);
+    shine(mirrored);
     app.renderNextFrame = true;
   };
   show(new Uint16Array(stream.width * stream.height * 4).fill(1024).map((value, i) => i % 4 === 3 ? 0 : value), [1, 1, 1]);
-  gsplat.setWorkBufferModifier(MODIFIER);
+  gsplat.setWorkBufferModifier(modifierOf(options.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
   return { viewer, app, entity, camera, show, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+}
+
+// A function that shows what is mirrored: {texture, hidden}, of `mirrorTexture` and how much brighter the scene is, or null
+// for none. Splats are coloured anew wherever the eye goes.
+function shineOf(app, gsplat, resource, gloss) {
+  resource.format.addExtraStreams([{ name: "gloss", format: PIXELFORMAT_RGBA32U }]);
+  const stream = resource.getTexture("gloss"), { width, height } = Live.mirrorSize(gloss), near = { minFilter: FILTER_NEAREST, magFilter: FILTER_NEAREST };
+  stream.lock().set(gloss.packed);
+  stream.unlock();
+  const mirror = new Texture(app.graphicsDevice, { name: "mirror", width, height, format: PIXELFORMAT_RGBA32F, mipmaps: false, addressU: ADDRESS_CLAMP_TO_EDGE, addressV: ADDRESS_CLAMP_TO_EDGE, ...near });
+  gsplat.setParameter("uLiveMirror", mirror);
+  let last = "", on = false;
+  const look = () => {
+    const eye = app.root.findComponent("camera").entity.getPosition(), text = `${eye.x},${eye.y},${eye.z}`;
+    if (text === last) return;
+    last = text;
+    gsplat.setParameter("uLiveEye", [eye.x, eye.y, eye.z]);
+  };
+  app.on("prerender", () => on && look());
+  look();
+  return (mirrored) => {
+    on = mirrored !== null;
+    gsplat.setParameter("uLiveHidden", on ? [...mirrored.hidden, 1] : [1, 1, 1, 0]);
+    if (!on) return;
+    mirror.lock().set(mirrored.texture);
+    mirror.unlock();
+  };
 }
 
 // The splats' entity, as it arrives, turned so that the world is the scene.

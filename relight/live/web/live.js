@@ -2,6 +2,7 @@
 // No page and no engine in here: node runs it too. Directions and light are in the scene frame, y up.
 
 import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
+import { glossOf } from "./gloss.js";
 import { readCompressed } from "./splats.js";
 
 const LAMPS = DIRECT + SPREAD, COEFFICIENTS = LAMPS + 1;
@@ -29,7 +30,7 @@ export function readBundle(meta, files, splatFile) {
   if (splats.count !== count) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
-  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]) };
+  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]) };
 }
 
 // Light beside the environment: {kind, name, color, place, mean} of each, with its runs, and a table of its bytes for each
@@ -264,11 +265,16 @@ export function balanced(ratio, [red, green, blue]) {
 
 // How much the scene as a whole brightens, for the part of colours that depends on the view: (3) gains of 1 at least.
 export function usualGain(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure, factors = factorsOf(bundle, light), balance = [1, 1, 1]) {
+  return meanChange(bundle, light, angle, exposure, lamps, factors, balance).map((value) => Math.max(value, 1) ** (1 / 2.4));
+}
+
+// The mean change of light of the scene, (3).
+export function meanChange(bundle, light, angle, exposure, lamps = light.lamps * exposure / light.exposure, factors = factorsOf(bundle, light), balance = [1, 1, 1]) {
   const whole = turned(light.whole, angle), sum = bundle.meta.mean[SPREAD].map((value) => lamps * value);
   for (let i = 0; i < SPREAD; i++) bundle.meta.mean[i].forEach((value, k) => { sum[k] += exposure * value * whole[3 * i + k]; });
   balance.forEach((value, k) => { sum[k] *= value; });
   bundle.terms.forEach(({ mean }, index) => mean.forEach((value, k) => { sum[k] += value * factors[index][k]; }));
-  return sum.map((value) => Math.max(value, 1) ** (1 / 2.4));
+  return sum;
 }
 
 const LOWEST_BITS = 0x38800000 >> 12, HIGHEST_BITS = 0x461c4000 >> 12; // 2^-14, 1e4

@@ -36,7 +36,7 @@ async function start() {
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui") });
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, tell);
     window.relight.begin(query);
@@ -81,7 +81,8 @@ class Session {
     this.plain = new Uint16Array(bundle.count * 4).map((_, i) => i % 4 === 3 ? 0 : Live.GAIN_UNIT);
     this.most = [1, 1, 1];
     this.shadows = new Map();
-    this.compare = comparison(stage.app, stage.canvas, (captured) => stage.show(captured ? this.plain : this.gains, captured ? [1, 1, 1] : this.most));
+    this.compare = comparison(stage.app, stage.canvas, (captured) => captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored));
+    this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
   }
 
@@ -144,14 +145,23 @@ class Session {
       Live.gains(bundle, ratio, gains);
       if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
+    this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
     this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
     this.compare.set(state.compare, state.line);
     element("relight-line").style.display = state.compare ? "block" : "none";
     element("relight-line").style.left = `${100 * state.line}%`;
-    if (!state.compare) stage.show(gains, this.most);
+    if (!state.compare) stage.show(gains, this.most, this.mirrored);
     this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // What is mirrored in a light: the new one blurred for each roughness, and how much brighter the scene is that hides it.
+  mirror(light, turn, exposure, lamps, factors, balance) {
+    const { bundle } = this, own = bundle.terms.findIndex(({ kind }) => kind === "captured");
+    const coefficients = Live.mirroredLight(bundle.gloss, light, turn, exposure, this.suns(), own < 0 ? [0, 0, 0] : factors[own]);
+    this.texture = Live.mirrorTexture(bundle.gloss, coefficients, this.texture);
+    return { texture: this.texture, hidden: Live.meanChange(bundle, light, turn, exposure, lamps, factors, balance) };
   }
 
   // What the light of lamps is multiplied by beside a light: its own number, moved as the slider is.

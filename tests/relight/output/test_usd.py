@@ -102,6 +102,31 @@ def test_the_proxy_is_the_mesh_and_the_dome_is_the_light(written):
     )
 
 
+def test_gloss_is_a_preview_surface_of_the_proxy(written, tmp_path):
+    from pxr import UsdGeom, UsdShade
+
+    folder, scene, albedo, splats, _, light = written
+    gloss = np.stack([np.linspace(0.1, 1, len(albedo)), np.arange(len(albedo)) % 2], axis=1).astype(np.float32)
+    write_usd(tmp_path, {"relit": splats}, scene, albedo, light, 0.7, gloss=gloss)
+    stage = opened(tmp_path)
+    mesh = stage.GetPrimAtPath("/World/Proxy")
+    material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
+    surface = material.ComputeSurfaceSource()[0]
+    assert surface.GetIdAttr().Get() == "UsdPreviewSurface"
+    read = {}
+    for name in ("diffuseColor", "roughness", "metallic"):
+        reader = UsdShade.Shader(surface.GetInput(name).GetConnectedSources()[0][0].source)
+        primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar(reader.GetInput("varname").Get())
+        assert primvar.GetInterpolation() == "vertex"
+        read[name] = np.array(primvar.Get())
+    np.testing.assert_array_equal(np.stack([read["roughness"], read["metallic"]], axis=1), gloss)
+    np.testing.assert_array_equal(read["diffuseColor"], albedo)
+    bare = opened(folder)
+    assert not bare.GetPrimAtPath("/World/Gloss") and not bare.GetPrimAtPath("/World/Proxy").HasAPI(
+        "MaterialBindingAPI"
+    )
+
+
 def test_the_same_input_gives_the_same_bytes(written, tmp_path):
     folder, scene, albedo, splats, bare, light = written
     write_usd(tmp_path, {"relit": splats, "albedo": bare}, scene, albedo, light, 0.7)

@@ -1,0 +1,65 @@
+"""Which way a place of the surface sees the light, and the colour of what hides it elsewhere, in a few numbers."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices, Matrix3, Radiance
+from splat2mesh.base.threads import in_batches
+
+from ..sh import harmonics
+from ..splats.attachment import Surface
+from .pixels import LIFT
+
+BANDS = 2
+"""Of what is visible: four numbers. Nine made no difference on a trained glossy table, whose lobes blur all edges."""
+
+DIRECTIONS = 192
+"""Over the whole sphere, of which half is above a surface."""
+
+RIDGE = 0.02
+"""Of the directions above a surface, on all coefficients but the constant one: half a sphere tells them apart
+badly. Where nothing is hidden the fit stays exact."""
+
+_BATCH = 1 << 12
+
+
+def openness(
+    surface: Surface, nodes: Indices, colors: Radiance, scene: Matrix3
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What some nodes of a Surface see above themselves.
+
+    nodes: (N,) their numbers. colors: (M, 3) linear, of all nodes. scene: (3, 3) rotation from the frame of the splat
+    into the scene's.
+    Returns (N, 4) SH coefficients of what is visible, frame of the scene, which mean something above the surface alone,
+    and (N, 3), the mean colour of what hides the rest, 0 where nothing does.
+    """
+    number = np.arange(DIRECTIONS) + 0.5
+    height, turn = 1.0 - 2.0 * number / DIRECTIONS, np.pi * (3.0 - np.sqrt(5.0)) * number  # a Fibonacci sphere
+    flat = np.sqrt(1.0 - height**2)
+    toward = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    basis = harmonics.evaluate(toward @ scene.T, BANDS)
+    hold = np.diag([0.0] + [RIDGE] * (BANDS**2 - 1))
+    visible, hidden = np.zeros((len(nodes), BANDS**2), np.float32), np.zeros((len(nodes), 3), np.float32)
+
+    def see(rows: slice) -> None:
+        points, normals = surface.points[nodes[rows]], surface.normals[nodes[rows]]
+        above = (normals @ toward.T.astype(np.float32)) > 0.0
+        place, way = np.nonzero(above)
+        start = points[place] + LIFT * surface.diagonal * normals[place]
+        hits = surface.caster.first_hits(np.concatenate([start, toward[way]], axis=1).astype(np.float32))
+        met = np.isfinite(hits.distance)
+        seen = np.zeros(above.shape)
+        seen[place, way] = ~met
+        square = np.einsum("nd,di,dj->nij", above.astype(np.float64), basis, basis, optimize=True)
+        count = above.sum(axis=1)
+        # A coefficient of a function that is 1 everywhere is sqrt(4 pi) in the constant one: then all others stay 0.
+        told = seen @ basis
+        visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, told[:, :, None])[:, :, 0]
+        second, third = hits.uv[met].T
+        shares = np.stack([1.0 - second - third, second, third], axis=1)
+        sent = np.einsum("nk,nkc->nc", shares, colors[surface.faces[hits.faces[met]]])
+        total = np.stack([np.bincount(place[met], column, len(points)) for column in sent.T], axis=1)
+        hidden[rows] = total / np.maximum(np.bincount(place[met], minlength=len(points)), 1)[:, None]
+
+    in_batches(see, len(nodes), _BATCH)
+    return visible, hidden

@@ -1,0 +1,124 @@
+"""Glossy splats in a few bytes each: what they are made of, which way they see the light, what hides it elsewhere.
+
+Light is reflected about the mirrored direction, blurred by the lobe of a material. A reader blurs any light for each
+roughness, takes out the reflection of the captured light, and adds that of the new one: docs/live.md.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+
+from ..gloss.ggx import zonal_factors
+from ..gloss.mirrored import LEAST_ALPHA
+from ..gloss.openness import BANDS as OPEN_BANDS
+from ..gloss.openness import openness
+from ..gloss.reflections import MOSTLY
+from .harmonics import about_y
+from .response import BANDS
+from .terms import rows_of, runs_of
+
+if TYPE_CHECKING:
+    from splat2mesh.base.arrays import Coefficients, Matrix3, Radiance
+
+    from ..gloss.material import Gloss
+    from ..splats.binding import Binding
+
+FILE = "gloss.bin"
+
+MOST_MATERIALS = 254
+"""Patches of a scene are 60; a byte names one, and 0 is none."""
+
+ROW = 4 + OPEN_BANDS**2
+"""Bytes of a row: material, display colour of what hides the light, coefficients of what is visible."""
+
+
+class Shine(NamedTuple):
+    """Glossy splats as they are stored. runs: (R, 2) uint32, first row and count. rows: (M, ROW) uint8 of the rows in
+    the runs, end to end. peaks: (4,) of the signed bytes of each coefficient. materials: list of dicts of reflectance
+    (3), level, metal. levels: list of dicts of alpha and its factors on each degree of a light. captured: (K, 3)
+    coefficients about +y of the light of the capture, display units.
+    """
+
+    runs: NDArray[np.uint32]
+    rows: NDArray[np.uint8]
+    peaks: list[float]
+    materials: list[dict[str, Any]]
+    levels: list[dict[str, Any]]
+    captured: NDArray[np.float64]
+
+    def tobytes(self) -> bytes:
+        """runs and rows, little-endian, end to end."""
+        return self.runs.astype("<u4").tobytes() + self.rows.tobytes()
+
+    def described(self) -> dict[str, Any]:
+        """What live.json says of it: dict, JSON-clean."""
+        return {
+            "file": FILE,
+            "bytes": ROW,
+            "runs": len(self.runs),
+            "rows": len(self.rows),
+            "peaks": self.peaks,
+            "materials": self.materials,
+            "levels": self.levels,
+            "captured": self.captured.tolist(),
+        }
+
+
+def shine_of(
+    binding: "Binding",
+    gloss: "Gloss",
+    captured: "Coefficients",  # (K, 3) of the light of the capture, our basis, frame of the scene
+    colors: "Radiance",  # (V, 3) captured colours, linear
+    scene: "Matrix3",  # rotation from the frame of the splat into the scene's
+    kept: NDArray[np.bool_],  # (N,) which splats may shine at all
+    order: NDArray[np.int64],  # (N,) rows of the source, in the order of the bundle
+) -> Shine | None:
+    """The Shine of splats of which some are bound to what is glossy; None where none is."""
+    places = binding.places
+    held = gloss.glossy[places.columns] * places.weights
+    lit = np.flatnonzero(binding.lit)
+    chosen = (held.sum(axis=1) > MOSTLY) & (places.far < MOSTLY) & kept[lit]
+    if not chosen.any():
+        return None
+    columns, weights, held = places.columns[chosen], places.weights[chosen], held[chosen]
+    kinds = columns[np.arange(len(columns)), held.argmax(axis=1)]  # the node whose material a splat has
+    materials, levels, number = _materials(gloss, kinds)
+    nodes, at = np.unique(columns, return_inverse=True)
+    of_nodes = binding.surface.of_vertices(np.asarray(colors, np.float32))
+    seen, hidden = openness(binding.surface, nodes, of_nodes, scene)
+    at = at.reshape(columns.shape)
+    visible = np.einsum("nk,nkc->nc", weights, seen[at])
+    color = np.einsum("nk,nkc->nc", weights, hidden[at])
+    peaks = np.maximum(np.percentile(np.abs(visible), 99.9, axis=0), 1e-6)
+    rows = np.zeros((len(binding.lit), ROW), np.uint8)
+    packed = np.zeros((len(columns), ROW), np.uint8)
+    packed[:, 0] = 1 + number
+    packed[:, 1:4] = bytes_from_unit(srgb_from_linear(np.clip(color, 0.0, 1.0)))
+    packed[:, 4:] = np.clip(np.rint(visible / peaks * 127.0), -127, 127).astype(np.int8).view(np.uint8)
+    rows[lit[chosen]] = packed
+    rows = rows[order]
+    runs = runs_of(rows[:, 0] > 0)
+    light = about_y(np.asarray(captured, np.float64)[: BANDS**2])
+    return Shine(runs, rows[rows_of(runs)], peaks.tolist(), materials, levels, light)
+
+
+def _materials(
+    gloss: "Gloss", nodes: NDArray[np.int32]
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]], NDArray[np.int64]]:
+    """The materials and the levels of roughness of some nodes, and the number of each one's material."""
+    alpha = np.maximum(gloss.alpha[nodes], np.float32(LEAST_ALPHA)).astype(np.float64).round(6)
+    told = np.concatenate([gloss.reflectance[nodes].astype(np.float64), alpha[:, None]], axis=1)
+    told = np.concatenate([told, gloss.metal[nodes][:, None]], axis=1)
+    distinct, number = np.unique(told, axis=0, return_inverse=True)
+    if len(distinct) > MOST_MATERIALS:
+        raise ValueError(f"expected up to {MOST_MATERIALS} materials, found {len(distinct)}")
+    alphas = np.unique(distinct[:, 3])
+    levels = [{"alpha": float(each), "factors": zonal_factors(float(each), BANDS).tolist()} for each in alphas]
+    materials = [
+        {"reflectance": row[:3].tolist(), "level": int(np.searchsorted(alphas, row[3])), "metal": bool(row[4])}
+        for row in distinct
+    ]
+    return materials, levels, number.reshape(-1)

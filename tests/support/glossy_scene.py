@@ -1,0 +1,35 @@
+"""The ball above a plate of `live_scene`, glazed, and the bundle of it."""
+
+from functools import cache
+
+import numpy as np
+from live_scene import LIGHTS, SETTINGS, live_scene
+
+from relight import Environment
+from relight.gloss import Gloss
+from relight.live.live import live_of
+from relight.splats import Binding
+
+OWN = "studio"
+
+
+def glaze(scene, splats):
+    """(Binding, Gloss): the ball reflects, its lower half like a metal; the plate is matt."""
+    binding = Binding(splats, scene, views=())
+    height = scene.vertices[:, 1]
+    height = binding.surface.of_vertices(height[:, None].astype(np.float64))[:, 0]
+    reflectance = np.where((height > 0.2)[:, None], 0.05, 0.0) * np.ones(3)
+    metal = (height > 0.2) & (height < 0.8)
+    reflectance[metal] = 0.5, 0.4, 0.2
+    alpha = np.where(metal, 0.3, 0.1).astype(np.float32)
+    return binding, Gloss(reflectance.astype(np.float32), alpha, metal, np.ones(len(alpha), np.float32))
+
+
+@cache
+def glossy_scene():
+    """(Scene, Appearance, Splats, Gloss, Live) of it, captured under a studio."""
+    relighter, look, splats, _ = live_scene()
+    look = look._replace(environment=Environment.load(OWN))
+    gloss = glaze(relighter.scene, splats)[1]
+    lights = [(Environment.load(name), 0.7) for name in LIGHTS]
+    return relighter.scene, look, splats, gloss, live_of(relighter, look, splats, lights, SETTINGS, gloss=gloss)
