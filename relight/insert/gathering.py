@@ -96,8 +96,7 @@ def change_at(
     for number, (middle, radius) in enumerate(standing.spheres):
         toward = middle - at.origins
         distance = np.linalg.norm(toward, axis=1)
-        height = np.einsum("ij,ij->i", at.normals, toward)
-        reached = (radius**2 > LEAST_CONE * distance**2) & (height > -radius)
+        reached = in_reach(middle, radius, at)
         near = reached & (distance < NEAR * radius)
         for inside, count in ((False, rays), (True, NEAR_RAYS * rays)):
             place = np.flatnonzero(near if inside else reached & ~near)
@@ -116,6 +115,14 @@ def change_at(
         change[before] += _direct(around, Together(around.occluder, places, standing.caster), places)
         change[before] -= _direct(around, Together(around.occluder, places), places)
     return change
+
+
+def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving) -> Mask:
+    """Which places (M,) the sphere of an object may change other light of than that of suns and lamps: those before
+    which it is large enough."""
+    toward = middle - at.origins
+    height = np.einsum("ij,ij->i", at.normals, toward)
+    return np.asarray((radius**2 > LEAST_CONE * (toward**2).sum(axis=1)) & (height > -radius))
 
 
 def _through(

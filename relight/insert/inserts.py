@@ -50,7 +50,7 @@ BURIED = 0.9
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: what is put in. look: the Appearance, whose albedo bounces take. read: reads what is asked for, as
+    asked: what is put in. look: returns the Appearance, whose albedo bounces take. read: reads what is asked for, as
     `read_object` reads meshes.
     Raises InputError, on first use, for files that cannot be read.
     """
@@ -59,10 +59,14 @@ class Inserts:
         self,
         asked: Sequence[AskedInsert],
         relighter: "Relighter",
-        look: "Appearance",
+        look: "Callable[[], Appearance]",
         read: Callable[[AskedInsert], InsertedObject] = read_object,
     ) -> None:
-        self.asked, self.relighter, self.look, self._read = list(asked), relighter, look, read
+        self.asked, self.relighter, self._look, self._read = list(asked), relighter, look, read
+
+    @property
+    def look(self) -> "Appearance":
+        return self._look()
 
     @cached_property
     def standing(self) -> Standing:
