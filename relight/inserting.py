@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from .beside import Beside
     from .insert.probe import Light
     from .insert.surroundings import Surroundings
-    from .job import Job
     from .lamps.shapes import Lamp
     from .viewer.object_source import ObjectsUnder
 
@@ -42,13 +41,14 @@ def surroundings_under(
     return surroundings_of(relighter.scene, relighter.occluder, radiance, light.skies, lamps, light.glow)
 
 
-def surroundings_in(job: "Job", now: "ObjectsUnder") -> "Surroundings":
-    """Return the Surroundings of a scene in the light of its session."""
+def surroundings_in(
+    now: "ObjectsUnder", relighter: Relighter, look: Appearance, beside: "Beside", mixes: bool, steady: bool
+) -> "Surroundings":
+    """Return the Surroundings of a scene in the light of its session. Other arguments as of `surroundings_under`."""
     from .insert.surroundings import Sky, surroundings_of
     from .lamps.photometry import times
 
-    look, steady = job.appearance, job.steady
-    captured = 1.0 if steady and not job.mixes and now.captured == 0.0 else now.captured
+    captured = 1.0 if steady and not mixes and now.captured == 0.0 else now.captured
     skies, lamps = [], []
     if now.env_scale > 0.0 and not steady:
         light = light_of(now.environment)
@@ -57,9 +57,9 @@ def surroundings_in(job: "Job", now: "ObjectsUnder") -> "Surroundings":
     if captured > 0.0:
         skies.append(Sky(captured_sky(look), captured / now.level))
     if now.lamps:
-        lamps = [times(lamp, 1.0 / now.level) for lamp in job.beside.light_of(now.lamps, now.captured).lamps]
-    glow = _glow(now.radiance, look, job.beside, (captured if job.mixes else 1.0) / now.level)
-    return surroundings_of(job.scene, job.relighter.occluder, now.radiance, skies, lamps, glow)
+        lamps = [times(lamp, 1.0 / now.level) for lamp in beside.light_of(now.lamps, now.captured).lamps]
+    glow = _glow(now.radiance, look, beside, (captured if mixes else 1.0) / now.level)
+    return surroundings_of(relighter.scene, relighter.occluder, now.radiance, skies, lamps, glow)
 
 
 def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool, steady: bool) -> "Light":

@@ -135,9 +135,10 @@ def _object_source(job: Job) -> "ObjectSource":
 
     inserts = job.inserts
     assert inserts is not None
+    known = job.relighter, job.appearance, job.beside, job.mixes, job.steady
 
     def exact(asked: "Sequence[AskedInsert]", now: "ObjectsUnder", check: "Callable[..., None]") -> "InsertedLight":
-        return inserts.moved(asked).under(surroundings_in(job, now), now.received, check)
+        return inserts.moved(asked).under(surroundings_in(now, *known), now.received, check)
 
     return ObjectSource(
         asked=tuple(inserts.asked),

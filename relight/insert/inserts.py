@@ -74,28 +74,41 @@ class Inserts:
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
         """The same objects elsewhere; nothing is read again."""
         other = Inserts(asked, self.relighter, self._look, self._read)
-        other.__dict__.update(_objects=self._objects, _frame=self._frame)
+        other.__dict__.update(objects=self.objects, _frame=self._frame)
         return other
+
+    def posed(self, objects: list[InsertedObject]) -> "Inserts":
+        """The same objects in other poses, placed by the same matrices."""
+        other = self.starting(objects)
+        other.__dict__.update(_placed=self._placed)
+        return other
+
+    def starting(self, objects: list[InsertedObject]) -> "Inserts":
+        """The same objects in other poses, let down on the floor in these."""
+        other = self.moved(self.asked)
+        other.__dict__.update(objects=objects)
+        return other
+
+    @cached_property
+    def objects(self) -> list[InsertedObject]:
+        """The objects as read, in their own frames."""
+        return [self._read(each) for each in self.asked]
 
     @cached_property
     def _frame(self) -> Frame:
         return Frame.around(self.relighter.scene.vertices, self.relighter.scene.faces)
 
     @cached_property
-    def _objects(self) -> list[InsertedObject]:
-        return [self._read(each) for each in self.asked]
+    def _placed(self) -> list[NDArray[np.float64]]:
+        scene, occluder = self.relighter.scene, self.relighter.occluder
+        objects = zip(self.asked, self.objects, strict=True)
+        return [placed_by(asked, each.joined("vertices"), scene, occluder) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
         """The objects where they stand."""
-        scene, occluder = self.relighter.scene, self.relighter.occluder
         with self.relighter.stages.stage("objects"):
-            objects = self._objects
-            placed = [
-                placed_by(asked, each.joined("vertices"), scene, occluder)
-                for asked, each in zip(self.asked, objects, strict=True)
-            ]
-            return Standing.of(self._frame, objects, placed)
+            return Standing.of(self._frame, self.objects, self._placed)
 
     def under(
         self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None

@@ -92,9 +92,11 @@ def _box(view: View, points: NDArray[np.float64]) -> tuple[tuple[int, int], tupl
     return found[0], found[1]
 
 
-def camera_of(inserted: "InsertedLight", scene: Scene) -> dict[str, Any]:
-    """A camera that shows all objects, from where the capture stood, or from slightly above: as of `Preview`."""
-    points = inserted.standing.vertices.astype(np.float64)
+def camera_of(inserted: "InsertedLight", scene: Scene, points: NDArray | None = None) -> dict[str, Any]:
+    """A camera that shows all objects, from where the capture stood, or from slightly above: as of `Preview`.
+
+    points: (N, 3) that it shows, those of the objects without."""
+    points = (inserted.standing.vertices if points is None else points).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
