@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     import pyvista
 
     from .gloss.gloss_plan import GlossPlan
+    from .insert.insert_plan import InsertPlan
     from .planning.lamp_plan import LampPlan
 
 
@@ -212,7 +213,8 @@ class RelightPlan(NamedTuple):
     plan: the Plan of the environment; None where there is none, or the splat is not meshed yet. note: what it leaves
     open, or "". lamps: the LampPlan of the lamps that are put in, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
-    GlossPlan of the scene, None where nothing is glossy or it was not looked at yet.
+    GlossPlan of the scene, None where nothing is glossy or it was not looked at yet. inserts: the InsertPlan of objects
+    that are put in, or None.
     """
 
     plan: Plan | None
@@ -221,12 +223,14 @@ class RelightPlan(NamedTuple):
     lamp_count: int = 0
     lamps_picture: NDArray[np.uint8] | None = None
     gloss: "GlossPlan | None" = None
+    inserts: "InsertPlan | None" = None
 
     def table(self) -> list[str]:
         """Return it as lines of text."""
         lines = [] if self.plan is None else self.plan.table()
         lines += [f"  {self.note}"] * bool(self.note) if lines else [self.note] * bool(self.note)
         lines += [] if self.gloss is None else self.gloss.table()
+        lines += [] if self.inserts is None else self.inserts.table()
         return lines + ([] if self.lamps is None else self.lamps.table(self.lamp_count))
 
 
@@ -248,16 +252,17 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         from .output.lamps_picture import lamps_picture
 
         picture = lamps_picture(job.scene, job.lamps_found)
+    inserts = job.insert_plan
     if job.keeps_captured:
-        note = "" if lamps else "the captured light needs no rays, and there is nothing to plan"
-        return RelightPlan(None, note, lamps, count, picture)
+        note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
+        return RelightPlan(None, note, lamps, count, picture, inserts=inserts)
     plan, note = job.planned()
-    if plan is None and job.steady and lamps is None:
+    if plan is None and job.steady and lamps is None and inserts is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
-    if plan is None and lamps is None:
+    if plan is None and lamps is None and inserts is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
-    return RelightPlan(plan, note, lamps, count, picture, gloss)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts)
 
 
 def view_request(

@@ -168,7 +168,8 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
         write_png(path, told.lamps_picture)
         lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
     plan, lamps = told.plan and told.plan.as_dict(), told.lamps and told.lamps.as_dict()
-    return lines, {"plan": plan, "note": told.note, "lamps": lamps, "gloss": told.gloss and told.gloss.as_dict()}
+    more = {"gloss": told.gloss and told.gloss.as_dict(), "inserts": told.inserts and told.inserts.as_dict()}
+    return lines, {"plan": plan, "note": told.note, "lamps": lamps, **more}
 
 
 def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> tuple[list[str], Any]:

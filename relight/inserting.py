@@ -12,12 +12,14 @@ from .engine.appearance import Appearance
 from .engine.relighter import Relighter, Shaded
 from .light.captured import CapturedLight
 from .light.environment import Environment
+from .light.loading import light_of
 
 if TYPE_CHECKING:
     from .beside import Beside
     from .insert.probe import Light
     from .insert.surroundings import Surroundings
     from .lamps.shapes import Lamp
+    from .viewer.object_source import ObjectsUnder
 
 
 def surroundings_under(
@@ -39,6 +41,27 @@ def surroundings_under(
     return surroundings_of(relighter.scene, relighter.occluder, radiance, light.skies, lamps, light.glow)
 
 
+def surroundings_in(
+    now: "ObjectsUnder", relighter: Relighter, look: Appearance, beside: "Beside", mixes: bool, steady: bool
+) -> "Surroundings":
+    """Return the Surroundings of a scene in the light of its session. Other arguments as of `surroundings_under`."""
+    from .insert.surroundings import Sky, surroundings_of
+    from .lamps.photometry import times
+
+    captured = 1.0 if steady and not mixes and now.captured == 0.0 else now.captured
+    skies, lamps = [], []
+    if now.env_scale > 0.0 and not steady:
+        light = light_of(now.environment)
+        if not isinstance(light, CapturedLight):
+            skies.append(Sky(light.rotated(now.angle_deg), now.env_scale))
+    if captured > 0.0:
+        skies.append(Sky(captured_sky(look), captured / now.level))
+    if now.lamps:
+        lamps = [times(lamp, 1.0 / now.level) for lamp in beside.light_of(now.lamps, now.captured).lamps]
+    glow = _glow(now.radiance, look, beside, (captured if mixes else 1.0) / now.level)
+    return surroundings_of(relighter.scene, relighter.occluder, now.radiance, skies, lamps, glow)
+
+
 def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool, steady: bool) -> "Light":
     """Return the skies of a light, and what captured lamps send in it. Arguments as of `surroundings_under`."""
     from .insert.probe import Light
@@ -50,7 +73,7 @@ def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool,
     skies = [Sky(shaded.light, new)] if new > 0.0 else []
     if captured > 0.0:
         skies.append(Sky(captured_sky(look), captured / level))
-    return Light(skies, _glow(shaded, look, beside, (captured if mixes else 1.0) / level))
+    return Light(skies, _glow(shaded.shading.radiance, look, beside, (captured if mixes else 1.0) / level))
 
 
 def _level(shaded: Shaded, beside: "Beside", mixes: bool) -> float:
@@ -68,7 +91,9 @@ def captured_sky(look: Appearance) -> Environment:
     return Environment(np.array(even, np.float32), "even")
 
 
-def _glow(shaded: Shaded, look: Appearance, beside: "Beside", factor: float) -> NDArray[np.float32] | None:
+def _glow(
+    radiance: NDArray[np.float32], look: Appearance, beside: "Beside", factor: float
+) -> NDArray[np.float32] | None:
     """(V, 3) float32: what the captured lamps of a closed room send, in the unit of the radiance; None without any.
 
     factor: on what they sent on the capture day, besides that of the options."""
@@ -76,5 +101,5 @@ def _glow(shaded: Shaded, look: Appearance, beside: "Beside", factor: float) -> 
     if room is None or not room.glow.any():
         return None
     factors = np.array([*beside.lamp_factors, 1.0], np.float32)[room.lamp_of]
-    shown = np.maximum(shaded.shading.radiance, np.float32(factor) * factors[:, None] * room.glow)
+    shown = np.maximum(radiance, np.float32(factor) * factors[:, None] * room.glow)
     return np.where(room.glow.any(axis=1, keepdims=True), shown, np.float32(0.0)).astype(np.float32)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .engine.relit_room import RelitRoom
     from .gloss import SceneGloss
     from .insert.asked import AskedInsert
+    from .insert.insert_plan import InsertPlan
     from .insert.inserts import Inserts
     from .insert.objects import InsertedObject
     from .insert.probe import Light
@@ -205,7 +206,18 @@ class Job(Loaded):
             return None
         from .insert.inserts import Inserts
 
-        return Inserts(self.asked_inserts, self.relighter, self.appearance, self._object_of)
+        return Inserts(self.asked_inserts, self.relighter, lambda: self.appearance, self._object_of)
+
+    @property
+    def insert_plan(self) -> "InsertPlan | None":
+        """How much of the scene the objects change, and what that costs; None without any."""
+        if self.inserts is None:
+            return None
+        from .insert.insert_plan import evenly_lit, plan_inserts
+
+        around = evenly_lit(self.scene, self.relighter.occluder)
+        splats = self.splats[0] if self.shows_splats and self.splats is not None else None
+        return plan_inserts(self.inserts.standing, self.scene, around, splats)
 
     def _object_of(self, asked: "AskedInsert") -> "InsertedObject":
         """What was asked to be put in; a splat is meshed first, as a scene is, and told from its own light."""

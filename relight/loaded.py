@@ -57,7 +57,12 @@ class Loaded:
         """What is lit; of an animation its first frame."""
         self.require("environment", "asked_lamps", "asked_inserts")  # what cannot be read fails before a scene is read
         with self.stages.stage("load"):
-            return self.animation.scene if self.request.animated else as_scene(self.request.scene)
+            return self.animation.scene if self.plays else as_scene(self.request.scene)
+
+    @property
+    def plays(self) -> bool:
+        """Whether the scene itself is an animation; with objects put in, these are."""
+        return self.request.animated and not self.request.inserted
 
     @cached_property
     def splats(self) -> tuple[Splats, list[Path]] | None:
@@ -149,7 +154,7 @@ class Loaded:
             and self.request.formats is not None
             and set(self.request.formats) <= {"splat", "png", *AROUND, *WITHOUT_LIGHT}
         )
-        return alone and not self.request.animated and self.scene.is_place and self.splats is not None
+        return alone and not self.plays and self.scene.is_place and self.splats is not None
 
     @property
     def shows_splats(self) -> bool:

@@ -1,5 +1,6 @@
 """A job as a session shows it: the keyword arguments of `viewer.view`."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,9 +20,12 @@ if TYPE_CHECKING:
     from splat2mesh.render.raycaster import Hits
     from splat2mesh.splats.splats import Splats
 
+    from .insert.asked import AskedInsert
+    from .insert.inserts import InsertedLight
     from .splats import Binding
     from .viewer.lamp_source import LampParts, LampSource
     from .viewer.mixture import SessionMixture
+    from .viewer.object_source import ObjectSource, ObjectsUnder
     from .viewer.splats import SplatSource
 
 
@@ -59,6 +63,7 @@ def session_of(job: Job) -> dict[str, Any]:
         "splats": None if opened or job.splats is None else _splats(job, chosen, mixture),
         "mixture": mixture,
         "lamp_source": None if opened else source,
+        "object_source": None if opened or not job.asked_inserts else _object_source(job),
     }
 
 
@@ -107,6 +112,47 @@ def _lamp_source(job: Job) -> "LampSource":
     )
 
 
+def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np.float32]]":
+    """What tells the irradiance over pi of the scene from the radiance of an environment and its exposure."""
+    look, room = job.appearance, job.room
+
+    def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
+        if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
+            return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
+        if room and look.room is not None:
+            radiance = room.as_captured(radiance, job.options.unplanned)
+        return np.asarray(look.received(radiance, exposure), np.float32)
+
+    return received
+
+
+def _object_source(job: Job) -> "ObjectSource":
+    """What lights the objects of a session."""
+    from .insert.shadowed import shadowed
+    from .inserting import surroundings_in
+    from .output.inserted_picture import with_objects
+    from .viewer.object_source import ObjectSource
+
+    inserts = job.inserts
+    assert inserts is not None
+    known = job.relighter, job.appearance, job.beside, job.mixes, job.steady
+
+    def exact(asked: "Sequence[AskedInsert]", now: "ObjectsUnder", check: "Callable[..., None]") -> "InsertedLight":
+        return inserts.moved(asked).under(surroundings_in(now, *known), now.received, check)
+
+    return ObjectSource(
+        asked=tuple(inserts.asked),
+        received=_received_of(job),
+        exact=exact,
+        glimpse=lambda asked, before: inserts.moved(asked).glimpse(before),
+        shadowed=shadowed,
+        drawn=lambda splats, light, exposure, view, samples: with_objects(
+            splats, light, exposure, view, job.scene, samples
+        ),
+        scene_from_splat=np.asarray(job.scene.scene_from_splat, np.float64),
+    )
+
+
 def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
     """The splats as a session shows them: by its own albedo, or by the captured colours."""
     from .splats import shown_as_sky
@@ -115,12 +161,7 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
     look, room, splats = job.appearance, job.room, job.splats
     assert splats is not None
 
-    def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-        if look.kept:  # the session shows the captured colours, times what its lamps are dimmed by
-            return look.irradiance * (radiance + LEAST_ALBEDO) / (look.captured + np.float32(LEAST_ALBEDO))
-        if room and look.room is not None:
-            radiance = room.as_captured(radiance, job.options.unplanned)
-        return np.asarray(look.received(radiance, exposure), np.float32)
+    received = _received_of(job)
 
     def binding() -> "Binding":
         if not look.kept:

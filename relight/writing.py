@@ -91,6 +91,8 @@ class Writer:
         from .animation.film import FILM, Frames, animate, frame_times
 
         job = self.job
+        if job.asked_inserts:
+            return self._film_of_objects(folder, fps, overwrite)
         job.require("plan")  # its rays are traced before the first frame
         albedo, animation, (light,) = job.appearance.albedo, job.animation, job.lights
         count = len(frame_times(animation.duration_s, fps))
@@ -118,6 +120,43 @@ class Writer:
             advance = frames.enter_context(job.stages.stage("frames", count))
             written = animate(
                 animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, finish=finish, **picture
+            )
+        return written.note, report
+
+    def _film_of_objects(
+        self, folder: str | os.PathLike[str], fps: float, overwrite: bool
+    ) -> tuple[str, dict[str, Any]]:
+        """Light the objects that are put in frame by frame, in a place that stands still."""
+        from .animation.acting import Acting
+        from .animation.film import FILM, Frames, frame_times
+        from .animation.object_film import film_objects
+
+        job, results = self.job, self._results
+        assert job.inserts is not None
+        acting = Acting(job.inserts)
+        count = len(frame_times(acting.duration_s, fps))
+        shaded = next(job.shaded())
+        around, received = shaded.inserted.around, shaded.inserted.received
+        report: dict[str, Any] = {}
+
+        def finish(staging: Path, written: Frames) -> None:
+            frames.close()
+            report.update(report_of(job, shaded))
+            report.update({"animation": acting.name, "frames": written.frames, "fps": fps})
+            report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
+            self._write_report(staging, report)
+
+        with ExitStack() as frames:
+            written = film_objects(
+                acting,
+                lambda inserts: inserts.under(around, received),
+                lambda poses: results.object_painter(shaded, poses),
+                folder,
+                fps,
+                shaded.exposure,
+                overwrite,
+                frames.enter_context(job.stages.stage("frames", count)),
+                finish,
             )
         return written.note, report
 

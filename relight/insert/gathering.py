@@ -37,7 +37,9 @@ LEAST_CONE = 1.0 / 400.0
 """Part of a hemisphere that the sphere of an object must fill: less changes no light that is seen."""
 
 
-def light_on(around: Surroundings, standing: Standing, seed: int = 0) -> NDArray[np.float32]:
+def light_on(
+    around: Surroundings, standing: Standing, seed: int = 0, advance: Advance = lambda count: None
+) -> NDArray[np.float32]:
     """Return what white would send on at the vertices of objects, (V, 3) float32, light between them included."""
     at, count = standing.occluder, len(standing.vertices)
     azimuths = fibonacci_azimuths(OBJECT_RAYS)
@@ -46,6 +48,7 @@ def light_on(around: Surroundings, standing: Standing, seed: int = 0) -> NDArray
     size = max(1, BATCH_RAYS // OBJECT_RAYS)
     for start in range(0, count, size):
         part = slice(start, min(start + size, count))
+        advance(0)
         rays = np.zeros((part.stop - start, OBJECT_RAYS, 6), np.float32)
         shoot(at.origins[part], at.normals[part], azimuths, seed, rays)
         flat = rays.reshape(-1, 6)
@@ -89,6 +92,7 @@ def change_at(
     at: Receiving,  # M places
     seed: int = 0,
     advance: Advance = lambda count: None,
+    least: float = LEAST_CONE,  # part of a hemisphere that an object must fill
 ) -> NDArray[np.float32]:
     """Return by how much objects change the irradiance over pi of places, (M, 3) float32: exactly 0 where none of the
     rays meets one."""
@@ -96,8 +100,7 @@ def change_at(
     for number, (middle, radius) in enumerate(standing.spheres):
         toward = middle - at.origins
         distance = np.linalg.norm(toward, axis=1)
-        height = np.einsum("ij,ij->i", at.normals, toward)
-        reached = (radius**2 > LEAST_CONE * distance**2) & (height > -radius)
+        reached = in_reach(middle, radius, at, least)
         near = reached & (distance < NEAR * radius)
         for inside, count in ((False, rays), (True, NEAR_RAYS * rays)):
             place = np.flatnonzero(near if inside else reached & ~near)
@@ -116,6 +119,14 @@ def change_at(
         change[before] += _direct(around, Together(around.occluder, places, standing.caster), places)
         change[before] -= _direct(around, Together(around.occluder, places), places)
     return change
+
+
+def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: float = LEAST_CONE) -> Mask:
+    """Which places (M,) the sphere of an object may change other light of than that of suns and lamps: those before
+    which it is large enough."""
+    toward = middle - at.origins
+    height = np.einsum("ij,ij->i", at.normals, toward)
+    return np.asarray((radius**2 > least * (toward**2).sum(axis=1)) & (height > -radius))
 
 
 def _through(

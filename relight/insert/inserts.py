@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 RAYS = 32
 """From each vertex to each object, where it is first asked what that changes."""
 
+GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 64.0
+"""Rays of a glimpse, and what part of a hemisphere an object must fill to be looked at."""
+
 LATER_BOUNCES = 4
 """Of what surfaces send less or more for it: in a garden they darken the shade of an object by a tenth."""
 
@@ -50,7 +53,7 @@ BURIED = 0.9
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: what is put in. look: the Appearance, whose albedo bounces take. read: reads what is asked for, as
+    asked: what is put in. look: returns the Appearance, whose albedo bounces take. read: reads what is asked for, as
     `read_object` reads meshes.
     Raises InputError, on first use, for files that cannot be read.
     """
@@ -59,37 +62,88 @@ class Inserts:
         self,
         asked: Sequence[AskedInsert],
         relighter: "Relighter",
-        look: "Appearance",
+        look: "Callable[[], Appearance]",
         read: Callable[[AskedInsert], InsertedObject] = read_object,
     ) -> None:
-        self.asked, self.relighter, self.look, self._read = list(asked), relighter, look, read
+        self.asked, self.relighter, self._look, self._read = list(asked), relighter, look, read
+
+    @property
+    def look(self) -> "Appearance":
+        return self._look()
+
+    def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
+        """The same objects elsewhere; nothing is read again."""
+        other = Inserts(asked, self.relighter, self._look, self._read)
+        other.__dict__.update(objects=self.objects, _frame=self._frame)
+        return other
+
+    def posed(self, objects: list[InsertedObject]) -> "Inserts":
+        """The same objects in other poses, placed by the same matrices."""
+        other = self.starting(objects)
+        other.__dict__.update(_placed=self._placed)
+        return other
+
+    def starting(self, objects: list[InsertedObject]) -> "Inserts":
+        """The same objects in other poses, let down on the floor in these."""
+        other = self.moved(self.asked)
+        other.__dict__.update(objects=objects)
+        return other
+
+    @cached_property
+    def objects(self) -> list[InsertedObject]:
+        """The objects as read, in their own frames."""
+        return [self._read(each) for each in self.asked]
+
+    @cached_property
+    def _frame(self) -> Frame:
+        return Frame.around(self.relighter.scene.vertices, self.relighter.scene.faces)
+
+    @cached_property
+    def _placed(self) -> list[NDArray[np.float64]]:
+        scene, occluder = self.relighter.scene, self.relighter.occluder
+        objects = zip(self.asked, self.objects, strict=True)
+        return [placed_by(asked, each.joined("vertices"), scene, occluder) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
         """The objects where they stand."""
-        scene, occluder = self.relighter.scene, self.relighter.occluder
         with self.relighter.stages.stage("objects"):
-            objects = [self._read(each) for each in self.asked]
-            placed = [
-                placed_by(asked, each.joined("vertices"), scene, occluder)
-                for asked, each in zip(self.asked, objects, strict=True)
-            ]
-            return Standing.of(Frame.around(scene.vertices, scene.faces), objects, placed)
+            return Standing.of(self._frame, self.objects, self._placed)
 
-    def under(self, around: Surroundings, received: NDArray[np.float32]) -> "InsertedLight":
+    def under(
+        self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None
+    ) -> "InsertedLight":
         """Return what the objects receive and change. around: the light on the scene without them. received: (V, 3)
-        irradiance over pi of its vertices in it."""
+        irradiance over pi of its vertices in it. check: called now and then with what is done; may raise to end it."""
         stages, seed = self.relighter.stages, self.relighter.seed
         with stages.stage("light on objects"):
-            light = light_on(around, self.standing, seed)
+            light = light_on(around, self.standing, seed, check)
         self._check_lit(light, received)
         radiance = self.standing.albedo * light + self.standing.emission
         with stages.stage("shadows of objects", len(received)) as advance:
             # Leaves too by their normals: beside an object it counts which of them turn to it (.70 of the shadow in a
             # trained garden, .69 as volumes).
             at = Receiving(around.occluder.origins, around.occluder.normals)
-            direct = change_at(around, self.standing, radiance, RAYS, at, seed, advance)
+
+            def done(count: int) -> None:
+                check(count)
+                advance(count)
+
+            direct = change_at(around, self.standing, radiance, RAYS, at, seed, done)
+            check(0)
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
+
+    def glimpse(self, before: "InsertedLight") -> "InsertedLight":
+        """Return nearly the same by few rays, and without what surfaces send to each other. before: of the same
+        objects elsewhere, whose light they keep."""
+        around = before.around
+        at = Receiving(around.occluder.origins, around.occluder.normals)
+        direct = change_at(
+            around, self.standing, before.radiance, GLIMPSE_RAYS, at, self.relighter.seed, least=GLIMPSE_CONE
+        )
+        return InsertedLight(
+            self, around, before.received, before.light, before.radiance, direct, np.zeros_like(direct)
+        )
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
         """What surfaces send to each other less, or more, for a change of light (V, 3) on them."""

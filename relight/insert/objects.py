@@ -2,14 +2,14 @@
 
 import io
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Faces
+from splat2mesh.base.arrays import Faces, Integers
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
@@ -46,7 +46,8 @@ class Part:
 
     vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, what the texture is
     multiplied by. uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, the texture in it. material: its
-    index in the document, or None.
+    index in the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its
+    file.
     """
 
     vertices: NDArray[np.float32]
@@ -57,6 +58,8 @@ class Part:
     albedo: NDArray[np.float32]
     emission: NDArray[np.float32]
     material: int | None = None
+    node: int | None = None
+    rounds: "list[Integers]" = field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +109,7 @@ class _Raw:
         self.emitted = np.zeros(3)
         self.glow: NDArray | None = None
         self.material: int | None = None
+        self.node: int | None = None
 
 
 def _of_mesh(mesh: Mesh, asked: AskedInsert) -> _Raw:
@@ -124,6 +128,7 @@ def _of_piece(data: GltfData, piece: Piece, pictures: dict[Any, NDArray], asked:
         normals = vertex_normals(points, faces)
     color = np.ones((len(points), 4), np.float32)
     raw = _Raw(points, unit(normals), faces, color)
+    raw.node = piece.node
     painted = piece.held.get("COLOR_0")
     if painted is not None:
         color[:, : painted.shape[1]] = np.clip(np.nan_to_num(painted), 0.0, 1.0)
@@ -162,7 +167,8 @@ def _fine(raw: _Raw, tint: NDArray, whole: Mesh | None = None) -> Part:
     normals = unit(carried(np.asarray(raw.normals, np.float32), rounds))
     reflected = np.asarray(np.clip(albedo, DARKEST, LIGHTEST), np.float32)
     uv = uv if raw.texture is not None else None
-    return Part(points, normals, faces, color, uv, reflected, emission.astype(np.float32), raw.material)
+    sent = emission.astype(np.float32)
+    return Part(points, normals, faces, color, uv, reflected, sent, raw.material, raw.node, rounds)
 
 
 def _texture(data: GltfData, index: Any, pictures: dict[Any, NDArray]) -> NDArray | None:

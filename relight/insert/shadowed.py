@@ -45,36 +45,55 @@ WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
 
 def shadowed(light: InsertedLight, splats: Splats) -> Splats:
     """The splats with the change of light of an InsertedLight: a splat that it does not reach keeps every bit."""
-    relighter = light.inserts.relighter
     if not (light.ratio != 1.0).any():
         return splats
-    with relighter.stages.stage("shadows on splats"):
-        finer, ratio = _finer(light, relighter.scene)
-        binding = Binding(splats, finer, _views(light, finer))
-        ones, none = np.ones_like(ratio), np.zeros(3)
+    with light.inserts.relighter.stages.stage("shadows on splats"):
+        return ShadowedSplats([light], splats).under(light)
+
+
+class ShadowedSplats:
+    """Splats bound to triangles that are finer where objects change the light in any of some poses.
+
+    poses: InsertedLight of each. splats: without the objects.
+    """
+
+    def __init__(self, poses: list[InsertedLight], splats: Splats) -> None:
+        scene, light = poses[0].inserts.relighter.scene, poses[len(poses) // 2]
+        self._splats, self._scene = splats, scene
+        radii = [radius for pose in poses for _, radius in pose.standing.spheres]
+        smallest = min(radii) * light.standing.frame.diagonal
+        changed = np.logical_or.reduce([_changed(pose) for pose in poses])
+        most = MOST_FACES + len(scene.faces)
+        faces, self._rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
+        vertices, self._normals = carried(scene.vertices, self._rounds), unit(carried(scene.normals, self._rounds))
+        self._origins = carried(light.around.occluder.origins, self._rounds)
+        mesh = Mesh(vertices, self._normals, faces, carried(scene.colors_srgb, self._rounds))
+        finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
+        self._binding = Binding(splats, finer, _views(light, finer))
+
+    def under(self, light: InsertedLight) -> Splats:
+        """The splats with the change of light of one of the poses, or another like them: what it does not reach keeps
+        every bit."""
+        ratio = self._ratio(light)
+        binding, ones, none = self._binding, np.ones_like(ratio), np.zeros(3)
         relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
         reached = np.flatnonzero(binding.lit)[(binding.spread(np.log(ratio)) != 0.0).any(axis=1)]
-        sh = splats.sh.copy()
+        sh = self._splats.sh.copy()
         sh[reached] = relit.sh[reached]
-    return replace(splats, sh=sh)
+        return replace(self._splats, sh=sh)
+
+    def _ratio(self, light: InsertedLight) -> NDArray[np.float32]:
+        """The ratio (V, 3) of light at the finer vertices; only where it changes rays are traced."""
+        rounds = self._rounds
+        received, later, change = (carried(each, rounds) for each in (light.received, light.later, light.direct))
+        rows = np.flatnonzero(carried(_changed(light).astype(np.float32), rounds) > 0.0)
+        at = Receiving(self._origins[rows], self._normals[rows])
+        change[rows] = change_at(light.around, light.standing, light.radiance, RAYS, at, light.inserts.relighter.seed)
+        return light.compared(received, change + later)
 
 
-def _finer(light: InsertedLight, scene: Scene) -> tuple[Scene, NDArray[np.float32]]:
-    """The scene in finer triangles where it changes, and the ratio (V, 3) of light at their vertices."""
-    smallest = min(radius for _, radius in light.standing.spheres) * light.standing.frame.diagonal
-    changed: NDArray[np.bool_] = np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
-    most = MOST_FACES + len(scene.faces)
-    faces, rounds = refined(scene.vertices, scene.faces, smallest / FINENESS, most, changed)
-    vertices, normals = carried(scene.vertices, rounds), unit(carried(scene.normals, rounds))
-    origins, colors = carried(light.around.occluder.origins, rounds), carried(scene.colors_srgb, rounds)
-    received, later = carried(light.received, rounds), carried(light.later, rounds)
-    rows = np.flatnonzero(carried(changed.astype(np.float32), rounds) > 0.0)
-    at = Receiving(origins[rows], normals[rows])
-    change = carried(light.direct, rounds)
-    change[rows] = change_at(light.around, light.standing, light.radiance, RAYS, at, light.inserts.relighter.seed)
-    mesh = Mesh(vertices, normals, faces, colors)
-    finer = Scene([mesh], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
-    return finer, light.compared(received, change + later)
+def _changed(light: InsertedLight) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(np.log(light.ratio)) > SEEN_CHANGE).any(axis=1))
 
 
 def _views(light: InsertedLight, scene: Scene) -> list[View] | None:

@@ -55,12 +55,12 @@ class Standing:
     @cached_property
     def occluder(self) -> Occluder:
         """The objects alone, in the unit frame of the scene."""
-        return receivers_in(self.frame, self.vertices, self.normals, self.faces)
+        return receivers_in(self.frame, self.vertices, self.normals, self.faces, self.caster)
 
-    @property
+    @cached_property
     def caster(self) -> RayCaster:
         """The RayCaster of the objects, in that frame."""
-        return self.occluder._caster
+        return RayCaster(self.frame.unit(self.vertices), self.faces)
 
     @cached_property
     def owner(self) -> NDArray[np.int64]:

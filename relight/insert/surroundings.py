@@ -98,14 +98,18 @@ class Together(Occluder):
 
 
 def receivers_in(
-    frame: Frame, vertices: NDArray[np.float32], normals: NDArray[np.float32], faces: NDArray[np.int32]
+    frame: Frame,
+    vertices: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    caster: RayCaster,
 ) -> Occluder:
     """An Occluder of objects alone (V, 3), in the unit frame of a scene: rays start as near to them as their own size
-    allows."""
+    allows. caster: of the objects, in that frame."""
     own, alone = Frame.around(vertices, faces), Occluder(vertices, normals, faces)
     moved = copy.copy(alone)
     moved.origins = frame.unit(alone.origins.astype(np.float64) * own.diagonal + own.center)
-    moved._caster = RayCaster(frame.unit(vertices), faces)
+    moved._caster = caster
     return moved
 
 

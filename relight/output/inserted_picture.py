@@ -6,6 +6,7 @@ So what stands before an object hides it, and the edges of both are smooth.
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import srgb_from_linear
@@ -30,11 +31,17 @@ FIELD_DEG, AWAY = 55.0, 4.5
 """Of the picture of an object: its field of view, and the distance that is best, in radii of the object."""
 
 
-def with_objects(splats: Splats, inserted: "InsertedLight", exposure: float, view: View, scene: Scene) -> Splats:
-    """The splats and what a view in the frame of the scene sees of the objects, in the frame of the splats."""
+def with_objects(
+    splats: Splats, inserted: "InsertedLight", exposure: float, view: View, scene: Scene, samples: int = SAMPLES
+) -> Splats:
+    """The splats and what a view in the frame of the scene sees of the objects, in the frame of the splats.
+
+    samples: along the side of a pixel."""
     standing, frame = inserted.standing, inserted.standing.frame
-    width, height = view.width * SAMPLES, view.height * SAMPLES
-    column, row = np.meshgrid((np.arange(width) + 0.5) / SAMPLES, (np.arange(height) + 0.5) / SAMPLES)
+    (left, right), (top, bottom) = (
+        (samples * low, samples * high) for low, high in _box(view, standing.vertices.astype(np.float64))
+    )
+    column, row = np.meshgrid((np.arange(left, right) + 0.5) / samples, (np.arange(top, bottom) + 0.5) / samples)
     seen = np.stack([(column - view.cx) / view.fx, (row - view.cy) / view.fy, np.ones_like(column)], -1).reshape(-1, 3)
     ways = seen @ view.camera_from_world[:3, :3]
     rays = np.empty((len(ways), 6), np.float32)
@@ -54,7 +61,7 @@ def with_objects(splats: Splats, inserted: "InsertedLight", exposure: float, vie
     points = view.center + depth[:, None] * ways[met]
     back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
     scale = float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
-    size = SIZE * depth / (view.fx * SAMPLES) * scale
+    size = SIZE * depth / (view.fx * samples) * scale
     count = len(met)
     quats = np.zeros((count, 4), np.float32)
     quats[:, 0] = 1.0
@@ -69,9 +76,27 @@ def with_objects(splats: Splats, inserted: "InsertedLight", exposure: float, vie
     )
 
 
-def camera_of(inserted: "InsertedLight", scene: Scene) -> dict[str, Any]:
-    """A camera that shows all objects, from where the capture stood, or from slightly above: as of `Preview`."""
-    points = inserted.standing.vertices.astype(np.float64)
+def _box(view: View, points: NDArray[np.float64]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Columns and rows of pixels, from and to, outside which no triangle between points (N, 3) is seen."""
+    seen = points @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
+    depth = seen[:, 2]
+    if depth.max() <= 0.0:
+        return (0, 0), (0, 0)
+    if depth.min() <= 1e-6 * depth.max():  # some lie beside or behind the eye
+        return (0, view.width), (0, view.height)
+    found = []
+    for axis, (focal, middle, size) in enumerate(((view.fx, view.cx, view.width), (view.fy, view.cy, view.height))):
+        place = focal * seen[:, axis] / depth + middle
+        low, high = (int(np.clip(end, 0, size)) for end in (np.floor(place.min()) - 1, np.ceil(place.max()) + 1))
+        found.append((low, high))
+    return found[0], found[1]
+
+
+def camera_of(inserted: "InsertedLight", scene: Scene, points: NDArray | None = None) -> dict[str, Any]:
+    """A camera that shows all objects, from where the capture stood, or from slightly above: as of `Preview`.
+
+    points: (N, 3) that it shows, those of the objects without."""
+    points = (inserted.standing.vertices if points is None else points).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter, Shaded, Shading
     from ..gloss import SceneGloss
+    from ..insert.inserts import InsertedLight
     from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
@@ -156,6 +157,32 @@ class Results:
             picture = RelitPicture(self._scene, camera_of(shaded.inserted, self._scene), *PICTURE_SIZE)
             mesh_files.write_png(folder / INSERTED[1], self._of_splats(picture, relit, shaded))
         return [*names, INSERTED[1]]
+
+    def object_painter(
+        self, shaded: "Shaded", poses: "list[InsertedLight]"
+    ) -> "Callable[[InsertedLight], NDArray[np.uint8]]":
+        """What draws objects in motion in a light: splats where there are any, else the mesh.
+
+        shaded: with the objects in any pose. poses: some of those to come."""
+        from ..insert.shadowed import ShadowedSplats
+        from .inserted_picture import camera_of
+        from .object_picture import mesh_with_objects
+        from .picture import RelitPicture
+
+        points = np.concatenate([pose.standing.vertices for pose in poses])
+        camera = camera_of(poses[len(poses) // 2], self._scene, points)
+        light = None if isinstance(shaded.light, CapturedLight) else shaded.light
+        radiance = shaded.shading.radiance / shaded.inserted.ratio
+        if self._splats is None:
+            exposure = shaded.exposure
+            return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
+        bound = ShadowedSplats(poses, self._without(shaded))
+        picture = RelitPicture(self._scene, camera, *PICTURE_SIZE)
+
+        def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
+            return self._of_splats(picture, bound.under(pose), shaded._replace(inserted=pose))
+
+        return drawn
 
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
         """A picture of relit splats, and of what was put in among them."""

@@ -7,7 +7,7 @@ Modules: `session` state and light, `answers` what the worker said, `worker` and
 of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in its place, `controls` the
 keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films. Lamps that are put
 in: `editing` what Python calls, `lamp_board` undo, `lamp_bench` their light, `lamp_source` the engine behind it,
-`lamp_tool` the hand on them.
+`lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
 """
 
 import os
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ..transfer.store import Cache
     from .lamp_source import LampSource
     from .mixture import SessionMixture
+    from .object_source import ObjectSource
     from .session import Session
     from .splats import SplatSource
 
@@ -50,6 +51,7 @@ def view(
     lamps_known: bool = True,  # whether those can be told from other light, and dimmed
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
+    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
     splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
@@ -76,7 +78,7 @@ def view(
         "splats": splats,
         "mixture": mixture,
     }
-    more["lamp_source"] = lamp_source
+    more |= {"lamp_source": lamp_source, "object_source": object_source}
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     if screenshot and not panel:
         session.change(panel=False)  # which leaves the whole of the picture to the scene
@@ -116,6 +118,7 @@ def serve(
     lamps_known: bool = True,
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
+    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -135,7 +138,7 @@ def serve(
         "splats": splats,
         "mixture": mixture,
     }
-    more["lamp_source"] = lamp_source
+    more |= {"lamp_source": lamp_source, "object_source": object_source}
     session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
@@ -162,6 +165,7 @@ def record_turntable(
     lamps_known: bool = True,
     mixture: "SessionMixture | None" = None,  # captured light and placed lamps
     lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
+    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
     splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
@@ -184,7 +188,7 @@ def record_turntable(
         "splats": splats,
         "mixture": mixture,
     }
-    more["lamp_source"] = lamp_source
+    more |= {"lamp_source": lamp_source, "object_source": object_source}
     session = _session(scene, environment, options, albedos, None, exposure, state, **more)
     try:
         window = Window(session, size, off_screen=True)

@@ -59,16 +59,31 @@ class Answers:
         return ""
 
     @property
+    def objects_settled(self) -> bool:
+        """Whether the light of objects that were put in is complete."""
+        return True
+
+    @property
+    def objects_failure(self) -> str:
+        """Why it cannot be found, or ""."""
+        return ""
+
+    @property
+    def answered(self) -> bool:
+        """Whether the worker has answered the present state, and lamps are lit."""
+        return self._answered == (self.wish, "") and self.lamps_settled
+
+    @property
     def settled(self) -> bool:
         """Whether the worker has answered the present state in full, and nothing newer has come in since."""
-        return self._answered == (self.wish, "") and self.lamps_settled
+        return self.answered and self.objects_settled
 
     @property
     def failure(self) -> str:
         """Why the worker cannot answer the present state, or ""."""
         answered = self._answered
         answer = answered[1] if answered is not None and answered[0] == self._asked else self._ended
-        return answer or self.lamps_failure
+        return answer or self.lamps_failure or self.objects_failure
 
     @property
     def light(self) -> SessionLight | None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..planning.effects import BOUNCES, SHADOWS, SUN
 from .modes import MODES
+from .object_tool import TURN_DEG
 
 if TYPE_CHECKING:
     from .session import Session
@@ -111,6 +112,10 @@ def _has_selected(session: "Session") -> bool:
     return session.board is not None and session.state.placing and session.board.selected is not None
 
 
+def _has_objects(session: "Session") -> bool:
+    return session.objects is not None
+
+
 def _has_lamps(session: "Session") -> bool:
     return session.has_lamps
 
@@ -146,6 +151,12 @@ CONTROLS = (
             there=_can_place),
     Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_place),
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_can_place),
+    Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
+            lambda s: "move objects", "choices", lambda s: s.state.arranging, _has_objects),
+    Control("7", "turn the object clockwise", lambda window: window.mouse.objects.turn(-TURN_DEG),
+            there=_has_objects),
+    Control("8", "turn the object counter-clockwise", lambda window: window.mouse.objects.turn(TURN_DEG),
+            there=_has_objects),
     Control("space", "start, stop rotating the light", _toggle("turning"), lambda s: "turn", "choices",
             lambda s: s.state.turning),
     Control("Left", "turn the light clockwise", _step("angle_deg", -ANGLE_STEP_DEG)),

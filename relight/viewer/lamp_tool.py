@@ -85,7 +85,7 @@ class LampTool:
         """Begin to put lamps in, or end that."""
         session = self._window.session
         if session.bench is not None:
-            session.change(placing=not session.state.placing)
+            session.change(placing=not session.state.placing, arranging=False)
             session.bench.prepare()
 
     def put(self, x: float, y: float) -> None:
@@ -128,7 +128,7 @@ class LampTool:
             return
         hit = None if freely or grip.base is None else self._surface(x + grip.base[0], y + grip.base[1])
         if hit is None:
-            eye, direction = self._ray(x + grip.shift[0], y + grip.shift[1])
+            eye, direction = self.ray(x + grip.shift[0], y + grip.shift[1])
             place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
         else:
             place, normal = hit
@@ -233,7 +233,9 @@ class LampTool:
         x, y, z = (float(each) for each in np.linalg.solve(motion[:3, :3], place - motion[:3, 3]))
         return x, y, z
 
-    def _focal(self) -> float:
+    @property
+    def focal(self) -> float:
+        """Of the camera, in pixels."""
         return 0.5 * self._window.size[0] / math.tan(math.radians(self._window.orbit.fov_deg) / 2.0)
 
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
@@ -242,17 +244,17 @@ class LampTool:
         right, up, backward = orbit.axes @ (place - orbit.eye)
         if backward >= 0.0:
             return None
-        return width / 2 - self._focal() * right / backward, height / 2 - self._focal() * up / backward
+        return width / 2 - self.focal * right / backward, height / 2 - self.focal * up / backward
 
-    def _ray(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def ray(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The eye and the unit direction to a pixel."""
         orbit, (width, height) = self._window.orbit, self._window.size
-        way = np.array([x - width / 2, y - height / 2, -self._focal()]) @ orbit.axes
+        way = np.array([x - width / 2, y - height / 2, -self.focal]) @ orbit.axes
         return orbit.eye, way / np.linalg.norm(way)
 
     def _surface(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The place that is seen at a pixel, and its unit normal towards the eye."""
-        eye, direction = self._ray(x, y)
+        eye, direction = self.ray(x, y)
         hits = self._source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
         distance = float(hits.distance[0])
         if not math.isfinite(distance):

@@ -1,10 +1,11 @@
-"""The mouse of a session's window: buttons, sliders and the split line, the camera, the light, lamps."""
+"""The mouse of a session's window: buttons, sliders and the split line, the camera, the light, lamps, objects."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from .controls import SLIDERS
 from .lamp_tool import LampTool
+from .object_tool import ObjectTool
 
 if TYPE_CHECKING:
     from .panel import HotArea
@@ -16,11 +17,12 @@ STILL = 4
 
 
 class Mouse:
-    """What the mouse does in a Window. lamps: the LampTool."""
+    """What the mouse does in a Window. lamps: the LampTool. objects: the ObjectTool."""
 
     def __init__(self, window: "Window") -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
+        self.objects: ObjectTool = ObjectTool(window)
         self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
         self._clicks: tuple[int, int] | None = None  # where a click would put a lamp
 
@@ -33,6 +35,8 @@ class Mouse:
             hot = next((hot for hot in window.panel.hot if hot.holds(x, y)), None) if button == "Left" else None
             self._drag = button, hot, (x, y)
             self._clicks = None
+            if hot is None and button == "Left" and self.objects.grip(x, y):
+                return
             if hot is None:
                 self._clicks = (x, y) if button == "Left" and self.lamps.on and not window.shift else None
             elif hot.lamp is not None:
@@ -51,6 +55,9 @@ class Mouse:
         window = self._window
         button, hot, (before_x, before_y) = self._drag
         x, y = window.pointer
+        if self.objects.holds:
+            self.objects.drag(x, y, window.shift)
+            return
         if self._clicks is not None:
             if max(abs(x - self._clicks[0]), abs(y - self._clicks[1])) <= STILL:
                 return
@@ -75,6 +82,7 @@ class Mouse:
         if self._clicks is not None:
             self.lamps.put(*self._clicks)
         self.lamps.let_go()
+        self.objects.let_go()
         self._drag = self._clicks = None
 
     def _set(self, hot: "HotArea", x: float, y: float) -> None:

@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,12 +28,16 @@ from .lamp_source import LampSource
 from .lighting import LightWish, check_albedos
 from .mixture import SessionMixture
 from .modes import MODES
+from .object_bench import ObjectBench
+from .object_light import light_key, light_now
+from .object_source import ObjectSource
 from .quick import display_bytes, harmonic_light, prepare
 from .splats import RelitSplats, SplatSource
 from .state import RANGES, State, check_field
 from .worker import ProcessWorker
 
 if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight
     from ..transfer.store import Cache
 
 REST_SECONDS = 0.15
@@ -73,6 +78,7 @@ class Session(LampEditing, Answers):
         lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
         mixture: SessionMixture | None = None,  # what is shown beside the environment: captured light, placed lamps
         lamp_source: LampSource | None = None,  # what lights lamps that are put in; without it none can be
+        object_source: ObjectSource | None = None,  # what lights objects that are put in; None without any
         **wishes: Any,  # fields of LightingOptions, such as tolerance
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
@@ -83,6 +89,7 @@ class Session(LampEditing, Answers):
         self.albedos = check_albedos(scene, captured if albedos is None else albedos)
         self.lamps, self._lamps_known = dict(lamps or {}), bool(lamps) and lamps_known
         LampEditing.__init__(self, lamp_source, mixture)
+        self.objects = None if object_source is None else ObjectBench(object_source)
         self.splats = None if splats is None else RelitSplats(splats)
         self.environments = dict(environments)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
@@ -98,7 +105,7 @@ class Session(LampEditing, Answers):
         self._given_exposure = exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
         self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # what was derived from them, by name
-        self._moved = self._lamps_moved = -math.inf
+        self._moved = self._lamps_moved = self._objects_moved = -math.inf
         self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
         Answers.__init__(self, worker(scene, self.environments, self.albedos, options, cache))
@@ -125,6 +132,9 @@ class Session(LampEditing, Answers):
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
         if self.board is not None:
             self.reset_lamps()
+        if self.objects is not None:
+            self.objects.reset()
+            self._edited()
 
     def poll(self) -> None:
         """Take in the results of the worker, without waiting. Call it often."""
@@ -135,12 +145,15 @@ class Session(LampEditing, Answers):
             self.revision += 1
         if self.bench is not None and self.bench.poll(self.clock() - self._lamps_moved > REST_SECONDS):
             self.revision += 1
+        if self.objects is not None:
+            under = partial(light_now, self, self.objects) if self.answered and self._in_first_albedo else None
+            self.revision += self.objects.poll(under, light_key(self), self._rests)
         if not self.state.turning and self.clock() - self._moved > REST_SECONDS:
             self._ask()
 
     def hurry(self) -> None:
         """Ask the worker for the present light at once, as if it had rested."""
-        self._moved = self._lamps_moved = -math.inf
+        self._moved = self._lamps_moved = self._objects_moved = -math.inf
         self._ask()
 
     def finish(self, timeout: float = 600.0) -> None:
@@ -164,6 +177,22 @@ class Session(LampEditing, Answers):
             self.bench.close()
         if self.splats is not None:
             self.splats.close()
+        if self.objects is not None:
+            self.objects.close()
+
+    def move_object(
+        self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
+    ) -> None:
+        """Put an object, counted from 0, at a position in the frame of the splat, turned about the vertical.
+
+        lifted: off the floor that it was let down on. Raises InputError for numbers that are none, and in a session
+        without objects.
+        """
+        if self.objects is None:
+            raise InputError("no object to move: open the session with --insert FILE")
+        self.objects.put(number, at, turn_deg, lifted)
+        self.revision += 1
+        self._objects_moved = self.clock()
 
     @property
     def name(self) -> str:
@@ -193,6 +222,27 @@ class Session(LampEditing, Answers):
         return "" if self.bench is None else self.bench.failure
 
     @property
+    def objects_settled(self) -> bool:
+        """Whether the light of objects that were put in is complete; it is found under the first albedo alone."""
+        return self.objects is None or not self._in_first_albedo or self.objects.settled
+
+    @property
+    def objects_failure(self) -> str:
+        """Why it cannot be found, or ""."""
+        return "" if self.objects is None else self.objects.failure
+
+    @property
+    def told(self) -> str:
+        """What there is to tell of lamps and objects, or ""."""
+        return "".join([each.message for each in (self.bench, self.objects) if each is not None][:2])
+
+    @property
+    def inserted(self) -> "InsertedLight | None":
+        """The objects that were put in, in their newest light; None without, or before the first."""
+        shown = None if self.objects is None else self.objects.shown
+        return None if shown is None else shown.light
+
+    @property
     def has_lamps(self) -> bool:
         """Whether captured lamps can be switched and dimmed."""
         mixture = self.mixture
@@ -207,6 +257,13 @@ class Session(LampEditing, Answers):
 
     def radiance(self) -> NDArray | None:
         """Exit radiance of the vertices under the present light, (V, 3) float32 linear; None before the first light."""
+        plain, inserted = self.plain_radiance(), self.inserted
+        if plain is None or inserted is None:
+            return plain
+        return self.remembered("with objects", None, lambda: plain * inserted.ratio, plain, inserted)
+
+    def plain_radiance(self) -> NDArray | None:
+        """The same without what objects change."""
         alone, mixture = self.environment_radiance(), self.mixture
         if alone is None or mixture is None:
             return alone
@@ -275,7 +332,8 @@ class Session(LampEditing, Answers):
     def with_all_parts(self, radiance: NDArray) -> NDArray:
         """Radiance (V, 3) of an environment with what all lamps and the captured light add to it."""
         found = self.beside_lamps(radiance)
-        return found if self.mixture is None else self.mixture.with_environment(found)
+        found = found if self.mixture is None else self.mixture.with_environment(found)
+        return found if self.inserted is None else found * self.inserted.ratio
 
     @property
     def shows_splats(self) -> bool:
@@ -292,6 +350,15 @@ class Session(LampEditing, Answers):
         if kept is None or kept[0] != key or not _same(kept[1], made_of):
             kept = self._memory[name] = key, made_of, compute()
         return kept[2]
+
+    @property
+    def _in_first_albedo(self) -> bool:
+        return self.state.albedo == self.choices["albedo"][0]
+
+    @property
+    def _rests(self) -> bool:
+        moved = max(self._moved, self._lamps_moved, self._objects_moved)
+        return not self.state.turning and self.clock() - moved > REST_SECONDS
 
     def _edited(self) -> None:
         self.revision += 1

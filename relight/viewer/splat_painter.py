@@ -91,9 +91,13 @@ class SplatPainter:
             basis = (harmonics.evaluate(toward, bands) * _signs(bands)).astype(np.float32)
         return _Seen(orbit, size, splats.opacities, blending, found[0], basis)
 
+    def scene_view(self, orbit: Orbit, size: tuple[int, int]) -> View:
+        """The camera in the frame of the scene."""
+        return View.look_at(orbit.eye, orbit.target, [0.0, 1.0, 0.0], orbit.fov_deg, *size)
+
     def _view(self, orbit: Orbit, size: tuple[int, int]) -> View:
         """The camera in the frame of the splats, whose unit may be another."""
-        view = View.look_at(orbit.eye, orbit.target, [0.0, 1.0, 0.0], orbit.fov_deg, *size)
+        view = self.scene_view(orbit, size)
         matrix = view.camera_from_world @ self._frame
         return replace(view, camera_from_world=np.concatenate([matrix[:3] / self._scale, matrix[3:]]))
 

@@ -18,6 +18,7 @@ from ..light.environment import Environment, turned_about_y
 from .mixture import SessionMixture
 
 if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight
     from ..splats import Binding
     from .session import Session
 
@@ -66,9 +67,10 @@ class _Wanted(NamedTuple):
     albedo: str
     sky: tuple | None  # name, angle and whether it is shown; None where no splat shows it
     mixture: SessionMixture | None
+    inserted: "InsertedLight | None" = None
 
     def same(self, other: "_Wanted | None") -> bool:
-        if other is None or self.mixture is not other.mixture:
+        if other is None or self.mixture is not other.mixture or self.inserted is not other.inserted:
             return False
         return self.radiance is other.radiance and self[1:4] == other[1:4]
 
@@ -123,7 +125,7 @@ class RelitSplats:
         binding, rows = self._bound.result()
         state, light = session.state, session.light
         sky = (session.light_name, state.angle_deg, state.sky) if len(rows) else None
-        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture)
+        wanted = _Wanted(radiance, session.exposure(), state.albedo, sky, mixture, session.inserted)
         if self._exact is not None and wanted.same(self._exact[0]):
             return self._exact[1]
 
@@ -134,10 +136,15 @@ class RelitSplats:
             received = look.received if mixture is None else mixture.receives(look.received)
             after = received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
+            inserted, objects = wanted.inserted, session.objects
+            if inserted is not None and rounds is not None:  # at the vertices, without edges
+                after = after * inserted.ratio
             found = binding.relit(look.before, after, wanted.exposure, **more)
             if look.gloss is not None and mixture is None and rounds is None and light is not None:
                 shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
                 found = look.gloss(found, shining, wanted.radiance, after, wanted.exposure)
+            if inserted is not None and rounds is None and objects is not None:
+                found = objects.source.shadowed(inserted, found)
             if mixture is not None and mixture.keeps_sky:
                 from ..splats.sky import dimmed
 
@@ -152,7 +159,7 @@ class RelitSplats:
             if wait:
                 self._exact = wanted, relit(None)
                 return self._exact[1]
-            if rests and self._pending is None:
+            if rests and session.objects_settled and self._pending is None:
                 self._pending = wanted, self._thread.submit(relit, None)
             if self._quick is None or not wanted.same(self._quick[0]):
                 self._quick = wanted, relit(0)

@@ -1,7 +1,7 @@
 """Draw what the window shows behind its panel: the surface in the colours of the session, the captured one, the sky."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from .camera import Orbit
 from .quick import display_bytes
 from .raster import SOFTWARE, Raster
 from .splat_painter import SplatPainter
+
+if TYPE_CHECKING:
+    from ..insert.inserts import InsertedLight
 
 BACKDROP = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
 """Behind the scene without its sky, below and above: sRGB."""
@@ -35,11 +38,7 @@ class Stage:
 
     def __init__(self, renderer: Any, scene: Scene) -> None:
         self._renderer = renderer
-        points = vtkPoints()
-        points.SetData(numpy_to_vtk(np.ascontiguousarray(scene.vertices, np.float32), deep=True))
-        cells = vtkCellArray()
-        faces = np.ascontiguousarray(scene.faces)
-        cells.SetData(3, numpy_to_vtkIdTypeArray(faces.astype(np.int64).ravel(), deep=True))
+        points, cells = _geometry(scene.vertices, scene.faces)
         self._surface, self._colors, self._shown = _surface(points, cells, scene.colors_srgb.copy())
         self._captured, _, self._before = _surface(points, cells, scene.colors_srgb.copy())
         self._scene = scene
@@ -52,6 +51,7 @@ class Stage:
         self._picture.InterpolateOn()
         self._raster: Raster | None = None
         self._behind: Raster | None = None
+        self._objects: _Objects | None = None
         self.splats = SplatPainter(scene)
         for actor in (self._surface, self._captured, self._sky):
             renderer.AddActor(actor)
@@ -63,6 +63,28 @@ class Stage:
         """Show the surface in these sRGB bytes, (V, 3) uint8."""
         self._shown[:] = colors
         self._colors.Modified()
+
+    def show_objects(self, inserted: "InsertedLight | None", exposure: float | None) -> None:
+        """Show objects beside the surface, at an exposure; None for none."""
+        if inserted is None or exposure is None:
+            return
+        known = self._objects
+        if known is not None and known.light is inserted and known.exposure == exposure:
+            return
+        standing = inserted.standing
+        colors = display_bytes(inserted.radiance, exposure)
+        if known is None or known.light.standing is not standing:
+            if known is not None:
+                self._renderer.RemoveActor(known.actor)
+            points, cells = _geometry(standing.vertices, standing.faces)
+            actor, array, shown = _surface(points, cells, colors)
+            self._renderer.AddActor(actor)
+            self._raster = None  # of other triangles
+        else:
+            actor, array, shown = known.actor, known.array, known.shown
+            shown[:] = colors
+            array.Modified()
+        self._objects = _Objects(inserted, exposure, actor, array, shown)
 
     def paint_sky(self, sky: NDArray, exposure: float) -> None:
         """Draw the sky, (H, W, 3) linear in canonical lat-long, unrotated."""
@@ -114,12 +136,19 @@ class Stage:
 
         split: place of the split line, or None. angle_deg: of the sky; None for the plain backdrop.
         """
+        scene, objects = self._scene, self._objects
+        vertices, faces, shown, before = scene.vertices, scene.faces, self._shown, self._before
+        if objects is not None:
+            standing = objects.light.standing
+            vertices = np.concatenate([vertices, standing.vertices])
+            faces = np.concatenate([faces, standing.faces + len(scene.vertices)])
+            shown, before = np.concatenate([shown, objects.shown]), np.concatenate([before, objects.shown])
         if self._raster is None:
-            self._raster = Raster(self._scene.vertices, self._scene.faces, self._scene.diagonal)
+            self._raster = Raster(vertices, faces, scene.diagonal)
         self._raster.look(orbit, size)
-        captured, sky = (None if split is None else self._before), (None if angle_deg is None else self._sky_bytes)
+        captured, sky = (None if split is None else before), (None if angle_deg is None else self._sky_bytes)
         backdrop = np.round(255.0 * np.array(BACKDROP))
-        return self._raster.paint(self._shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
+        return self._raster.paint(shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
 
     def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray:
         """What stands behind the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
@@ -137,10 +166,12 @@ class Stage:
 
         A smaller picture fills the window too.
         """
-        actors = self._surface, self._captured, self._sky
+        objects = () if self._objects is None else (self._objects.actor,)
+        actors = self._surface, self._captured, self._sky, *objects
         if picture is None:
             self._renderer.TexturedBackgroundOff()
-            self._surface.VisibilityOn()
+            for actor in (self._surface, *objects):
+                actor.VisibilityOn()
             return
         for actor in actors:
             actor.VisibilityOff()
@@ -221,6 +252,25 @@ def _dome() -> tuple[vtkActor, vtkTexture]:
     actor.VisibilityOff()
     actor.UseBoundsOff()
     return actor, texture
+
+
+class _Objects(NamedTuple):
+    """What is shown of objects. shown: (W, 3) uint8, which `array` reads."""
+
+    light: "InsertedLight"
+    exposure: float
+    actor: Any
+    array: Any
+    shown: NDArray[np.uint8]
+
+
+def _geometry(vertices: NDArray, faces: NDArray) -> tuple[vtkPoints, vtkCellArray]:
+    points = vtkPoints()
+    points.SetData(numpy_to_vtk(np.ascontiguousarray(vertices, np.float32), deep=True))
+    cells = vtkCellArray()
+    corners = np.ascontiguousarray(faces).astype(np.int64).ravel()
+    cells.SetData(3, numpy_to_vtkIdTypeArray(corners, deep=True))
+    return points, cells
 
 
 def _surface(points: Any, cells: Any, colors: NDArray) -> tuple[vtkActor, Any, NDArray]:

@@ -33,7 +33,8 @@ class State:
     environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
     width. sky: the light shows behind the scene. turning: the light turns by itself. mesh: the mesh shows where there
-    is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in.
+    is a splat. lamps: factor on the light of captured lamps. placing: clicks put lamps in. arranging:
+    drags move objects.
     """
 
     environment: str
@@ -52,6 +53,7 @@ class State:
     mesh: bool = False
     lamps: float = 1.0
     placing: bool = False
+    arranging: bool = False
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:

@@ -29,6 +29,7 @@ RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
 PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
 IDLE_SECONDS = 0.005  # between two looks at mouse and worker
 FRAMES_AVERAGED = 12
+RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
 _MISSING = 'the session needs PyVista: pip install "splat2mesh[view]"'
 _NO_DISPLAY = "no display: save a picture by `screenshot`, or start it in a notebook"
@@ -261,6 +262,8 @@ class Window:
         still, self._seen_from = (self.orbit, size) == self._seen_from, (self.orbit, size)
         self._drawn, self._resting = (session.revision, self.orbit, size, self.note), rests
         stage.color(session.colors())
+        inserted = session.inserted
+        stage.show_objects(inserted, None if inserted is None else session.exposure())
         behind = state.sky and state.mode == "relit" and session.light is not None
         if behind and session.light is not None:
             painted = id(session.light), session.sky_exposure()
@@ -304,7 +307,12 @@ class Window:
         size = coarser(self.size) if moves else self.size
         draw = stage.splats.exact if rests or moves else stage.splats.again
         back = stage.behind(orbit, size, session.state.angle_deg if behind else None)[::-1]
-        picture = draw(splats.shown(session, rests, wait), orbit, size).over(back)
+        shown, inserted, objects = splats.shown(session, rests, wait), session.inserted, session.objects
+        if inserted is not None and objects is not None:
+            draw = stage.splats.exact  # objects are other splats in each picture
+            view, samples = stage.splats.scene_view(orbit, size), RESTING_OBJECT_SAMPLES if rests else 1
+            shown = objects.source.drawn(shown, inserted, session.exposure(), view, samples)
+        picture = draw(shown, orbit, size).over(back)
         if session.state.split:
             before = draw(splats.source.captured, orbit, size).over(back)
             picture = joined(before, picture, session.state.split_at)

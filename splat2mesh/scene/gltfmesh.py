@@ -19,13 +19,15 @@ from .surfaces import UncheckedMesh, centred, joined
 
 
 class Piece(NamedTuple):
-    """A primitive at a node. held: what its vertices hold besides their place, by name; (N, k) each."""
+    """A primitive at a node. held: what its vertices hold besides their place, by name; (N, k) each.
+    node: that places it."""
 
     material: int | None
     faces: NDArray
     points: NDArray
     held: dict[str, NDArray]
     mirrored: bool
+    node: int = -1
 
 
 def read_gltf(path: str | os.PathLike[str]) -> UncheckedMesh:
@@ -137,7 +139,7 @@ def placed_pieces(data: GltfData) -> list[Piece]:
             if corners > most:
                 raise InputError(f"{data.path}: its nodes repeat meshes to over {most:,} corners; export less of it")
             if len(piece.faces):
-                pieces.append(piece)
+                pieces.append(piece._replace(node=index))
     warn_skipped(data.path, skipped, "sets of points or lines")
     if not pieces:
         raise InputError(f"{data.path}: holds no triangles; expected a triangle mesh")

@@ -1,0 +1,51 @@
+"""What the objects of a session are lit by: the engine, as the session needs it."""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..insert.asked import AskedInsert
+from ..lamps.asked import AskedLamp
+
+if TYPE_CHECKING:
+    from splat2mesh.render.view import View
+    from splat2mesh.splats.splats import Splats
+
+    from ..insert.inserts import InsertedLight
+
+
+class ObjectsUnder(NamedTuple):
+    """The light that objects stand in. environment: what `light_of` takes, or None. angle_deg: its turn. env_scale,
+    captured: factors on it and on the captured light. lamps: beside. level: units of the picture per unit of the
+    radiance. radiance, received: (V, 3) of the scene without the objects, exit radiance and irradiance over pi."""
+
+    environment: Any
+    angle_deg: float
+    env_scale: float
+    captured: float
+    lamps: Sequence[AskedLamp]
+    level: float
+    radiance: NDArray[np.float32]
+    received: NDArray[np.float32]
+
+
+class ObjectSource(NamedTuple):
+    """A scene whose objects can be moved.
+
+    asked: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
+    an environment and its exposure. exact: the InsertedLight of objects in a light, with all rays; calls its last
+    argument often, which may raise to end it. glimpse: the same by few rays, without bounces, with the light on the
+    objects that an exact one found. shadowed: splats (without objects) with the change of an InsertedLight. drawn:
+    splats with what a view in the frame of the scene sees of the objects at an exposure, by so many samples along the
+    side of a pixel. scene_from_splat: (4, 4).
+    """
+
+    asked: Sequence[AskedInsert]
+    received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
+    exact: "Callable[[Sequence[AskedInsert], ObjectsUnder, Callable[..., None]], InsertedLight]"
+    glimpse: "Callable[[Sequence[AskedInsert], InsertedLight], InsertedLight]"
+    shadowed: "Callable[[InsertedLight, Splats], Splats]"
+    drawn: "Callable[[Splats, InsertedLight, float, View, int], Splats]"
+    scene_from_splat: NDArray[np.float64]

@@ -1,0 +1,126 @@
+"""The hand on the objects: a drag moves one over the ground, with the shift key up and down; keys turn it."""
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.errors import InputError
+
+if TYPE_CHECKING:
+    from .object_bench import ObjectBench
+    from .window import Window
+
+TURN_DEG = 15.0
+"""Of a key."""
+
+LEAST_DOWN = 0.02
+"""Of a ray to the ground: flatter ones meet it nowhere near."""
+
+
+class Grip(NamedTuple):
+    """How an object is held. place: (3,) of it that was gripped, scene frame. at: (3,) of the object, frame of the
+    splat. y: the pixel's row. unit: scene units per pixel there."""
+
+    number: int
+    place: NDArray[np.float64]
+    at: tuple[float, float, float]
+    y: float
+    unit: float
+
+
+class ObjectTool:
+    """Objects under the mouse and the keys of a Window. selected: the number of the one that keys turn."""
+
+    def __init__(self, window: "Window") -> None:
+        self._window, self.selected = window, 0
+        self._grip: Grip | None = None
+
+    @property
+    def on(self) -> bool:
+        """Whether drags move objects."""
+        return self._window.session.state.arranging and self._bench is not None
+
+    @property
+    def holds(self) -> bool:
+        """Whether an object is held."""
+        return self._grip is not None
+
+    def toggle(self) -> None:
+        """Begin to move objects, or end that."""
+        session = self._window.session
+        if session.objects is not None:
+            session.change(arranging=not session.state.arranging, placing=False)
+
+    def grip(self, x: float, y: float) -> bool:
+        """Take hold of the object that is seen at a pixel; whether one is."""
+        bench = self._bench
+        if not self.on or bench is None or bench.shown is None:
+            return False
+        standing = bench.shown.light.standing
+        eye, direction = self._window.mouse.lamps.ray(x, y)
+        frame = standing.frame
+        ray = np.concatenate([frame.unit(eye[None])[0], direction])[None].astype(np.float32)
+        hits = standing.caster.first_hits(ray)
+        if hits.faces[0] < 0:
+            return False
+        place = eye + float(hits.distance[0]) * frame.diagonal * direction
+        self.selected = int(standing.owner[hits.faces[0]])
+        depth = float((eye - place) @ self._window.orbit.axes[2])
+        self._grip = Grip(
+            self.selected, place, bench.placed[self.selected].at, y, depth / self._window.mouse.lamps.focal
+        )
+        return True
+
+    def drag(self, x: float, y: float, upright: bool) -> None:
+        """Move the object that is held to a pixel: over the level of where it was gripped, or up and down."""
+        grip, bench = self._grip, self._bench
+        if grip is None or bench is None:
+            return
+        if upright:
+            shift = np.array([0.0, (y - grip.y) * grip.unit, 0.0])
+        else:
+            eye, direction = self._window.mouse.lamps.ray(x, y)
+            away = (grip.place[1] - eye[1]) / direction[1] if abs(direction[1]) > LEAST_DOWN else -1.0
+            shift = eye + away * direction - grip.place
+            if not (away > 0.0 and np.linalg.norm(shift) < self._window.session.scene.diagonal):
+                return
+        motion = bench.source.scene_from_splat[:3, :3]
+        dx, dy, dz = np.linalg.solve(motion, shift)
+        x0, y0, z0 = grip.at
+        self._put(grip.number, (x0 + dx, y0 + dy, z0 + dz), lifted=upright)
+
+    def let_go(self) -> None:
+        """Hold no object."""
+        if self._grip is not None:
+            self._tell(self._grip.number)
+        self._grip = None
+
+    def turn(self, angle_deg: float) -> None:
+        """Turn the selected object about the vertical, counter-clockwise from above."""
+        bench = self._bench
+        if bench is not None:
+            asked = bench.placed[self.selected]
+            self._put(self.selected, asked.at, (asked.turn_deg + angle_deg) % 360.0)
+            self._tell(self.selected)
+
+    @property
+    def _bench(self) -> "ObjectBench | None":
+        return self._window.session.objects
+
+    def _put(
+        self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
+    ) -> None:
+        try:
+            self._window.session.move_object(number, at, turn_deg, lifted)
+        except InputError as error:
+            self._window.note = str(error)
+
+    def _tell(self, number: int) -> None:
+        """Note the words that put the object where it is."""
+        assert self._bench is not None
+        asked = self._bench.placed[number]
+        at = ",".join(f"{each:.4g}" for each in asked.at)
+        on = f" --on {asked.on}" if asked.on else ""
+        turn = f" --turn {asked.turn_deg:g}" if asked.turn_deg else ""
+        self._window.note = f"--insert {asked.name} --at {at}{turn}{on}"
