@@ -13,14 +13,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points
+from ..base.choices import LARGEST_TEXTURE, SMALLEST_TEXTURE
 from ..base.errors import InputError
 from ..base.threads import read_only
 
 if TYPE_CHECKING:
     from ..scene.scene import Scene
-
-SMALLEST, LARGEST = 16, 8192
-"""Sides of a texture, in texels. Graphics cards take 8192; below 16 the gutters leave no room for charts."""
 
 REACH = 2.0
 """Texels beside a chart that are baked at its nearest point: bilinear filtering mixes them in."""
@@ -50,16 +48,20 @@ class Atlas:
     inside: Mask
     texel_size: float
 
-    def interpolate(self, values: Floats) -> NDArray[np.float32]:
-        """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
-        values = read_only(values)
-        result = np.empty((len(self.texels), values.shape[1]), np.float32)
-        _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
+    def interpolate(self, values: Floats, rows: slice = slice(None)) -> NDArray[np.float32]:
+        """Values of scene vertices at the texels, or some of them: (V, C) -> (T, C) float32."""
+        values, face = read_only(values), self.face[rows]
+        result = np.empty((len(face), values.shape[1]), np.float32)
+        _interpolate(values, self._corners, face, self.weights[rows], result)
         return result
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values of texels as an image: (T, C) -> (size, size, C); every other texel has what is nearest to it."""
         return values[self._nearest].reshape(self.size, self.size, -1)
+
+    @cached_property
+    def _corners(self) -> NDArray[np.int32]:
+        return self.vertex[self.faces]
 
     @cached_property
     def _nearest(self) -> NDArray[np.int32]:
@@ -123,9 +125,10 @@ def surface_area(mesh: "Welded") -> float:
 
 
 def check_size(size: int) -> int:
-    """The side of a texture as an int. Raises InputError outside SMALLEST..LARGEST."""
-    if isinstance(size, bool) or int(size) != size or not SMALLEST <= size <= LARGEST:
-        raise InputError(f"`texture_size` {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
+    """The side of a texture as an int. Raises InputError out of range."""
+    if isinstance(size, bool) or int(size) != size or not SMALLEST_TEXTURE <= size <= LARGEST_TEXTURE:
+        sides = f"{SMALLEST_TEXTURE} to {LARGEST_TEXTURE}"
+        raise InputError(f"`texture_size` {size}: expected a whole number of texels from {sides}")
     return int(size)
 
 
