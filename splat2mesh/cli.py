@@ -36,6 +36,9 @@ EXAMPLES = """examples:
 
 then: relight garden --env stpeters.exr --rotate 45"""
 
+DEFAULT_TEXTURE = "auto"
+"""Of the command, which writes what people look at; the library makes a texture where it is asked for one."""
+
 _CHOSEN = (
     ("detail", "--detail", DETAIL_CHOICES),
     ("surface", "--surface", SURFACE_CHOICES),
@@ -69,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="SCENE",
         help="scene folder to write (default: the input's name without its suffixes)",
     )
-    add_meshing(add)
+    add_meshing(add, DEFAULT_TEXTURE)
     add("--seed", type=int, metavar="N", help=f"seed of the virtual views (default: {ConvertOptions.seed})")
     add_tiling(parser)
     add("--overwrite", action="store_true", help="replace an existing scene folder")
@@ -80,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     return parser
 
 
-def add_meshing(add: Callable[..., Any]) -> None:
+def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOptions.texture) -> None:
     """Add the options that are fields of ConvertOptions, which both commands have. add: `add_argument` of a group."""
     cameras = "cameras of the capture: a COLMAP folder such as sparse/0, a cameras.json of INRIA, a transforms.json of "
     cameras += "nerfstudio, or none (default: the cameras.json of INRIA's output folder, else virtual views)"
@@ -103,6 +106,8 @@ def add_meshing(add: Callable[..., Any]) -> None:
     add("--from", dest="stand", metavar="WHERE", help=stand)
     eye = "a position of the capture, in the splat's own frame; repeatable"
     add("--eye", dest="eyes", action="append", metavar="X,Y,Z", help=eye)
+    texture = "side of the texture of mesh.glb in texels; auto: as fine as the splats, up to 4,096; none: no mesh.glb "
+    add("--texture", metavar="N", help=f"{texture}(default: {default_texture})")
     proxy = "also write proxy.glb for collisions: closed (one surface around the mesh) or convex (parts)"
     add("--proxy", metavar="KIND", help=proxy)
 
@@ -136,6 +141,8 @@ def convert_options(words: argparse.Namespace) -> ConvertOptions:
         said["up"] = chosen("--up", f"+{up}" if up in "xyz" else up, UP_CHOICES)
     if "vertices" in said:
         said["vertices"] = _count(said["vertices"])
+    if "texture" in said:
+        said["texture"] = said["texture"].lower()
     if "eyes" in said:
         said["eyes"] = [_point(text) for text in said["eyes"]]
     for name, option, choices in _CHOSEN:
@@ -167,9 +174,11 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
         raise InputError(f"{words.input}: no such file")
     options, tiling = convert_options(words), tiling_options(words)
 
-    from .api import mesh_files, plan_mesh
+    from .api import is_url, mesh_files, plan_mesh
     from .base.progress import Stages
 
+    if not hasattr(words, "texture") and tiling is None and not is_url(words.input):
+        options = ConvertOptions.of(options, texture=DEFAULT_TEXTURE)
     start, stages = time.perf_counter(), Stages(show=display.progress)
     try:
         if hasattr(words, "plan"):

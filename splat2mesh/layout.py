@@ -102,6 +102,8 @@ def convert_layout(
     """
     shared = ConvertOptions.of(options, **changes)
     check_proxy(shared.proxy)
+    if isinstance(shared.texture, int):
+        raise InputError(f"`texture` {shared.texture}: a layout of several splats gets no texture; leave it out")
     placements = _placements(path, shared)
     # All are checked before the first takes minutes.
     each_asked = [_own_options(placement, shared) for placement in placements]
@@ -305,6 +307,7 @@ def _own_options(placement: Placement, shared: ConvertOptions, planned: bool = F
         cameras=placement.cameras,
         lod=placement.lod,
         proxy=None,
+        texture="none",
     )
 
 

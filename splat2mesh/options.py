@@ -17,6 +17,7 @@ from .base.choices import (
     check_choice,
     check_lod,
     check_seed,
+    check_texture,
 )
 from .base.errors import InputError
 
@@ -56,6 +57,9 @@ class ConvertOptions:
         Places where the capture stood for certain, in the splat's own frame.
     proxy : {"closed", "convex"}, optional
         Collision proxy that is added to the scene.
+    texture : int, "auto" or "none"
+        Side of the texture of mesh.glb in texels; "auto" is as fine as the splats, up to 4,096; "none" leaves mesh.glb
+        out.
     seed : int
         Seed of the virtual views, 0 to 2^64 - 1.
 
@@ -76,6 +80,7 @@ class ConvertOptions:
     stand: str = "auto"
     eyes: tuple[tuple[float, float, float], ...] = ()
     proxy: str | None = None
+    texture: int | str = "none"
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -91,6 +96,7 @@ class ConvertOptions:
         if self.proxy is not None:
             check_choice("proxy", self.proxy, PROXY_CHOICES)
         object.__setattr__(self, "lod", check_lod(self.lod))
+        object.__setattr__(self, "texture", check_texture(self.texture))
         object.__setattr__(self, "seed", check_seed(self.seed))
         object.__setattr__(self, "eyes", tuple(_point_of(eye) for eye in self.eyes))
 

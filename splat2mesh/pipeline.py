@@ -23,8 +23,9 @@ from .splats.splats import Splats, clean, usable
 from .surface.background import far_background, foreground_ball, views_from_within
 from .surface.extract import EFFORTS, Effort, as_trained, dilated, training_pixel
 from .surface.measure import measured_of
-from .surface.place import parted, reconstruct_place
+from .surface.place import PLACE, parted, reconstruct_place
 from .surface.solid import reconstruct_object
+from .texture.projection import Look
 from .views.cameras import spread_out, trained_views
 from .views.eyes import around
 from .views.picture import place_view
@@ -99,11 +100,16 @@ def convert(
             views.append(views_from_within(parts[0].splats, effort.pixels, rotation[1, :3]))
         most = GROUND_VERTICES if asked.vertices is None and standing.share_surrounded >= ROOM_SHARE else 0
         wanted = asked.vertices or DEFAULT_VERTICES
+        looks = [
+            Look(part.splats, looking, np.full(len(looking), near_plane(bounds_of(part.splats))))
+            for part, looking in zip(parts, views, strict=True)
+        ]
         mesh = reconstruct_object(parts, views, asked.surface, effort, wanted, most, stages, statistics)
         seen_from = sum(map(len, views))
     else:
         seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
         mesh, seen_from = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics), len(seen)
+        looks = [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), seen, near)]
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)
     if far.any() and asked.background == "cut":
@@ -160,10 +166,29 @@ def convert(
         stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
         alone = standing.kind == "outside" and standing.share_surrounded < ROOM_SHARE and not far.any()
         scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood, alone)
+    if asked.texture != "none":
+        add_texture(scene, looks, asked.texture, stages)
     if asked.proxy:
         with stages.stage("proxy"):
             add_proxy(scene, asked.proxy, asked.seed)
     return scene
+
+
+def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages) -> None:
+    """Give a Scene that was not saved yet its texture, which `save` writes as mesh.glb.
+
+    looks: what shows it. size: side in texels, or "auto". Raises InputError.
+    """
+    from .texture.glb import mesh_glb
+    from .texture.texture import texture_of
+
+    made = texture_of(scene, looks, None if size == "auto" else int(size), stages)
+    with stages.stage("texture file"):
+        matrix = np.asarray(scene.scene_from_splat).ravel().tolist()
+        scene.textured = mesh_glb(made, len(scene.chunks), {"scene_from_splat": matrix})
+    scene.settings = scene.settings | {"texture": size}
+    told = {"texture_size": made.atlas.size, "texels": len(made.colors), "texels_unseen": made.unseen}
+    scene.statistics = scene.statistics | told | {"texture_scale": round(made.scale, 3)}
 
 
 def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions) -> Standpoints:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from .scene.folder import PICTURE, PROXY
+from .scene.folder import PICTURE, PROXY, TEXTURED
 from .scene.scene import Scene
 
 PROXY_ERROR = 2.5
@@ -25,8 +25,11 @@ def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list
 
 
 def extras_of(scene: Scene, output: Path) -> list[str]:
-    """Return what else lies in the folder: its picture and its proxy."""
+    """Return what else lies in the folder: its picture, its texture and its proxy."""
     lines = [f"  {output / PICTURE} shows splat and mesh"] * (scene.picture is not None)
+    if scene.textured is not None:
+        side, size = scene.statistics["texture_size"], len(scene.textured) / 1e6
+        lines.append(f"  {output / TEXTURED}: the mesh in a texture of {side} x {side} texels, {size:.1f} MB")
     kind = scene.settings.get("proxy")
     if kind:
         counts = scene.statistics

@@ -18,9 +18,9 @@ from .preview import Preview
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
+    from splat2mesh.texture.atlas import Atlas
 
     from ..light.environment import Environment
-    from ..texture.atlas import Atlas
 
 FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""

@@ -19,9 +19,9 @@ from .mesh_files import check_radiance
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
+    from splat2mesh.texture.atlas import Atlas
 
     from ..light.environment import Environment
-    from ..texture.atlas import Atlas
 
 _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above

@@ -16,8 +16,8 @@ from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
+    from splat2mesh.texture.atlas import Atlas
 
-    from ..texture.atlas import Atlas
     from ..texture.baking import Baked
 
 TRANSFER_BANDS = 3

@@ -4,7 +4,9 @@ baked = bake(scene, splats, irradiance, prior)
 colors = baked.relit(new_irradiance, exposure)
 """
 
-from .atlas import Atlas, unwrap
+from splat2mesh.texture.atlas import Atlas
+
 from .baking import Baked, bake
+from .unwrap import unwrap
 
 __all__ = ["Atlas", "Baked", "bake", "unwrap"]

@@ -14,10 +14,11 @@ from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
 from splat2mesh.splats.splats import clean
 from splat2mesh.surface.extract import dilated, training_pixel
+from splat2mesh.texture.atlas import Atlas, check_size
 
 from ..albedo import Prior, albedo_of
-from .atlas import Atlas, check_size, size_for, unwrap
 from .projected import seen_colors, views_of
+from .unwrap import size_for, unwrap
 
 if TYPE_CHECKING:
     from splat2mesh.render.view import View

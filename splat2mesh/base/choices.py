@@ -25,6 +25,9 @@ PROXY_CHOICES = ("closed", "convex")
 DEFAULT_MAX_VERTICES = 40_000
 """Vertices per chunk: the limit of the Neural-GASh paper."""
 
+SMALLEST_TEXTURE, LARGEST_TEXTURE = 16, 8192
+"""Sides of a texture, in texels. Graphics cards take 8192; below 16 the gutters leave no room for charts."""
+
 MOST_SEED = 2**64
 
 
@@ -41,6 +44,19 @@ def check_lod(lod: Any) -> int | str:
     if isinstance(lod, str) and lod.isdecimal():
         return int(lod)
     raise InputError(f"`lod` {lod}: expected auto or the number of a level, 0 being the finest")
+
+
+def check_texture(texture: Any) -> int | str:
+    """Return the side of a texture as "auto", "none" or a number. Raises InputError for anything else."""
+    if texture in ("auto", "none"):
+        return str(texture)
+    if isinstance(texture, str) and texture.isdecimal():
+        texture = int(texture)
+    if type(texture) is int and SMALLEST_TEXTURE <= texture <= LARGEST_TEXTURE:
+        return texture
+    raise InputError(
+        f"`texture` {texture}: expected auto, none or a number of texels from {SMALLEST_TEXTURE} to {LARGEST_TEXTURE}"
+    )
 
 
 def check_seed(seed: Any) -> int:

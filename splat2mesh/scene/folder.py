@@ -5,6 +5,7 @@ chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
 background.npy      rows of the source's splats that are far background, where there are any
 preview.png         the splat and the mesh side by side
 proxy.glb           what bodies collide with, where it was asked for (see `splat2mesh.proxy`)
+mesh.glb            the scene in its texture, where it was asked for (see `splat2mesh.texture`)
 measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
 """
 
@@ -52,6 +53,7 @@ BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED
 PICTURE = "preview.png"
 PROXY = "proxy.glb"
+TEXTURED = "mesh.glb"
 
 
 def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
@@ -135,6 +137,8 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
             (folder / PICTURE).write_bytes(iio.imwrite("<bytes>", scene.picture, extension=".png"))
         if scene.proxy is not None:
             (folder / PROXY).write_bytes(scene.proxy)
+        if scene.textured is not None:
+            (folder / TEXTURED).write_bytes(scene.textured)
         meta = {
             "schema_version": SCHEMA_VERSION,
             "version": VERSION,

@@ -53,6 +53,8 @@ class Scene:
         The splat and the mesh side by side, which `save` writes as preview.png; never read.
     proxy : bytes or None
         The glTF file that `save` writes as proxy.glb; never read.
+    textured : bytes or None
+        The glTF file that `save` writes as mesh.glb; never read.
 
     Notes
     -----
@@ -73,6 +75,7 @@ class Scene:
     measured: Measured | None = None
     picture: NDArray[np.uint8] | None = None
     proxy: bytes | None = None
+    textured: bytes | None = None
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":

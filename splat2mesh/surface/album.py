@@ -107,7 +107,7 @@ class Album(NamedTuple):
         colors = np.full((len(points), 3), np.nan, np.float32)
         thickness, pixel = np.full(len(points), np.inf, np.float32), np.full(len(points), np.inf, np.float32)
         places = points.astype(np.float64)
-        asked = Asked(places, normals.astype(np.float64), *_groups(places))
+        asked = Asked(places, normals.astype(np.float64), *groups_of(places))
         _look_up(len(asked.groups) - 1, asked, self, self._deepest(), Shown(colors, thickness, pixel))
         return colors, thickness, pixel
 
@@ -129,7 +129,7 @@ def filled_in(colors: Floats, points: Points) -> tuple[ColorsSrgb, int]:
     return np.round(colors).astype(np.uint8), int(unseen.sum())
 
 
-def _groups(points: Points) -> tuple[Indices, Indices]:
+def groups_of(points: Points) -> tuple[Indices, Indices]:
     """Points (N, 3) by cubes of space: their order (N,), and where each group begins in it, and the end, (G + 1,)."""
     if not len(points):
         return np.zeros(0, np.int64), np.zeros(1, np.int64)
@@ -143,7 +143,7 @@ def _groups(points: Points) -> tuple[Indices, Indices]:
 
 
 @_function
-def _may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle: Vector, half: Vector) -> bool:
+def may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle: Vector, half: Vector) -> bool:
     """Whether any point of a box, (3,) its middle and half its sides, may show in a picture."""
     z, reach_z, terms_z = _along(pose, 2, 1.0, 0.0, middle, half)
     if z + reach_z < -ROUNDING * terms_z or z - reach_z > deepest + ROUNDING * terms_z:
@@ -206,7 +206,7 @@ def _look_up(begin: int, end: int, asked: Asked, album: Album, deepest: Floats, 
         middle, half = (low + high) / 2, (high - low) / 2
         seers, count = np.empty(len(album.poses), np.int64), 0
         for m in range(len(album.poses)):
-            if _may_see(album.poses[m], album.lenses[m], album.sizes[m], deepest[m], middle, half):
+            if may_see(album.poses[m], album.lenses[m], album.sizes[m], deepest[m], middle, half):
                 seers[count] = m
                 count += 1
         for i in members:

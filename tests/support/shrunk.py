@@ -4,15 +4,18 @@
 def shrink(set_attribute):
     """Set constants, by `set_attribute(module, name, value)`.
 
-    Pictures that commands write beside their results take a second each in full size. To find out where a capture
-    stood takes 640,000 rays, of which a twelfth tell a room from an object as well.
+    Textures are asked for by the tests that look at them. Pictures that commands write beside their results take a
+    second each in full size. To find out where a capture stood takes 640,000 rays, of which a twelfth tell a room from
+    an object as well.
     """
     import relight.output.catcher
     import relight.output.results
     import relight.writing
+    import splat2mesh.cli
     import splat2mesh.render.beside
     import splat2mesh.views.standpoints
 
+    set_attribute(splat2mesh.cli, "DEFAULT_TEXTURE", "none")
     set_attribute(splat2mesh.render.beside, "WIDTH", 96)
     set_attribute(splat2mesh.views.standpoints, "PLACES", 500)
     set_attribute(splat2mesh.views.standpoints, "RAYS", 96)

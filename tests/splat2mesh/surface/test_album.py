@@ -42,7 +42,7 @@ def test_groups_of_points_leave_out_no_picture_that_shows_one(pictures, monkeypa
     everything = whole.look_up(points, normals)
     monkeypatch.setattr(album, "PER_GROUP", 1e-6)
     alone = whole.look_up(points[:-1], normals[:-1])
-    assert len(album._groups(points[:-1])[1]) > 2900
+    assert len(album.groups_of(points[:-1])[1]) > 2900
     for one, all_ in zip(alone, everything, strict=True):
         np.testing.assert_array_equal(one, all_[:-1])
     assert 0.3 < np.isfinite(alone[0][:, 0]).mean() < 0.9

@@ -1,40 +1,27 @@
-"""Unwrap the surface of a scene into one square texture, and find the point of the surface for every texel.
+"""A texture of a scene: where each vertex lies in it, and the point of the surface that every texel shows.
 
-xatlas makes the charts. The mesh is welded and sorted by the bits of its vertices, so that the division into chunks
+The mesh is welded and sorted by the bits of its vertices before it is unwrapped, so that the division into chunks
 changes no texel.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Faces, Floats, Indices, Integers, Mask, Points
-from splat2mesh.base.errors import InputError
-from splat2mesh.base.threads import read_only
+from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points
+from ..base.choices import LARGEST_TEXTURE, SMALLEST_TEXTURE
+from ..base.errors import InputError
+from ..base.threads import read_only
 
 if TYPE_CHECKING:
-    from splat2mesh.scene.scene import Scene
-
-SMALLEST, LARGEST = 16, 8192
-"""Sides of a texture, in texels. Graphics cards take 8192; below 16 the gutters leave no room for charts."""
-
-PADDING = 4
-"""Texels between charts: each has two of its own beside it, so two levels of mipmaps keep neighbours out."""
-
-FILLING = 0.68
-"""Share of the square that charts fill as xatlas packs them: .68 to .73 on an object of 5,000 and of 100,000 faces. In
-small textures padding and what is left of the square beside them take a third of that."""
+    from ..scene.scene import Scene
 
 REACH = 2.0
 """Texels beside a chart that are baked at its nearest point: bilinear filtering mixes them in."""
-
-PART_FACES = 4096
-"""Faces that are unwrapped together: xatlas's time grows faster than their number, 33 s for 100,000 at once and 4 s in
-parts. The borders of parts become seams."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +48,11 @@ class Atlas:
     inside: Mask
     texel_size: float
 
-    def interpolate(self, values: Floats) -> NDArray[np.float32]:
-        """Values of scene vertices at the texels: (V, C) -> (T, C) float32."""
-        values = read_only(values)
-        result = np.empty((len(self.texels), values.shape[1]), np.float32)
-        _interpolate(values, self.vertex[self.faces], self.face, self.weights, result)
+    def interpolate(self, values: Floats, rows: slice = slice(None)) -> NDArray[np.float32]:
+        """Values of scene vertices at the texels, or some of them: (V, C) -> (T, C) float32."""
+        values, face = read_only(values), self.face[rows]
+        result = np.empty((len(face), values.shape[1]), np.float32)
+        _interpolate(values, self._corners, face, self.weights[rows], result)
         return result
 
     def image(self, values: NDArray[Any]) -> NDArray[Any]:
@@ -73,26 +60,26 @@ class Atlas:
         return values[self._nearest].reshape(self.size, self.size, -1)
 
     @cached_property
+    def _corners(self) -> NDArray[np.int32]:
+        return self.vertex[self.faces]
+
+    @cached_property
     def _nearest(self) -> NDArray[np.int32]:
         return _nearest_texel(self.texels, self.size)
 
 
-def unwrap(scene: "Scene", size: int) -> "Atlas":
-    """An Atlas of a scene in a texture of size x size texels.
+def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: int, reach: float = REACH) -> Atlas:
+    """The Atlas of a scene whose charts are known.
 
-    Faces without an area get coordinates and no texels. Raises InputError for a size out of range and a scene without
-    an area.
+    mesh: Welded of the scene. uv: (W, 2) in texels from the top left corner. faces: (F, 3) of these, in the order of
+    `mesh`. size: side of the texture. reach: texels beside a chart that show it too. Raises InputError where no texel
+    shows anything.
     """
-    size = check_size(size)
-    nodes, corners, order = welded(scene)
-    total = float(face_areas(nodes[:, :3], corners).sum())
-    if not 0.0 < total < np.inf:
-        raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
-    uv, faces, side = _charts(nodes, corners, np.sqrt(FILLING / total) * size)
-    uv = (uv * (size / side)).astype(np.float32)
+    order = mesh.order
+    uv = uv.astype(np.float32)
     best = np.full((size, size), np.inf, np.float32)
     face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
-    _draw(uv, faces, np.float32(REACH), best, face, weights)
+    _draw(uv, faces, np.float32(reach), best, face, weights)
     texels = np.flatnonzero(face.ravel() >= 0)
     if len(texels) == 0:
         raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
@@ -125,32 +112,41 @@ def unwrap(scene: "Scene", size: int) -> "Atlas":
         order[0][face].astype(np.int32),
         weights,
         inside,
-        float(np.sqrt(total / max(int(inside.sum()), 1))),
+        float(np.sqrt(surface_area(mesh) / max(int(inside.sum()), 1))),
     )
 
 
+def surface_area(mesh: "Welded") -> float:
+    """The area of a Welded surface. Raises InputError for one that has none."""
+    total = float(face_areas(mesh.nodes[:, :3], mesh.corners).sum())
+    if not 0.0 < total < np.inf:
+        raise InputError(f"a texture needs a surface: the faces of the scene have an area of {total}")
+    return total
+
+
 def check_size(size: int) -> int:
-    """The side of a texture as an int. Raises InputError outside SMALLEST..LARGEST."""
-    if isinstance(size, bool) or int(size) != size or not SMALLEST <= size <= LARGEST:
-        raise InputError(f"`texture_size` {size}: expected a whole number of texels from {SMALLEST} to {LARGEST}")
+    """The side of a texture as an int. Raises InputError out of range."""
+    if isinstance(size, bool) or int(size) != size or not SMALLEST_TEXTURE <= size <= LARGEST_TEXTURE:
+        sides = f"{SMALLEST_TEXTURE} to {LARGEST_TEXTURE}"
+        raise InputError(f"`texture_size` {size}: expected a whole number of texels from {sides}")
     return int(size)
 
 
-def size_for(scene: "Scene", detail: float) -> int:
-    """The power of two from 256 to 4096 at which a texel is no wider than `detail`, in the scene's unit, if one is."""
-    nodes, corners, _ = welded(scene)
-    needed = np.sqrt(face_areas(nodes[:, :3], corners).sum() / FILLING) / max(detail, 1e-30)
-    return int(2 ** np.clip(np.ceil(np.log2(max(needed, 1.0))), 8, 12))
+class Welded(NamedTuple):
+    """The vertices of a scene that differ, and its faces of these, in an order that no division into chunks changes.
 
-
-def welded(
-    scene: "Scene",
-) -> tuple[NDArray[np.float32], NDArray[np.int64], tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
-    """The scene's vertices that differ, (M, 6) float32 of position and normal, ascending; faces (F, 3) of them.
-
-    Third, how these stand to the scene: the scene's face of each, the first corner of each there, and for each corner
-    of the scene's face which corner of ours it is.
+    nodes: (M, 6) float32 of position and normal, ascending. corners: (F, 3). order: how these stand to the scene: the
+    scene's face of each, the first corner of each there, and for each corner of the scene's face which corner of ours
+    it is.
     """
+
+    nodes: NDArray[np.float32]
+    corners: NDArray[np.int64]
+    order: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+
+
+def welded(scene: "Scene") -> Welded:
+    """The Welded mesh of a scene."""
     content = np.hstack([scene.vertices, scene.normals]).astype(np.float32) + np.float32(0.0)
     nodes, node = np.unique(content, axis=0, return_inverse=True)
     corners = node.reshape(-1)[scene.faces]
@@ -158,77 +154,13 @@ def welded(
     corners = np.take_along_axis(corners, (turn[:, None] + np.arange(3)) % 3, axis=1)
     order = np.lexsort(corners.T[::-1])
     turn = turn[order]
-    return nodes, corners[order], (order, turn, (np.arange(3) - turn[:, None]) % 3)
+    return Welded(nodes, corners[order], (order, turn, (np.arange(3) - turn[:, None]) % 3))
 
 
 def face_areas(points: Points, faces: Integers) -> NDArray[np.float64]:
     """Areas of faces (F, 3), (F,) float64, in the squared unit of the points (V, 3)."""
     a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-
-
-def _charts(
-    nodes: NDArray[np.float32], corners: NDArray[np.int64], texels_per_unit: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64], int]:
-    """xatlas: uv (W, 2) float64 in texels, faces (F, 3) of these, and the side of the square that they fill."""
-    import xatlas
-
-    atlas = xatlas.Atlas()
-    parts = _parts(nodes[:, :3], corners)
-    used = []
-    # xatlas merges points below a fixed distance: scale every mesh to the same size.
-    points = nodes[:, :3].astype(np.float64)
-    low, extent = points[corners].min(axis=(0, 1)), float(np.ptp(points[corners], axis=(0, 1)).max())
-    points = ((points - low) / extent).astype(np.float32)
-    for part in parts:
-        own, local = np.unique(corners[part], return_inverse=True)
-        used.append(own)
-        atlas.add_mesh(points[own], local.reshape(-1, 3).astype(np.uint32), nodes[own, 3:])
-    packing = xatlas.PackOptions()
-    packing.padding, packing.texels_per_unit, packing.resolution = PADDING + 2, texels_per_unit * extent, 0
-    atlas.generate(xatlas.ChartOptions(), packing)
-    uv, node, faces, count = [], [], np.zeros_like(corners), 0
-    for index, part in enumerate(parts):
-        origin, local, coordinates = atlas[index]
-        uv.append(coordinates)
-        node.append(used[index][origin])
-        faces[part] = local.astype(np.int64) + count
-        count += len(origin)
-    uv = np.concatenate(uv).astype(np.float64) * [atlas.width, atlas.height]
-    return *_without_holes(uv, np.concatenate(node), faces), max(atlas.width, atlas.height)
-
-
-def _without_holes(
-    uv: NDArray[np.float64], node: Integers, faces: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Give slivers that xatlas left out, at (0, 0), the coordinates of one of their corners in another face."""
-    lost = np.flatnonzero((uv[faces] == 0.0).all(axis=(1, 2)))
-    if len(lost) == 0:
-        return uv, faces
-    kept = np.ones(len(faces), bool)
-    kept[lost] = False
-    placed = np.full(node.max() + 1, -1)
-    placed[node[faces[kept]]] = faces[kept]
-    faces, added = faces.copy(), []
-    for face in lost:
-        known = placed[node[faces[face]]].max()
-        added.append(uv[known] if known >= 0 else np.zeros(2))
-    faces[lost] = len(uv) + 3 * np.arange(len(lost))[:, None] + np.arange(3)
-    return np.concatenate([uv, np.repeat(added, 3, axis=0)]), faces
-
-
-def _parts(points: Points, faces: Integers) -> list[Indices]:
-    """Divide faces into compact parts of at most PART_FACES: list of ascending indices."""
-    centers = points[faces].mean(axis=1)
-    pending, parts = [np.arange(len(faces))], []
-    while pending:
-        part = pending.pop()
-        if len(part) <= PART_FACES:
-            parts.append(part)
-            continue
-        order = part[np.argsort(centers[part, np.ptp(centers[part], axis=0).argmax()], kind="stable")]
-        pending += [np.sort(order[len(order) // 2 :]), np.sort(order[: len(order) // 2])]
-    return parts
 
 
 def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:

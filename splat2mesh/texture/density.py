@@ -1,0 +1,32 @@
+"""How fine a texture has to be: the size of the smallest splats, at each place of a surface."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arrays import Integers, Points
+from ..render.opacitygrid import SCALES_PER_PIXEL
+from ..splats.splats import Splats
+
+SOLID = 0.5
+"""Opacity of the splats that count, as for the pixel of a whole capture."""
+
+SAMPLES, AROUND, PERCENTILE = 40_000, 16, 10
+"""Faces at which splats are looked up, about; how many splats; and which of their sizes is the training pixel there."""
+
+SMOOTHED = 4
+"""Samples whose mean, that of logarithms, a face takes."""
+
+
+def local_pixel(splats: Splats, points: Points, faces: Integers) -> NDArray[np.float64]:
+    """Size of a training pixel at faces (F, 3) of points (V, 3), in the frame of the splats: (F,) float64."""
+    from scipy.spatial import cKDTree
+
+    centers = points[faces].mean(axis=1)
+    solid = splats.opacities > SOLID
+    solid = solid if solid.any() else np.ones(len(splats), bool)
+    sizes = splats.scales[solid].max(axis=1) / SCALES_PER_PIXEL
+    sampled = centers[:: max(1, len(centers) // SAMPLES)]
+    near = cKDTree(splats.means[solid]).query(sampled, min(AROUND, len(sizes)), workers=-1)[1].reshape(len(sampled), -1)
+    pixel = np.log(np.maximum(np.percentile(sizes[near], PERCENTILE, axis=1), 1e-30))
+    around = cKDTree(sampled).query(centers, min(SMOOTHED, len(sampled)), workers=-1)[1].reshape(len(centers), -1)
+    return np.exp(pixel[around].mean(axis=1))

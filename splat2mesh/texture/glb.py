@@ -1,0 +1,83 @@
+"""Textured scenes as binary glTF: a mesh for each chunk, one material, the picture inside."""
+
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scene.glb import Glb
+from ..scene.scene import Scene
+from .atlas import Atlas
+from .fill import filled
+from .texture import Texture
+
+CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
+
+QUALITY = 95
+"""Of the JPEG, with colours as fine as brightness. A PNG of the same picture is four times as large."""
+
+
+def textured_glb(
+    scene: Scene,
+    atlas: Atlas,
+    image: NDArray[np.uint8],  # (size, size, 3) sRGB
+    chunks: int,  # the first chunks of `scene` that are drawn under their numbers; those after them are background
+    material: str = "captured",
+) -> Glb:
+    """Make the file of a scene in its texture: unlit, double-sided.
+
+    Vertices stand in the order of the atlas; on seams of the texture there are several of one scene vertex. Where the
+    scene has fewer chunks than the atlas, the others are left out.
+    """
+    import pygltflib as gltf
+
+    surface = gltf.PbrMetallicRoughness(
+        baseColorTexture=gltf.TextureInfo(index=0), metallicFactor=0.0, roughnessFactor=1.0
+    )
+    look = gltf.Material(
+        name=material, pbrMetallicRoughness=surface, doubleSided=True, extensions={"KHR_materials_unlit": {}}
+    )
+    file = Glb(
+        extensionsUsed=["KHR_materials_unlit"],
+        materials=[look],
+        samplers=[gltf.Sampler(magFilter=LINEAR, minFilter=LINEAR_MIPMAP, wrapS=CLAMP, wrapT=CLAMP)],
+        textures=[gltf.Texture(sampler=0, source=0)],
+    )
+    normals, first = _unit(scene.normals), 0
+    for number, (chunk, used) in enumerate(zip(scene.chunks, atlas.chunks, strict=False)):
+        rows, faces = atlas.vertex[used.start : used.stop], atlas.faces[first : first + len(chunk.faces)] - used.start
+        first += len(chunk.faces)
+        attributes = {
+            "POSITION": file.positions(scene.vertices[rows]),
+            "NORMAL": file.values(normals[rows]),
+            "TEXCOORD_0": file.values(atlas.uv[used.start : used.stop]),
+        }
+        name = f"chunk_{number:04d}" if number < chunks else f"background_{number - chunks:04d}"
+        file.mesh(name, attributes, indices=file.indices(faces, len(rows)), material=0)
+    view = file.data(jpeg_bytes(image))
+    file.document.images = [gltf.Image(bufferView=view, mimeType="image/jpeg", name="color")]
+    return file
+
+
+def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any]) -> bytes:
+    """Return mesh.glb of a Texture. chunks: as of `textured_glb`. extras: of the glTF scene."""
+    atlas = texture.atlas
+    image = filled(atlas.size, atlas.texels, texture.colors)
+    return textured_glb(texture.scene, atlas, image, chunks).content(extras)
+
+
+def jpeg_bytes(image: NDArray[np.uint8]) -> bytes:
+    """Return a picture (H, W, 3) as JPEG."""
+    import imageio.v3 as iio
+
+    file = io.BytesIO()
+    iio.imwrite(file, image, extension=".jpg", quality=QUALITY, subsampling=0)
+    return file.getvalue()
+
+
+def _unit(normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Normals of unit length, as glTF demands; +y where there is none."""
+    length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
+    unit = np.where(length > 1e-12, normals / np.maximum(length, 1e-12), [0.0, 1.0, 0.0])
+    return unit.astype(np.float32)

@@ -1,0 +1,163 @@
+"""The colours of a splat on a surface: pictures of it projected onto points, each weighed by how it sees them.
+
+A picture counts most for points that it shows frontally and, in a place, from near. It does not count for what lies
+behind something else in it, or where it shows another surface.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
+from ..base.threads import shared
+from ..render.rasterize import rasterize
+from ..render.view import View
+from ..scene.color import bytes_from_unit
+from ..splats.splats import Splats
+from ..surface.album import LEAST_COSINE, groups_of, may_see
+
+DEPTH_TOLERANCE = 0.03
+"""Of the distance: where a pixel of a picture shows something further before or behind the point, it shows another
+surface."""
+
+LEAST_ALPHA = 0.5
+"""Opacity below which a pixel shows no surface."""
+
+DEEPEST = 1.05
+"""Of the depth of the deepest pixel of a picture: nothing behind that is in it."""
+
+_function = numba.njit(cache=True, nogil=True, error_model="numpy")
+
+
+class Look(NamedTuple):
+    """Splats, the views that show them, and the near plane of each view, (M,)."""
+
+    splats: Splats
+    views: Sequence[View]
+    near: Floats
+
+
+class Pictures(NamedTuple):
+    """M pictures of P pixels in all, one after the other, row by row.
+
+    poses: (M, 3, 4) float64 camera_from_world. lenses: (M, 4) float64 fx, fy, cx, cy. sizes: (M, 2) int64 height and
+    width. starts: (M,) int64 first pixel of each. colors: (P, 3) uint8 sRGB. depth: (P,) float32 camera z, NaN where
+    no surface is. deepest: (M,) float64, z behind which each shows nothing.
+    """
+
+    poses: NDArray[np.float64]
+    lenses: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    colors: ColorsSrgb
+    depth: NDArray[np.float32]
+    deepest: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, looks: Sequence[Look], pixels: int) -> "Pictures":
+        """Pictures of some Look, `pixels` along the longer side."""
+        views = [view.resized(pixels) for look in looks for view in look.views]
+        sizes = np.array([[view.height, view.width] for view in views], np.int64)
+        ends = sizes.prod(axis=1).cumsum()
+        colors, depth = np.zeros((ends[-1], 3), np.uint8), np.full(ends[-1], np.nan, np.float32)
+        deepest, number = np.zeros(len(views)), 0
+        for look in looks:
+            for plane in look.near:
+                seen, start = rasterize(look.splats, views[number], float(plane)), ends[number] - sizes[number].prod()
+                solid = seen.alpha > LEAST_ALPHA
+                part = slice(start, ends[number])
+                color = seen.color / np.maximum(seen.alpha, LEAST_ALPHA)[..., None]
+                colors[part] = bytes_from_unit(color).reshape(-1, 3)
+                depth[part] = np.where(solid, seen.depth_median, np.nan).ravel()
+                deepest[number] = DEEPEST * np.nan_to_num(depth[part]).max()
+                number += 1
+        poses = np.array([view.camera_from_world[:3] for view in views])
+        lenses = np.array([[view.fx, view.fy, view.cx, view.cy] for view in views], float)
+        return cls(poses, lenses, sizes, ends - sizes.prod(axis=1), colors, depth, deepest)
+
+    def shown(self, points: Points, normals: Directions, nearness: float) -> tuple[NDArray[np.float32], NDArray]:
+        """What the pictures show at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
+        whether any shows it, (N,) bool. It is a mean whose weights are cosine^2 / distance^nearness."""
+        places = points.astype(np.float64)
+        result, weights = np.zeros((len(points), 3), np.float32), np.zeros(len(points), np.float32)
+        order, groups = groups_of(places)
+        typical = float(np.median(self.deepest))
+        asked = _Asked(places, normals.astype(np.float64), order, groups, typical, nearness)
+        _show(len(groups) - 1, asked, self, result, weights)
+        seen = weights > 0.0
+        result[seen] /= weights[seen, None]
+        return result, seen
+
+
+class _Asked(NamedTuple):
+    """Points (N, 3) and normals (N, 3), their order (N,) by groups that lie together, where each group begins in it and
+    the end (G + 1,), and how nearness counts: (typical / distance)^nearness."""
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    order: Indices
+    groups: Indices
+    typical: float
+    nearness: float
+
+
+@shared
+@_function
+def _show(begin: int, end: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
+    points, count = asked.points, len(pictures.poses)
+    seers = np.empty(count, np.int64)
+    for g in range(begin, end):
+        members = asked.order[asked.groups[g] : asked.groups[g + 1]]
+        low, high = points[members[0]].copy(), points[members[0]].copy()
+        for i in members:
+            for k in range(3):
+                low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
+        middle, half, found = (low + high) / 2, (high - low) / 2, 0
+        for m in range(count):
+            if may_see(pictures.poses[m], pictures.lenses[m], pictures.sizes[m], pictures.deepest[m], middle, half):
+                seers[found] = m
+                found += 1
+        for i in members:
+            for m in seers[:found]:
+                _add(i, m, asked, pictures, result, weights)
+
+
+@_function
+def _add(i: int, m: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
+    """Add to one point what one picture shows there."""
+    p, lens, height, width = pictures.poses[m], pictures.lenses[m], pictures.sizes[m, 0], pictures.sizes[m, 1]
+    x, y, z = asked.points[i, 0], asked.points[i, 1], asked.points[i, 2]
+    cz = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+    if cz <= 0.0:
+        return
+    cx = p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]
+    cy = p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]
+    u, v = lens[0] * cx / cz + lens[2] - 0.5, lens[1] * cy / cz + lens[3] - 0.5
+    if not (0.0 <= u < width - 1 and 0.0 <= v < height - 1):
+        return
+    facing = 0.0
+    for k in range(3):
+        along = p[0, k] * cx + p[1, k] * cy + p[2, k] * cz  # from the eye to the point, in the world
+        facing -= asked.normals[i, k] * along
+    cosine = facing / np.sqrt(cx * cx + cy * cy + cz * cz)
+    if cosine < LEAST_COSINE:
+        return
+    left, top = int(u), int(v)
+    right, below = u - left, v - top
+    red = green = blue = 0.0
+    for q in range(4):  # all four pixels must show this surface, or colours mix
+        at = pictures.starts[m] + (top + (q >> 1)) * width + left + (q & 1)
+        if not abs(pictures.depth[at] - cz) < DEPTH_TOLERANCE * cz:
+            return
+        share = (right if q & 1 else 1.0 - right) * (below if q >> 1 else 1.0 - below)
+        red += share * pictures.colors[at, 0]
+        green += share * pictures.colors[at, 1]
+        blue += share * pictures.colors[at, 2]
+    weight = cosine * cosine * (asked.typical / cz) ** asked.nearness
+    result[i, 0] += weight * red
+    result[i, 1] += weight * green
+    result[i, 2] += weight * blue
+    weights[i] += weight
