@@ -19,7 +19,7 @@ from splat2mesh.tiles.city import KNOWN
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [
     *sorted(ROOT.glob("*.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").glob("**/*.md")),
     *sorted((ROOT / "integrations").glob("**/*.md")),
 ]
 OURS = re.compile(r"(?:\$ )?((?:relight|splat2mesh|python -m (?:relight|splat2mesh|scenes)|scripts/\w+)(?: .*)?)$")
@@ -29,7 +29,9 @@ def shown():
     """(document, command line) of every command in a shell block, an indented line or backticks."""
     for document in DOCUMENTS:
         name, text = document.relative_to(ROOT).as_posix(), document.read_text("utf-8")
-        lines = [line for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
+        lines = [
+            line.strip() for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) for line in block.splitlines()
+        ]
         text = re.sub(r"```.*?```", "", text, flags=re.DOTALL)
         lines += [line.strip() for line in re.findall(r"^ {4}(\S.*)$", text, re.MULTILINE)]
         lines += [line for line in re.findall(r"`([^`\n]+)`", text) if " " in line or line.startswith("scripts/")]

@@ -1,0 +1,42 @@
+"""The tutorials: all show commands, and those of one run, in order, on a small ball in place of the reader's splat."""
+
+import re
+import shlex
+from pathlib import Path
+
+from ball_splats import solid_ball
+
+import relight.cli
+import splat2mesh.cli
+from splat2mesh.splats.formats import write_inria_ply
+from splat2mesh.surface.extract import EFFORTS, Effort
+
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+SHOWN = "--serve", "--view"
+"""Options that wait for a person."""
+
+
+def commands(name):
+    text = (TUTORIALS / f"{name}.md").read_text("utf-8")
+    lines = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).splitlines()
+    split = [shlex.split(line, comments=True) for line in lines]
+    return [words for words in split if words and not {*SHOWN} & {*words}]
+
+
+def test_every_tutorial_shows_commands():
+    names = [path.stem for path in TUTORIALS.glob("*.md")]
+    assert len(names) >= 7
+    assert all(len(commands(name)) >= 2 for name in names)
+
+
+# The one that takes least; that the commands of the others are understood is tested in test_commands.py.
+def test_the_commands_of_a_page_for_a_client_run(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for effort in ("normal", "draft"):
+        monkeypatch.setitem(EFFORTS, effort, Effort(views=12, pixels=96, cells=80, depth=6, points=20_000))
+    monkeypatch.setattr("relight.loaded.DEFAULT_TOLERANCE", 0.1)
+    write_inria_ply(Path("garden.ply"), solid_ball(600))
+    for program, *arguments in commands("client"):
+        command = relight.cli.main if program == "relight" else splat2mesh.cli.main
+        assert command(arguments) == 0, (program, arguments, capsys.readouterr().err)
+    assert Path("garden/relit/sunset_0/relit.html").is_file() and Path("with_lamp/relit.html").is_file()
