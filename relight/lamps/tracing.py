@@ -40,7 +40,7 @@ BLOCK = 16
 """Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over
 the gaps between bodies, some have a lamp at hand that is none of the brightest in their middle: single bright dots."""
 
-BATCH_VERTICES = 2**14
+BATCH_VERTICES, BATCH_PAIRS = 2**14, 2**20
 
 REACHED = 0.9999
 """Of the way to an emitter that must be free: what glows is often part of the mesh."""
@@ -63,6 +63,7 @@ def lamplight(
     least: float = 0.0,
     seed: int = 0,
     advance: Callable[[int], None] = lambda count: None,
+    every: bool = False,
 ) -> NDArray[np.float32]:
     """Return the exit radiance of white vertices in the light of emitters alone, (V, 3) float32.
 
@@ -84,8 +85,10 @@ def lamplight(
         Of the rays and of the choice among many emitters.
     advance : callable
         Called with the number of vertices done.
+    every : bool
+        Whether each vertex takes all emitters, however many they are: what a choice among them is judged by.
     """
-    return lamplight_at(occluder, ordered(occluder, rows, leaf, seed), emitters, rays, least, advance)
+    return lamplight_at(occluder, ordered(occluder, rows, leaf, seed), emitters, rays, least, advance, every)
 
 
 class Ordered(NamedTuple):
@@ -120,14 +123,17 @@ def lamplight_at(
     rays: int,
     least: float = 0.0,
     advance: Callable[[int], None] = lambda count: None,
+    every: bool = False,
 ) -> NDArray[np.float32]:
     """Return what `lamplight` does, (N, 3) float32, at vertices that are in order already."""
     order, origins, normals, share, offsets = vertices
     found = np.zeros((len(origins), 3), np.float32)
-    for start in range(0, len(origins) if len(emitters.kind) else 0, BATCH_VERTICES):
-        part = slice(start, start + BATCH_VERTICES)
+    count = len(emitters.kind)
+    batch = max(1, min(BATCH_VERTICES, BATCH_PAIRS // count)) if every and count else BATCH_VERTICES
+    for start in range(0, len(origins) if count else 0, batch):
+        part = slice(start, start + batch)
         at = (origins[part], normals[part], share[part], offsets[part])
-        chosen = chosen_at(*at, emitters, least, CHANCE_PART * rays)
+        chosen = chosen_at(*at, emitters, least, count if every else CHANCE_PART * rays)
         _add(occluder, emitters, chosen, rays, least, at, found[part])
         advance(len(at[0]))
     radiance = np.empty_like(found)

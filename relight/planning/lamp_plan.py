@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..lamps.emitters import Emitters
-from ..lamps.tracing import lamplight
+from ..lamps.tracing import ALONE, BLOCK, CHANCE_PART, lamplight
+from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
 
 SAMPLE = 1024
@@ -15,6 +16,20 @@ SAMPLE = 1024
 
 CHOICES = 8, 16, 32, 64, 128, 256
 REFERENCE = 1024
+
+MANY = ALONE + CHANCE_PART * CHOICES[0]
+"""Emitters beyond which some choice of rays makes vertices choose among them. The sample then consists of whole blocks
+of vertices, which share a list of the brightest, and its reference takes every emitter at each vertex."""
+
+MORE_CHOICES = 512, 1024
+"""Rays that may be taken beyond CHOICES where vertices choose among many emitters: with them the choice grows."""
+
+BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22
+"""Blocks in the sample, vertices in each that have a reference, and how many pairs of vertex and emitter that has at
+most. With 13 blocks and all of their vertices the error of 10,000 lamps was foreseen as .028, and was .037."""
+
+MANY_REFERENCE = 64
+"""Rays of that reference in half-shadows."""
 
 LEAST_LIGHT = 1e-9
 
@@ -24,6 +39,7 @@ class LampPlan(NamedTuple):
 
     rays: for each vertex and lamp in half-shadows. share: of the direct light, theirs. error: relative root mean square
     of that light, over the sample. seconds: for the whole scene. curve: [(seconds, error, rays)], quickest first.
+    within: whether the error keeps to the tolerance.
     """
 
     rays: int
@@ -31,6 +47,7 @@ class LampPlan(NamedTuple):
     error: float
     seconds: float
     curve: list[tuple[float, float, int]]
+    within: bool = True
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-clean, for the report."""
@@ -40,6 +57,7 @@ class LampPlan(NamedTuple):
             "share": round(self.share, 4),
             "predicted_error": round(self.error, 5),
             "predicted_seconds": round(self.seconds, 3),
+            "within_tolerance": self.within,
             "curve": curve,
         }
 
@@ -48,6 +66,7 @@ class LampPlan(NamedTuple):
         lamps = f"{count} lamp{'s' * (count > 1)}"
         lines = [f"lamps: {lamps}, {self.share:.0%} of the direct light; {self.rays} rays in half-shadows"]
         lines.append(f"  predicted: error {self.error:.2%}; {self.seconds:.2f} s")
+        lines += [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
         lines += ["  accuracy against time", f"  {'seconds':>9}{'error':>9}"]
         for seconds, error, rays in self.curve:
             lines.append(f"  {seconds:9.3f}{error:9.2%}  {rays} rays{' <' * (rays == self.rays)}")
@@ -77,19 +96,43 @@ def plan_lamps(
     """
     count = len(occluder.origins)
     rng = np.random.default_rng(seed)
-    rows = np.sort(rng.choice(count, min(SAMPLE, count), replace=False))
+    lamps = len(emitters.kind)
+    many = lamps > MANY
+    if many:
+        rows, judged = _blocks(occluder, lamps, rng)
+    else:
+        rows = np.sort(rng.choice(count, min(SAMPLE, count), replace=False))
+        judged = np.arange(len(rows))
     more: dict[str, Any] = {"rows": rows, "leaf": None if leaf is None else leaf[rows], "least": least}
-    true = lamplight(occluder, emitters, REFERENCE, seed=seed + 1, **more)
-    whole = float(np.sqrt(np.square(true + beside[rows]).mean(dtype=np.float64)))
+    known = {**more, "rows": rows[judged], "leaf": None if leaf is None else leaf[rows[judged]]}
+    true = lamplight(occluder, emitters, MANY_REFERENCE if many else REFERENCE, seed=seed + 1, every=many, **known)
+    beside = beside[rows[judged]]
+    whole = float(np.sqrt(np.square(true + beside).mean(dtype=np.float64)))
     curve = []
-    for rays in CHOICES:
+    for rays in CHOICES + MORE_CHOICES * many:
         start = time.perf_counter()
         found = lamplight(occluder, emitters, rays, seed=seed, **more)
         seconds = (time.perf_counter() - start) * count / len(rows)
-        error = float(np.sqrt(np.square(found - true).mean(dtype=np.float64))) / max(whole, LEAST_LIGHT)
+        squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
+        doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large
+        error = (float(squares.mean()) + doubt) ** 0.5 / max(whole, LEAST_LIGHT)
         curve.append((seconds, error, rays))
         if error < tolerance / 4.0:
             break
     kept = next((step for step in curve if step[1] <= tolerance), curve[-1])
-    share = float(true.sum() / max(float((true + beside[rows]).sum()), LEAST_LIGHT))
-    return LampPlan(kept[2], share, kept[1], kept[0], curve)
+    share = float(true.sum() / max(float((true + beside).sum()), LEAST_LIGHT))
+    return LampPlan(kept[2], share, kept[1], kept[0], curve, kept[1] <= tolerance)
+
+
+def _blocks(occluder: Occluder, lamps: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices in whole blocks as `lamplight` makes them of all, and which of these vertices have a reference."""
+    order = along_curve(occluder.origins)
+    blocks = -(-len(order) // BLOCK)
+    chosen = rng.choice(blocks, min(BLOCKS, blocks), replace=False)
+    each = min(max(MANY_PAIRS // (lamps * len(chosen)), 1), JUDGED)
+    rows, judged = [], []
+    for block in np.sort(chosen):
+        start = sum(map(len, rows))
+        rows.append(order[BLOCK * block : BLOCK * (block + 1)])
+        judged.append(start + rng.choice(len(rows[-1]), min(each, len(rows[-1])), replace=False))
+    return np.concatenate(rows).astype(np.int64), np.concatenate(judged).astype(np.int64)

@@ -1,7 +1,8 @@
 """Placed lamps: error and time by rays for each kind, time by the number of lamps, and that of a change in a session.
 
 Errors are relative L2 norms of direct light over all vertices, against --reference rays. Of many lamps, which share the
-light of one, the time of a vertex and the error against each lamp by itself, on some of the vertices. Of a change in a
+light of one, the time of a vertex and the error against all of them, on some of the vertices, with 32 rays and with
+those of a plan for --tolerance. Of a change in a
 session, of which each line is the median of --changes: the light that is shown at once, the picture of it (in software,
 where OpenGL is), exact shadows, and all as a relight gives it.
 """
@@ -18,6 +19,7 @@ from relight.job import Job
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import RectangleLamp, SphereLamp, TubeLamp
 from relight.lamps.tracing import lamplight
+from relight.planning.lamp_plan import plan_lamps
 from relight.showing import session_of
 from relight.transfer.occluder import Frame, Occluder
 
@@ -45,9 +47,8 @@ def arguments(parser):
     parser.add_argument("--rays", type=int, nargs="+", default=[8, 16, 32, 64, 128])
     parser.add_argument("--reference", type=int, default=1024, metavar="RAYS")
     parser.add_argument("--counts", type=int, nargs="+", default=[1, 10, 100, 1000, 10_000])
-    parser.add_argument(
-        "--probes", type=int, default=400, help="vertices at which each of many lamps is traced by itself"
-    )
+    parser.add_argument("--probes", type=int, default=400, help="vertices at which all of many lamps are traced")
+    parser.add_argument("--tolerance", type=float, default=0.03, help="of the plan for many lamps")
     parser.add_argument("--changes", type=int, default=15, help="of lamps in a session, for each line")
     parser.add_argument("--edit", action="store_true", help="only what a change in a session takes")
 
@@ -86,15 +87,20 @@ def by_number(occluder, frame, options, report):
     """Time of a vertex by the number of lamps, and the error that the choice among them makes."""
     rng = np.random.default_rng(0)
     probes = np.sort(rng.choice(len(occluder.origins), min(options.probes, len(occluder.origins)), replace=False))
-    table = report.table("by number, 32 rays", lamps="d", microseconds=".2f", error=".4f")
+    columns = {"microseconds": ".2f", "error": ".4f", "planned": "d", "predicted": ".4f", "true": ".4f"}
+    table = report.table(f"by number, 32 rays; planned for {options.tolerance:g}", lamps="d", **columns, plan_s=".2f")
+    nothing = np.zeros_like(occluder.origins)
     for count in options.counts:
         places = frame.center + frame.diagonal * rng.uniform((-0.5, 0.1, -0.5), (0.5, 0.4, 0.5), (count, 3))
         bulbs = [SphereLamp(tuple(place), 0.002 * frame.diagonal, (900.0 / count,) * 3) for place in places]
         emitters = emitters_of(bulbs, frame.center, frame.diagonal)
         found, seconds, _ = timed(lambda e=emitters: lamplight(occluder, e, 32))
-        true = sum(lamplight(occluder, emitters.of_lamp(number), 32, rows=probes) for number in range(count))
+        true = lamplight(occluder, emitters, 64, rows=probes, seed=1, every=True)
         error = relative_error(found[probes], true)
-        table.add(lamps=count, microseconds=1e6 * seconds / len(found), error=error)
+        plan, plan_s, _ = timed(lambda e=emitters: plan_lamps(occluder, e, nothing, options.tolerance))
+        wanted = lamplight(occluder, emitters, plan.rays)[probes]
+        made = {"planned": plan.rays, "predicted": plan.error, "true": relative_error(wanted, true), "plan_s": plan_s}
+        table.add(lamps=count, microseconds=1e6 * seconds / len(found), error=error, **made)
 
 
 def by_change(mesh, frame, options, report):
