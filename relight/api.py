@@ -29,6 +29,7 @@ from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter, Shaded
 from .folders import lights_of, meshed_request, planned_request
 from .job import Job
+from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
 from .light.tonemap import tone_map
@@ -214,7 +215,8 @@ class RelightPlan(NamedTuple):
     open, or "". lamps: the LampPlan of the lamps that are put in, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
     GlossPlan of the scene, None where nothing is glossy or it was not looked at yet. inserts: the InsertPlan of objects
-    that are put in, or None.
+    that are put in, or None. north_picture: (H, W, 3) uint8, an arrow that points north, of the sun of a date; None of
+    other lights.
     """
 
     plan: Plan | None
@@ -224,6 +226,7 @@ class RelightPlan(NamedTuple):
     lamps_picture: NDArray[np.uint8] | None = None
     gloss: "GlossPlan | None" = None
     inserts: "InsertPlan | None" = None
+    north_picture: NDArray[np.uint8] | None = None
 
     def table(self) -> list[str]:
         """Return it as lines of text."""
@@ -256,13 +259,19 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     if job.keeps_captured:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
         return RelightPlan(None, note, lamps, count, picture, inserts=inserts)
+    pointing = None
+    if isinstance(request.env, DaylightRequest):
+        from .output.north_picture import north_picture
+
+        turned = request.env.north_deg + request.angles_deg[0]  # which turns the whole light
+        pointing = north_picture(job.scene, job.scene.colors_linear, turned)
     plan, note = job.planned()
     if plan is None and job.steady and lamps is None and inserts is None:
         raise InputError("what an environment changes in this room is assumed, so there is nothing to plan")
     if plan is None and lamps is None and inserts is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing)
 
 
 def view_request(

@@ -32,8 +32,9 @@ LIGHT_STAGES = frozenset(
 
 MOST_PORT = 65535
 
-LAMPS_PICTURE = "lamps.png"
-"""What `--plan` of a room with lamps writes, in its folder: the numbers that `--lamps` takes."""
+LAMPS_PICTURE, NORTH_PICTURE = "lamps.png", "north.png"
+"""What `--plan` writes, in the folder of the scene: of a room with lamps the numbers that `--lamps` takes; of the
+sun of a date an arrow to the north, as `--north` takes it."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -160,16 +161,26 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
     except InputError as error:
         raise InputError(f"--plan: {error}") from error
     lines = told.table()
-    if told.lamps_picture is not None:
-        from .output.mesh_files import write_png
+    pictures = {
+        LAMPS_PICTURE: (told.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
+        NORTH_PICTURE: (told.north_picture, "an arrow to the north, for --north"),
+    }
+    for name, (picture, what) in pictures.items():
+        if picture is not None:
+            from .output.mesh_files import write_png
 
-        path = Path(request.output or str(request.scene)) / LAMPS_PICTURE
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_png(path, told.lamps_picture)
-        lines.append(f"{path}: its lamps by number, for --lamps 1=off,2=0.5")
+            path = Path(request.output or _picture_folder(str(request.scene))) / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_png(path, picture)
+            lines.append(f"{path}: {what}")
     plan, lamps = told.plan and told.plan.as_dict(), told.lamps and told.lamps.as_dict()
     more = {"gloss": told.gloss and told.gloss.as_dict(), "inserts": told.inserts and told.inserts.as_dict()}
     return lines, {"plan": plan, "note": told.note, "lamps": lamps, **more}
+
+
+def _picture_folder(scene: str) -> str:
+    """Where pictures of a plan go: into the folder of a scene, of a file into NAME_relit, which its results go to."""
+    return scene if os.path.isdir(scene) else f"{Path(scene).stem}_relit"
 
 
 def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> tuple[list[str], Any]:

@@ -1,0 +1,102 @@
+"""A picture of the scene with an arrow on the ground that points north, as the sun of a date takes it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .picture import RelitPicture
+from .preview import NOWHERE
+
+if TYPE_CHECKING:
+    from splat2mesh.render.view import View
+    from splat2mesh.scene.scene import Scene
+
+SIZE = 960, 720
+
+ANCHOR = 0.5, 0.7
+"""Where the middle of the arrow lies in the picture, of its width and height: on the ground before the middle."""
+
+LENGTH = 0.2
+"""Of the arrow, of the distance at which the camera sees it."""
+
+INK = (255, 90, 40)
+
+OUTLINE = np.array(
+    [[0.5, 0.0], [0.1, 0.22], [0.1, 0.07], [-0.5, 0.07], [-0.5, -0.07], [0.1, -0.07], [0.1, -0.22]], np.float64
+)
+"""Of an arrow of length 1 along x, its tip first."""
+
+LETTER = 0.62
+"""How far from its middle, of its length, the N stands."""
+
+NEAREST = 1e-3
+"""Of its distance: what comes nearer to the camera than this is not drawn."""
+
+
+def north(north_deg: float) -> NDArray[np.float64]:
+    """Return the direction of north, (3,) unit, scene frame.
+
+    Parameters
+    ----------
+    north_deg : float
+        By how much it is turned about +y from -z, counter-clockwise from above.
+    """
+    turn = np.radians(north_deg)
+    return np.array([-np.sin(turn), 0.0, -np.cos(turn)])
+
+
+def north_picture(
+    scene: "Scene", radiance: NDArray[np.float32], north_deg: float, camera: dict | None = None
+) -> NDArray[np.uint8]:
+    """Return the picture, (H, W, 3) uint8 sRGB.
+
+    Parameters
+    ----------
+    scene : Scene
+    radiance : ndarray of float32, (V, 3)
+        Linear, in which the mesh is drawn.
+    north_deg : float
+        As of `north`.
+    camera : dict, optional
+        As of `Preview`; that of the preview without.
+    """
+    from PIL import Image, ImageDraw, ImageFont
+
+    picture = RelitPicture(scene, camera, *SIZE)
+    image = Image.fromarray(np.array(picture.of_vertices(radiance, None, 1.0), np.uint8))
+    view = picture.view
+    anchor = _ground(view, picture.mesh.depth(), scene)
+    forward = north(north_deg)
+    side = np.array([-forward[2], 0.0, forward[0]])
+    length = LENGTH * float(np.linalg.norm(anchor - view.center))
+    places = np.concatenate([OUTLINE, [[LETTER, 0.0]]])
+    world = anchor + length * (places[:, :1] * forward + places[:, 1:] * side)
+    pixels, depth = _seen(view, world)
+    if (depth > NEAREST * length).all():
+        draw = ImageDraw.Draw(image)
+        draw.polygon([tuple(each) for each in pixels[:-1].tolist()], fill=INK)
+        draw.text(tuple(pixels[-1].tolist()), "N", INK, ImageFont.load_default(SIZE[1] // 24), anchor="mm")
+    return np.asarray(image)
+
+
+def _ground(view: "View", depth: NDArray[np.float32], scene: "Scene") -> NDArray[np.float64]:
+    """(3,) scene frame: what the camera sees where the arrow shall lie; below the middle of the scene where it sees
+    nothing there."""
+    column, row = round(ANCHOR[0] * view.width), round(ANCHOR[1] * view.height)
+    found = float(depth[row, column])
+    if not found < NOWHERE:
+        low, high = scene.vertices.min(axis=0), scene.vertices.max(axis=0)
+        return np.array([(low[0] + high[0]) / 2.0, low[1], (low[2] + high[2]) / 2.0], np.float64)
+    camera = found * np.array([(column + 0.5 - view.cx) / view.fx, (row + 0.5 - view.cy) / view.fy, 1.0])
+    pose = view.camera_from_world
+    return np.asarray(pose[:3, :3].T @ (camera - pose[:3, 3]), np.float64)
+
+
+def _seen(view: "View", places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Pixels (N, 2) and depths (N,) of places (N, 3) in the frame of the scene."""
+    camera = places @ view.camera_from_world[:3, :3].T + view.camera_from_world[:3, 3]
+    depth = np.maximum(camera[:, 2], 1e-12)
+    return np.stack([camera[:, 0] * view.fx / depth + view.cx, camera[:, 1] * view.fy / depth + view.cy], 1), camera[
+        :, 2
+    ]
