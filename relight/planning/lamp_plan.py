@@ -130,9 +130,10 @@ def _blocks(occluder: Occluder, lamps: int, rng: np.random.Generator) -> tuple[N
     blocks = -(-len(order) // BLOCK)
     chosen = rng.choice(blocks, min(BLOCKS, blocks), replace=False)
     each = min(max(MANY_PAIRS // (lamps * len(chosen)), 1), JUDGED)
-    rows, judged = [], []
+    rows: list[NDArray[np.int64]] = []
+    judged: list[NDArray[np.int64]] = []
     for block in np.sort(chosen):
-        start = sum(map(len, rows))
+        start = sum(len(each) for each in rows)
         rows.append(order[BLOCK * block : BLOCK * (block + 1)])
         judged.append(start + rng.choice(len(rows[-1]), min(each, len(rows[-1])), replace=False))
     return np.concatenate(rows).astype(np.int64), np.concatenate(judged).astype(np.int64)
