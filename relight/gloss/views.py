@@ -34,16 +34,17 @@ def outer_looks(binding: Binding, scene: Scene, part: slice = slice(None)) -> Lo
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     distance = DISTANCE * radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
-    directions = even_directions(round(2 * VIEWS / (1.0 - LOWEST)))
-    directions = _far_apart_first(directions[directions @ up > LOWEST])[part]
+    every = even_directions(round(2 * VIEWS / (1.0 - LOWEST)))
+    directions = _far_apart_first(every[every @ up > LOWEST])[part]
     views = [View.look_at(center + distance * each, center, up, OUTER_FOV_DEG, PIXELS) for each in directions]
     return binding.looks_at(views)
 
 
 def _far_apart_first(directions: Directions) -> Directions:
     """Directions in an order in which each is as far as can be from all before it."""
-    order, nearest = [0], directions @ directions[0]
+    order = [0]
+    nearest = np.asarray(directions @ directions[0], np.float64)
     while len(order) < len(directions):
         order.append(int(nearest.argmin()))
-        nearest = np.maximum(nearest, directions @ directions[order[-1]])
+        nearest = np.asarray(np.maximum(nearest, directions @ directions[order[-1]]), np.float64)
     return directions[order]

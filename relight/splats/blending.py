@@ -62,7 +62,8 @@ class Blending(NamedTuple):
     def joined(self, other: "Blending") -> "Blending":
         """The views of this one and, after them, those of another one of the same Gaussians."""
         starts = (np.append(a, a[-1] + b[1:]) for a, b in zip(self[:3], other[:3], strict=True))
-        return Blending(*starts, *(np.concatenate(pair) for pair in zip(self[3:], other[3:], strict=True)))
+        lists = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in Blending._fields[3:])
+        return Blending(*starts, *lists)
 
     def of_view(self, number: int) -> "Blending":
         """The Blending of one view alone, without a copy of what is large."""
