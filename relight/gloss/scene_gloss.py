@@ -51,6 +51,7 @@ class SceneGloss:
         self._scene, self._splats, self._binding = scene, splats, binding
         self._cache, self._seed, self._stages, self._lamps = cache, seed, stages, lamps
         self._reflections: Reflections | None = None
+        self._glance: Looks | None = None  # what was looked at first, until the other pictures join it
 
     @cached_property
     def fits(self) -> PatchFits | None:
@@ -62,8 +63,8 @@ class SceneGloss:
             binding = self._binding()
             if not self._scene.is_place:  # of which no pictures are there yet
                 with self._stages.stage("look at gloss"):
-                    glance = outer_looks(binding, self._scene, GLANCE)
-                found = self._observed(glance)
+                    self._glance = outer_looks(binding, self._scene, slice(GLANCE))
+                found = self._observed(self._glance)
             if found is None or hints_at_gloss(found):
                 found = self._observed(self._looks)
             if found is not None and self._cache is not None:
@@ -181,7 +182,11 @@ class SceneGloss:
     @cached_property
     def _looks(self) -> "Looks | None":
         with self._stages.stage("look at gloss"):
-            return outer_looks(self._binding(), self._scene)
+            glance, self._glance = self._glance, None
+            if glance is None:
+                return outer_looks(self._binding(), self._scene)
+            rest = outer_looks(self._binding(), self._scene, slice(GLANCE, None))
+            return glance if rest is None else glance.joined(rest)
 
     @cached_property
     def _key(self) -> tuple[str, int]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from splat2mesh.base.arrays import Directions
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
 from splat2mesh.views.viewpoints import OUTER_FOV_DEG, even_directions
@@ -22,9 +23,9 @@ DISTANCE = 1.15
 """Of the eyes, over that at which the whole just fits in."""
 
 
-def outer_looks(binding: Binding, scene: Scene, count: int = VIEWS) -> Looks | None:
-    """Looks at an object from some places above the horizon; of a place those of its Binding, from where the capture
-    stood."""
+def outer_looks(binding: Binding, scene: Scene, part: slice = slice(None)) -> Looks | None:
+    """Looks at an object from VIEWS places above the horizon, or from a part of them, of which the first stand far
+    apart; of a place all those of its Binding, from where the capture stood."""
     if scene.is_place or binding.looks is None:
         return binding.looks
     matrix = np.asarray(scene.scene_from_splat, np.float64)
@@ -33,7 +34,17 @@ def outer_looks(binding: Binding, scene: Scene, count: int = VIEWS) -> Looks | N
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     distance = DISTANCE * radius / np.sin(np.radians(OUTER_FOV_DEG) / 2)
-    directions = even_directions(round(2 * count / (1.0 - LOWEST)))
-    directions = directions[directions @ up > LOWEST]
+    every = even_directions(round(2 * VIEWS / (1.0 - LOWEST)))
+    directions = _far_apart_first(every[every @ up > LOWEST])[part]
     views = [View.look_at(center + distance * each, center, up, OUTER_FOV_DEG, PIXELS) for each in directions]
     return binding.looks_at(views)
+
+
+def _far_apart_first(directions: Directions) -> Directions:
+    """Directions in an order in which each is as far as can be from all before it."""
+    order = [0]
+    nearest = np.asarray(directions @ directions[0], np.float64)
+    while len(order) < len(directions):
+        order.append(int(nearest.argmin()))
+        nearest = np.asarray(np.maximum(nearest, directions @ directions[order[-1]]), np.float64)
+    return directions[order]

@@ -59,6 +59,12 @@ class Blending(NamedTuple):
             raise InputError(f"kept pictures show others than {count} splats")
         return self
 
+    def joined(self, other: "Blending") -> "Blending":
+        """The views of this one and, after them, those of another one of the same Gaussians."""
+        starts = (np.append(a, a[-1] + b[1:]) for a, b in zip(self[:3], other[:3], strict=True))
+        lists = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in Blending._fields[3:])
+        return Blending(*starts, *lists)
+
     def of_view(self, number: int) -> "Blending":
         """The Blending of one view alone, without a copy of what is large."""
         first, last = self.tiles[number : number + 2]

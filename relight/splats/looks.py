@@ -96,6 +96,13 @@ class Looks(NamedTuple):
             "eyes": self.eyes,
         }
 
+    def joined(self, other: "Looks") -> "Looks":
+        """These pictures and, after them, others of the same Gaussians and the same mesh."""
+        before = AREA * (len(self.blending.runs) - 1)
+        rest = (np.concatenate([getattr(self, name), getattr(other, name)]) for name in ("corners", "uv", "eyes"))
+        known = np.concatenate([self.known, other.known + before])
+        return Looks(self.blending.joined(other.blending), known, *rest)
+
     def of_view(self, number: int) -> "Looks":
         """The picture of one view alone, without a copy."""
         first, last = np.searchsorted(self.known, AREA * self.blending.tiles[number : number + 2])

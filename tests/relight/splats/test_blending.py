@@ -52,6 +52,14 @@ def test_spreading_is_the_transpose_of_drawing(drawn):
     assert sums[:, 3].sum(dtype=np.float64) == pytest.approx((values[:, 3] * ones).sum(dtype=np.float64), rel=1e-3)
 
 
+def test_pictures_joined_are_those_taken_at_once(drawn):
+    splats, views, blending, _ = drawn
+    parts = [blending_of(splats, [view], 0.01) for view in views]
+    for found, expected in zip(parts[0].joined(parts[1]), blending, strict=True):
+        np.testing.assert_array_equal(found, expected)
+        assert found.dtype == expected.dtype
+
+
 def test_no_pixel_is_made_of_more_than_itself(drawn):
     splats, _, blending, _ = drawn
     ones = blending.drawn(np.ones((len(splats), 3), np.float32))
