@@ -148,7 +148,7 @@ def parser() -> argparse.ArgumentParser:
         "--animate",
         dest="animated",
         action="store_true",
-        help="light every frame of an animated .glb; with ffmpeg also a film",
+        help="light every frame of an animated .glb, or of those of --insert; with ffmpeg also a film",
     )
     add("--fps", type=float, metavar="N", help=f"frames per second of --animate (default: {RelightRequest.fps:g})")
 

@@ -107,7 +107,7 @@ class RelightRequest:
     splat : path, optional
         The splat that the scene was made from, where it is not where the scene says.
     animated : bool
-        Light every frame of an animated .glb. fps : frames per second.
+        Light every frame of an animated .glb, or of those that are put in. fps : frames per second.
     caching : {"keep", "read", "none"}
         What becomes of transfers, albedo and texels in the scene's folder. clear_cache : empty it first.
     meshing : ConvertOptions

@@ -98,12 +98,12 @@ def change_at(
     rays meets one."""
     change = np.zeros((len(at.origins), 3), np.float32)
     for number, (middle, radius) in enumerate(standing.spheres):
-        toward = middle - at.origins
+        reached = np.flatnonzero(in_reach(middle, radius, at, least))
+        toward = middle - at.origins[reached]
         distance = np.linalg.norm(toward, axis=1)
-        reached = in_reach(middle, radius, at, least)
-        near = reached & (distance < NEAR * radius)
+        near = distance < NEAR * radius
         for inside, count in ((False, rays), (True, NEAR_RAYS * rays)):
-            place = np.flatnonzero(near if inside else reached & ~near)
+            place = np.flatnonzero(near if inside else ~near)
             size = max(1, BATCH_RAYS // count)
             for start in range(0, len(place), size):
                 part = place[start : start + size]
@@ -111,7 +111,8 @@ def change_at(
                 if not inside:
                     cosine = np.sqrt(1.0 - (radius / distance[part]) ** 2).astype(np.float32)
                 axis = (toward[part] / np.maximum(distance[part, None], 1e-12)).astype(np.float32)
-                change[part] += _through(around, standing, number, sent, at.of(part), (axis, cosine), count, seed)
+                rows = reached[part]
+                change[rows] += _through(around, standing, number, sent, at.of(rows), (axis, cosine), count, seed)
                 advance(len(part))
     before = _direct_where(around, standing, at)
     if len(before):

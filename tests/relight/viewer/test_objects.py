@@ -127,7 +127,7 @@ def test_a_drag_takes_the_object_along_over_its_level_and_keys_turn_it(scene, bo
         end = tool._seen_at(np.array([0.3, TOP + 0.3, 1.1]))
         mouse(window, ("LeftButtonPress", *start), ("MouseMove", *end), ("LeftButtonRelease", *end))
         assert window.orbit == orbit
-        np.testing.assert_allclose(session.objects.placed[0].at, [0.3, TOP + 0.15, 1.1], atol=0.04)  # two pixels, seen aslant
+        np.testing.assert_allclose(session.objects.placed[0].at, [0.3, TOP + 0.15, 1.1], atol=0.04)  # two pixels
         assert "--insert box.obj --at 0." in window.note
         window.press_key("8")
         assert session.objects.placed[0].turn_deg == 15.0
