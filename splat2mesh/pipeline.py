@@ -1,5 +1,6 @@
 """The pipeline of splat2mesh: a trained splat file in, a scene out."""
 
+import hashlib
 import os
 import warnings
 from typing import Any
@@ -187,8 +188,10 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
         matrix = np.asarray(scene.scene_from_splat).ravel().tolist()
         scene.textured = mesh_glb(made, len(scene.chunks), {"scene_from_splat": matrix})
     scene.settings = scene.settings | {"texture": size}
-    told = {"texture_size": made.atlas.size, "texels": len(made.colors), "texels_unseen": made.unseen}
-    scene.statistics = scene.statistics | told | {"texture_scale": round(made.scale, 3)}
+    digest = hashlib.sha256(scene.textured).hexdigest()
+    told: dict[str, Any] = {"texture_size": made.atlas.size, "texels": len(made.colors), "texels_unseen": made.unseen}
+    told |= {"texture_scale": round(made.scale, 3), "texture_sha256": digest}
+    scene.statistics = scene.statistics | told
 
 
 def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions) -> Standpoints:

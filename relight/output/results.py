@@ -85,6 +85,7 @@ class Results:
         self._bound = binding
         self._texture: Any = None
         self._sky_rows: Any = None
+        self._own_texture: Any = None  # False where the scene has none
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
         """Fill a folder that exists: (names of the files, what else the report should tell)."""
@@ -98,8 +99,7 @@ class Results:
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
                 placed = self._lamps(light, exposure)
-                clipped = mesh_files.write_glb(folder / FILES["glb"], self._scene, radiance, exposure, extras, placed)
-                told["clipped_vertices"] = clipped
+                told["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
             if "ply" in self._kinds:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
@@ -135,6 +135,20 @@ class Results:
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             told["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, told
+
+    def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
+        """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
+        from .relit_texture import RelitTexture
+
+        if self._own_texture is None:
+            self._own_texture = RelitTexture.of_scene(self._scene, self._appearance) or False
+        radiance, exposure = shaded.shading.radiance, shaded.exposure
+        if not self._own_texture:
+            return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
+        clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
+        extras = {"clipped_vertices": clipped, **extras}
+        self._own_texture.write(path, self._received(shaded.shading, exposure), exposure, extras, placed)
+        return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
         """The objects that were put in, in their light, and a picture of them in the scene: names of the files."""

@@ -4,8 +4,10 @@ The mesh is welded and sorted by the bits of its vertices before it is unwrapped
 changes no texel.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -77,13 +79,7 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
     """
     order = mesh.order
     uv = uv.astype(np.float32)
-    best = np.full((size, size), np.inf, np.float32)
-    face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
-    _draw(uv, faces, np.float32(reach), best, face, weights)
-    texels = np.flatnonzero(face.ravel() >= 0)
-    if len(texels) == 0:
-        raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
-    face, weights, inside = face.ravel()[texels], weights.reshape(-1, 3)[texels], best.ravel()[texels] == 0.0
+    texels, face, weights, inside = _shown(uv, faces, size, reach)
     # Back from the welded mesh to the faces and vertices of the scene, chunk by chunk.
     in_scene = np.empty_like(faces)
     in_scene[order[0]] = np.take_along_axis(faces, order[2], axis=1)
@@ -114,6 +110,39 @@ def atlas_of(scene: "Scene", mesh: "Welded", uv: Floats, faces: Integers, size: 
         inside,
         float(np.sqrt(surface_area(mesh) / max(int(inside.sum()), 1))),
     )
+
+
+def atlas_again(
+    scene: "Scene", uv: Sequence[Floats], faces: Sequence[Integers], size: int, reach: float = 1.5
+) -> Atlas:
+    """The Atlas of a scene whose chunks have been unwrapped before.
+
+    uv: of each chunk (W, 2) in [0, 1], as of an Atlas. faces: of each (F, 3) of these, in the order of the scene.
+    size: side of the texture. reach: as of `atlas_of`.
+    """
+    starts = np.cumsum([0, *map(len, uv)])
+    joined = np.concatenate([each + start for each, start in zip(faces, starts[:-1], strict=True)]).astype(np.int32)
+    coordinates = np.concatenate(uv).astype(np.float32)
+    vertex = np.zeros(len(coordinates), np.int32)
+    vertex[joined] = scene.faces
+    texels, face, weights, inside = _shown(coordinates * np.float32(size), joined, size, reach)
+    chunks = [range(first, last) for first, last in pairwise(starts.tolist())]
+    area = float(face_areas(scene.vertices, scene.faces).sum())
+    width = float(np.sqrt(area / max(int(inside.sum()), 1)))
+    return Atlas(coordinates, vertex, joined, chunks, len(scene.vertices), size, texels, face, weights, inside, width)
+
+
+def _shown(
+    uv: NDArray[np.float32], faces: Integers, size: int, reach: float
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float32], Mask]:
+    """The texels that show something, ascending, the face of each, its weights there, and whether it lies inside."""
+    best = np.full((size, size), np.inf, np.float32)
+    face, weights = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.float32)
+    _draw(uv, faces, np.float32(reach), best, face, weights)
+    texels = np.flatnonzero(face.ravel() >= 0)
+    if len(texels) == 0:
+        raise InputError(f"a texture of {size} texels is too small for this scene: choose a larger `texture_size`")
+    return texels, face.ravel()[texels], weights.reshape(-1, 3)[texels], best.ravel()[texels] == 0.0
 
 
 def surface_area(mesh: "Welded") -> float:

@@ -1,0 +1,125 @@
+"""relit.glb of a scene that has a texture: the captured texels, without the light of the capture, in the new light."""
+
+import hashlib
+import io
+import os
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Radiance
+from splat2mesh.base.errors import DataWarning
+from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.folder import TEXTURED
+from splat2mesh.texture.atlas import Atlas, atlas_again
+from splat2mesh.texture.fill import filled
+from splat2mesh.texture.glb import textured_glb
+
+from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.scene import Scene
+
+    from ..engine.appearance import Appearance
+
+BATCH = 1 << 20
+"""Texels that are lit at once."""
+
+
+class RelitTexture:
+    """The texture of a scene under one light after another.
+
+    scene: Scene. atlas: Atlas of its chunks. albedo: (T, 3) float16 linear of its texels.
+    """
+
+    def __init__(self, scene: "Scene", atlas: Atlas, albedo: NDArray[np.float16]) -> None:
+        self._scene, self._atlas, self._albedo = scene, atlas, albedo
+
+    @classmethod
+    def of_scene(cls, scene: "Scene", appearance: "Appearance") -> "RelitTexture | None":
+        """That of a Scene from a folder with mesh.glb; None without, and where albedo is known of vertices alone."""
+        if appearance.prior is None and appearance.albedo is not appearance.captured:
+            return None
+        kept = _kept(scene)
+        if kept is None:
+            return None
+        from ..albedo import albedo_of
+
+        atlas, colors = kept
+        albedo = np.empty((len(colors), 3), np.float16)
+        for start in range(0, len(colors), BATCH):
+            rows = slice(start, start + BATCH)
+            found = linear_from_srgb(colors[rows] / np.float32(255.0))
+            if appearance.prior is not None and appearance.irradiance is not None:
+                found = albedo_of(found, atlas.interpolate(appearance.irradiance, rows), appearance.prior)
+            albedo[rows] = found
+        return cls(scene, atlas, albedo)
+
+    @property
+    def size(self) -> int:
+        """Texels along a side."""
+        return self._atlas.size
+
+    def image(self, received: Radiance, exposure: float) -> NDArray[np.uint8]:
+        """The picture, (size, size, 3) sRGB, under a light: (V, 3) irradiance over pi, display value per unit."""
+        colors = np.empty((len(self._albedo), 3), np.uint8)
+        for start in range(0, len(colors), BATCH):
+            rows = slice(start, start + BATCH)
+            light = self._atlas.interpolate(received, rows) * np.float32(exposure)
+            colors[rows] = bytes_from_unit(srgb_from_linear(np.clip(self._albedo[rows] * light, 0.0, 1.0)))
+        return filled(self._atlas.size, self._atlas.texels, colors)
+
+    def write(
+        self,
+        path: str | os.PathLike[str],
+        received: Radiance,
+        exposure: float,
+        extras: dict,
+        placed: PlacedLamps = NO_LAMPS,
+    ) -> None:
+        """Write the scene in the new light as binary glTF. extras: of the glTF scene, beside `exposure`."""
+        image = self.image(received, exposure)
+        file = textured_glb(self._scene, self._atlas, image, len(self._scene.chunks), "relit")
+        add_lamps(file, placed)
+        file.save(path, {"exposure": float(exposure), **extras})
+
+
+def _kept(scene: "Scene") -> tuple[Atlas, NDArray[np.uint8]] | None:
+    """The Atlas of a scene's chunks and the colours of its texels, (T, 3) uint8, as its folder has them, or None."""
+    digest = scene.statistics.get("texture_sha256")
+    if digest is None or scene.path is None or not (scene.path / TEXTURED).is_file():
+        return None
+    content = (scene.path / TEXTURED).read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        warnings.warn(
+            f"{scene.path / TEXTURED} is not as splat2mesh wrote it; relit.glb has the colours of vertices",
+            DataWarning,
+            stacklevel=3,
+        )
+        return None
+    import imageio.v3 as iio
+    import pygltflib
+
+    document = pygltflib.GLTF2.load_from_bytes(content)
+    blob = document.binary_blob()
+
+    def array(accessor: int, kind: str, width: int) -> NDArray:
+        entry = document.accessors[accessor]
+        view = document.bufferViews[entry.bufferView]
+        return np.frombuffer(blob, kind, entry.count * width, view.byteOffset)
+
+    kinds = {5123: "<u2", 5125: "<u4"}
+    uv, faces = [], []
+    for mesh in document.meshes[: len(scene.chunks)]:
+        part = mesh.primitives[0]
+        uv.append(array(part.attributes.TEXCOORD_0, "<f4", 2).reshape(-1, 2))
+        kind = kinds[document.accessors[part.indices].componentType]
+        faces.append(array(part.indices, kind, 1).reshape(-1, 3).astype(np.int32))
+    view = document.bufferViews[document.images[0].bufferView]
+    picture = iio.imread(
+        io.BytesIO(blob[view.byteOffset : view.byteOffset + view.byteLength]), extension=".jpg", mode="RGB"
+    )
+    atlas = atlas_again(scene, uv, faces, len(picture))
+    return atlas, picture.reshape(-1, 3)[atlas.texels]
