@@ -82,7 +82,7 @@ class RelightRequest:
     exposure_ev : float, optional
         Show radiance times 2^EV. Default: the exposure of the capture.
     formats : sequence of str, optional
-        Words of `output.kinds.FILES`, for a city of `CITY_FILES`. Default: glb, png and, where the scene was made from a
+        Words of `output.kinds.FILES`, for a city of `CITY_FILES`. Default: glb, png and, where the scene comes from a
         splat, splat; for a city glb and splat.
     baked : sequence of {"texture", "transfer"}
         Textures for low-poly meshes.

@@ -77,8 +77,8 @@ class Relighter:
     """Light on one scene. Whatever depends on the geometry alone is computed once, on first use, for the whole scene.
 
     scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista.
-    options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. With a tolerance
-        or a budget, each light is planned (`plan_for`).
+    options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. With a
+        tolerance or a budget, each light is planned (`plan_for`).
     stages: Stages that time the work.
     cache: keeps transfers; none by default. `Cache.of_scene(scene)` is in the scene's folder.
     max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
