@@ -1,4 +1,4 @@
-"""The library in a line: a scene or a splat in a new light, and the albedo of a scene.
+"""The library in one line: a scene or a splat under a new light, and the albedo of a scene.
 
 relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")
 """
@@ -53,7 +53,7 @@ class RelitScene:
     """A scene in a new light.
 
     scene: the Scene. radiance: (V, 3) float32, linear radiance that leaves its vertices. exposure: display value per
-    unit of it. light: the Environment, turned. report: what was done and how, JSON-clean.
+    unit of radiance. light: the rotated Environment. report: what was done and how, JSON-clean.
     """
 
     scene: Scene
@@ -70,10 +70,10 @@ class RelitScene:
         return np.round(tone_map(self.radiance * np.float32(self.exposure)) * 255.0).astype(np.uint8)
 
     def save(self, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
-        """Write the files that `formats` named, and report.json: the report with files and times.
+        """Write the files of `formats`, and report.json: the report with files and times.
 
-        Results of the same settings that the folder holds are added to. Raises InputError for a folder that holds
-        anything else, unless these are results, which may be overwritten.
+        A folder with results of the same settings is completed. Raises InputError for a folder with anything else,
+        except for results with `overwrite`.
         """
         return self._writer.write(self._shaded, folder, overwrite)
 
@@ -100,7 +100,7 @@ class RelitSplat:
     """A splat in a new light.
 
     splats: Splats, row by row those of the source, in its frame; only their colours differ. mesh: the RelitScene that
-    their light is of. report: what was done and how, JSON-clean.
+    lights them. report: what was done and how, JSON-clean.
     """
 
     splats: Splats
@@ -109,10 +109,10 @@ class RelitSplat:
     _sources: list[Path]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the splats in the kind that the name ends in: a .ply, .spz or .compressed.ply, as there are writers.
+        """Write the splats in the format of the name: .ply, .spz, .compressed.ply or another that has a writer.
 
-        A .ply of a source that was one keeps all but the colours to the bit. Raises InputError for another ending and
-        for a file that exists, unless it may be overwritten.
+        From a .ply to a .ply all but the colours stays the same to the bit. Raises InputError for other names, and
+        for a file that exists, unless `overwrite`.
         """
         name = Path(path).name.lower()
         kinds = sorted((kind for kind in WRITERS if name.endswith(f".{kind}")), key=len)
@@ -140,10 +140,10 @@ def relight_scene(
     Parameters
     ----------
     scene : Scene, path, mesh or RelightRequest
-        A Scene; the path of a scene folder or mesh file; a mesh of trimesh, open3d or PyVista; or all of it as one
-        request.
+        A Scene; the path of a scene folder or mesh file; a mesh of trimesh, open3d or PyVista; or a request,
+        which contains the rest.
     env : Environment, path or name
-        An `.exr` or `.hdr` file, "studio", "overcast", "sunset", "noon", or "captured", as it was captured.
+        An `.exr` or `.hdr` file, "studio", "overcast", "sunset", "noon", or "captured", the light of the capture.
     options : LightingOptions or str, optional
         LightingOptions or the name of a method.
     angle_deg : float
@@ -183,10 +183,10 @@ def relight_splat(
     Parameters
     ----------
     splat : path or Scene
-        A splat file of any kind that can be read, or a layout of several, which is meshed first; or a Scene or scene
-        folder that was made of one.
+        A splat file of any readable format, or a layout of several: it is meshed first. Or a Scene or scene folder
+        that was made from one.
     source : path, optional
-        The splat of such a scene, where it is not where the scene says.
+        The splat of such a scene. Default: the file that the scene names.
     meshing : ConvertOptions or mapping, optional
         How the splat is meshed, such as {"detail": "draft"}.
     env, options, angle_deg, stages, **changes
@@ -209,14 +209,14 @@ def relight_splat(
 
 
 class RelightPlan(NamedTuple):
-    """What `plan_relight` tells.
+    """The result of `plan_relight`.
 
     plan: the Plan of the environment; None where there is none, or the splat is not meshed yet. note: what it leaves
-    open, or "". lamps: the LampPlan of the lamps that are put in, or None. lamp_count: how many.
+    open, or "". lamps: the LampPlan of the added lamps, or None. lamp_count: how many.
     lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
-    GlossPlan of the scene, None where nothing is glossy or it was not looked at yet. inserts: the InsertPlan of objects
-    that are put in, or None. north_picture: (H, W, 3) uint8, an arrow that points north, of the sun of a date; None of
-    other lights.
+    GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
+    objects, or None. north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other
+    lights.
     """
 
     plan: Plan | None
@@ -238,10 +238,10 @@ class RelightPlan(NamedTuple):
 
 
 def plan_relight(request: RelightRequest, stages: Stages | None = None) -> RelightPlan:
-    """Return what a request calls for, without any work that takes long; nothing is written.
+    """Plan a request without doing its work; nothing is written.
 
-    For lamps the light of the capture has to be known, and is estimated. Raises InputError for what cannot be planned:
-    a method that has no settings to choose, a room that no environment changes.
+    Lamps need the light of the capture, which is then estimated. Raises InputError for what cannot be planned: a method
+    without settings to choose, a room that no environment changes.
     """
     planned = planned_request(request)
     if planned is None:
@@ -277,7 +277,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
 def view_request(
     request: RelightRequest, *, screenshot: str | os.PathLike[str] | None = None, stages: Stages | None = None
 ) -> None:
-    """Open the session of a request, a splat being meshed first; or write its picture and open no window."""
+    """Open the session of a request, or write its picture without a window. A splat is meshed first."""
     from .viewer import view
 
     session = _session(request, stages or Stages())
@@ -290,7 +290,7 @@ def serve_request(
     announce: Callable[[str], None] = lambda url: None,
     stages: Stages | None = None,
 ) -> None:
-    """Show the session of a request in a browser of this machine, until it is quit. announce: given its address."""
+    """Show the session of a request in a browser of this machine until it is quit. announce: gets its address."""
     from .viewer import serve
 
     serve(**_session(request, stages or Stages()), port=port, announce=announce)
@@ -299,10 +299,10 @@ def serve_request(
 def estimate_albedo(
     scene: "AnyScene | Relighter", capture_env: "AnyLight | None" = None, *, seed: int = 0
 ) -> Appearance:
-    """The light of the capture taken out of the colours of a scene: an Appearance, whose `albedo` is (V, 3) linear.
+    """Remove the captured light from the colours of a scene. Returns an Appearance, whose `albedo` is (V, 3) linear.
 
     scene: as for `relight_scene`, or a Relighter, whose cache is used and whose rays are kept. capture_env: the light
-    of the capture, where it is known. Where light and colours cannot be told apart, the albedo is the captured colour,
+    of the capture, if known. Where light and colours cannot be separated, the albedo is the captured colour,
     with a DataWarning. Raises InputError for what cannot be read or used.
     """
     relighter = scene if isinstance(scene, Relighter) else Relighter(scene, seed=seed)

@@ -1,6 +1,6 @@
 """Results of a request in folders: every light at every angle, a sheet of all, a film; a splat is meshed first.
 
-What the relight command can do, one call of `relight_files` can do.
+One call of `relight_files` does what one relight command does.
 """
 
 import math
@@ -41,7 +41,7 @@ class RelitFiles:
     """What `relight_files` wrote.
 
     folders : one for each light and angle. reports : of each, JSON-clean. sheet : path of the sheet of several lights.
-    notes : lines on what happened before or is missing. job : the last Job; None for a city. film : of a day.
+    notes : lines on what was done before, and on what is missing. job : the last Job; None for a city. film : of a day.
     """
 
     folders: list[Path]
@@ -60,10 +60,10 @@ class RelitFiles:
 
 
 def relight_files(request: RelightRequest, stages: Stages | None = None) -> RelitFiles:
-    """Do all that a RelightRequest asks for and write it.
+    """Carry out a RelightRequest and write its results.
 
-    Raises InputError for what cannot be read, used or written, before any work where it can be told; UnfinishedError
-    where tiles of a city failed and the others are done.
+    Raises InputError for what cannot be read, used or written, before any work where possible; UnfinishedError where
+    tiles of a city failed and the others are done.
     """
     stages = stages or Stages()
     if is_city(request):
@@ -82,7 +82,7 @@ def is_city(request: RelightRequest) -> bool:
 
 
 def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequest, list[str]]:
-    """Return a request of a splat as one of its scene folder, made where it is missing, and lines of a summary."""
+    """Turn a request for a splat into one for its scene folder, made if missing. Also returns summary lines."""
     scene = request.scene
     if isinstance(scene, (str, os.PathLike)):
         _check_there(scene)

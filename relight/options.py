@@ -1,4 +1,4 @@
-"""What is asked of the light, once: from a command line or a caller unchanged to the planner. Imports nothing heavy."""
+"""Options of the light: they go from a command line or a caller unchanged to the planner. Imports nothing heavy."""
 
 import math
 import os
@@ -41,23 +41,23 @@ LampKey: TypeAlias = int | tuple[float, float, float]
 
 @dataclass(frozen=True)
 class LightingOptions:
-    """How a scene is to be lit. What is given is not planned.
+    """How to light a scene. A given value is not planned.
 
     method: "raytraced"; "neural" (a network mixes what few rays saw); "neural-gash" (the paper's network: position and
         normal, three bands, no shadows but guessed ones); "analytic" (no shadows); "blinn-phong" (lamps without
-        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or called for.
+        shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or needed.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
     effects: "auto", "none", or some of shadows, sun, bounces, volume, gloss, as names or as text with commas; kept as
         "auto" or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never
         fade.
-    tolerance, budget_s: the relative error that is accepted, or the seconds that may be taken. With either, every light
-        is planned, and what the scene does not call for is not computed. Without, everything is done, with as many
-        bands and rays as suit the method.
-    lamps: what becomes of the captured lamps of a closed room: "keep", "off", a factor on their light, or a factor of
-        each by its number, as {1: 0, 3: 0.5} or "1=off,3=0.5", or by a place on it, in the frame of the splat, as
+    tolerance, budget_s: the accepted relative error, or the seconds to spend. With either, every light is planned, and
+        effects that the scene does not need are skipped. With neither, all effects are computed, with the default
+        bands and rays of the method.
+    lamps: the captured lamps of a closed room: "keep", "off", a factor on their light, a factor of each by its number,
+        as {1: 0, 3: 0.5} or "1=off,3=0.5", or by a place on it, in the frame of the splat, as
         {(1.2, 2.0, -0.4): 0} or "at=1.2,2.0,-.4=off", off where no factor follows; kept as a number or as pairs of
         number or place and factor.
-    placed: lamps that are put in: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
+    placed: added lamps: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
     captured: factor on the light of the capture that stays beside lamps and environment; 1 where the light is that of
         the capture, else 0. env_scale: factor on the light of the environment.
     opened: "ceiling" lets the light into a closed room from above.

@@ -1,6 +1,6 @@
-"""All that can be asked of a relight, as one frozen value: what the command can do, and each of its options a field.
+"""A whole relight as one frozen value, with a field for each option of the command.
 
-The library fills in no default elsewhere, and checks every field here, before any work. Imports nothing heavy.
+It holds every default and checks every field before any work. Imports nothing heavy.
 """
 
 import math
@@ -39,7 +39,7 @@ MOST_ANGLES = 3600
 """A full turn in steps of a tenth of a degree."""
 
 AUTO = "auto"
-"""The word for the light that a request calls for."""
+"""Lets the request choose the light."""
 
 CACHING = ("keep", "read", "none")
 """Keep what is computed in the scene's folder, read what was kept there, or neither."""
@@ -47,7 +47,7 @@ CACHING = ("keep", "read", "none")
 
 @dataclass(frozen=True, eq=False)
 class RelightRequest:
-    """A scene, the light to put it under, and what to make of it.
+    """A scene, its new light, and the results to write.
 
     Parameters
     ----------
@@ -55,74 +55,74 @@ class RelightRequest:
         A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
     env : Environment, path or name
         The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
-        as it was captured; "auto" is captured where anything is put in or that light is changed, else studio.
+        the light of the capture; "auto" is captured where something is added or that light changes, else studio.
     sun : str
-        Instead of `env` the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
+        Replaces `env` by the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
     at : str
-        Where that is: latitude and longitude, such as "48.85,2.35".
+        Latitude and longitude for `sun`, such as "48.85,2.35".
     north_deg : float
-        By how much north is turned about +y from -z, counter-clockwise from above.
+        Turns north about +y from -z, counter-clockwise from above.
     day : str
         Times of that day, such as "05:00-21:30/15min": a folder for each, at one exposure, and a film of the pictures.
     lighting : LightingOptions
-        How exactly the light is computed, and what becomes of captured lamps.
+        How accurately the light is computed, and what happens to captured lamps.
     angles_deg : sequence of float
         Turns of the light about +y, counter-clockwise from above; each fills a folder.
     inserted : sequence
-        Objects that are put in: texts such as "statue.glb at=1.5,0,-.6 turn=30", files of a layout, or AskedInsert.
+        Added objects: texts such as "statue.glb at=1.5,0,-.6 turn=30", files of a layout, or AskedInsert.
     albedo : optional
-        What light falls on: "estimated" (for what was made of a splat the default), "captured" (of other meshes),
-        "white", a .npy file, or (V, 3) linear float.
+        Colour of the surface: "estimated" (the default for scenes from a splat), "captured" (the default for other
+        meshes), "white", a .npy file, or (V, 3) linear float.
     capture_env : optional
-        The light of the capture, where it is known.
+        The light of the capture, if you have it.
     capture_tint : str or sequence of float, optional
         The colour of that light, where the estimate is wrong: "5600K", a name, or linear red,green,blue.
     white_at : sequence of (3,), optional
-        Instead of it a place, in the frame of the splat, whose surface is white or grey.
+        Replaces `capture_tint`: positions, in the frame of the splat, whose surface is white or grey.
     exposure_ev : float, optional
-        Show radiance times 2^EV; without, as the capture was exposed.
+        Show radiance times 2^EV. Default: the exposure of the capture.
     formats : sequence of str, optional
-        Words of `output.kinds.FILES`; of a city of `CITY_FILES`. Without, glb, png and, where the scene was made of
-        a splat, splat; of a city glb and splat.
+        Words of `output.kinds.FILES`, for a city of `CITY_FILES`. Default: glb, png and, where the scene comes from a
+        splat, splat; for a city glb and splat.
     baked : sequence of {"texture", "transfer"}
         Textures for low-poly meshes.
     texture_size : int, optional
-        Side of the textures in texels; as fine as the splat without.
+        Side of the textures in texels. Default: as fine as the splat.
     sheet : bool
         Write `sheet.png`, which shows the capture, the albedo and all lights.
     sky : {"new", "keep", "drop"}
         Far background of a relit splat.
     lights : sequence
-        Other lights that the page and the bundle hold.
+        More lights for the page and the bundle.
     probe_at : sequence of (3,)
-        Where the probes of the format probe stand, in the frame of the splat; one where the capture stood without.
+        Positions of the probes, in the frame of the splat. Default: one where the capture stood.
     cameras : path, optional
-        From which passes are rendered, as `splat2mesh` takes those of a capture; from that of the preview without.
+        Cameras of the passes, as `splat2mesh` takes those of a capture. Default: the camera of the preview.
     color_space : {"srgb", "acescg"}
-        Of passes, linear.
+        Colour space of the passes, linear.
     live_mesh : bool
-        Write `live.glb` too, a mesh whose light shaders turn.
+        Also write `live.glb`, a mesh whose light turns in shaders.
     harmonics : {"zero", "keep"}
-        Colour of an albedo splat that depends on the view.
+        View-dependent colour of an albedo splat.
     splat : path, optional
-        The splat that the scene was made from, where it is not where the scene says.
+        The splat of the scene. Default: the file that the scene names.
     animated : bool
         Light every frame of an animated .glb, or of those that are put in. fps : frames per second.
     caching : {"keep", "read", "none"}
-        What becomes of transfers, albedo and texels in the scene's folder. clear_cache : empty it first.
+        Whether transfers, albedo and texels are kept in the scene's folder. clear_cache : empty it first.
     meshing : ConvertOptions
-        How a splat is meshed that has no scene folder yet.
+        How to mesh a splat that has no scene folder yet.
     tiling : TilingOptions, optional
-        How a city in tiles is worked on.
+        How to process a city in tiles.
     output : path, optional
-        Folder to write; of several lights the one for their folders.
+        Folder to write; with several lights, the parent of their folders.
     overwrite : bool
         Replace results of other settings.
 
     Raises
     ------
     InputError
-        For anything else, and for fields that do not go together; the message names the field.
+        For any other value, and for fields that exclude each other; the message names the field.
     """
 
     scene: "AnyScene"

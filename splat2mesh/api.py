@@ -1,4 +1,4 @@
-"""The library in a line: a splat, a layout or a city in, a scene out. What the command can do, one call here can do."""
+"""The library in one line: a splat, a layout or a city in, a scene out. One call does what one command does."""
 
 import os
 from dataclasses import dataclass
@@ -43,9 +43,9 @@ def convert(
     Parameters
     ----------
     path : path
-        Splat file of any kind that can be read, folder of tiles, streamed SOG, or a layout `.json`.
+        Splat file of any readable format, folder of tiles, streamed SOG, or a layout `.json`.
     options : ConvertOptions, optional
-        How; `changes` are fields of it.
+        Settings; `changes` replaces fields of them.
     stages : Stages, optional
         Times the work.
 
@@ -95,18 +95,18 @@ def mesh_files(
     stages: Stages | None = None,
     **changes: Any,
 ) -> MeshedFiles:
-    """Make a scene and write its folder, whole or not at all.
+    """Make a scene and write its folder, completely or not at all.
 
     Parameters
     ----------
     path : path or URL
         As for `convert`; of a city also a URL.
     output : path or URL, optional
-        Scene folder; without, `default_folder(path)`.
+        Scene folder. Default: `default_folder(path)`.
     options : ConvertOptions, optional
-        How; `changes` are fields of it.
+        Settings; `changes` replaces fields of them.
     tiling : TilingOptions, optional
-        Work tile by tile, in bounded memory. A city knows `lod`, `vertices`, `up` and `detail` alone.
+        Work tile by tile, in bounded memory. A city takes only `lod`, `vertices`, `up` and `detail`.
     overwrite : bool
         Replace a scene folder that exists.
     stages : Stages, optional
@@ -136,9 +136,9 @@ def mesh_files(
 
 
 def default_folder(path: str | os.PathLike[str]) -> str:
-    """Return the scene folder of a splat without a name of its own: the input's name, in the current folder.
+    """Return the default scene folder of a splat: the input's name, in the current folder.
 
-    It is never the folder that is the input. Raises InputError for a file that does not exist.
+    It never equals the input. Raises InputError for a file that does not exist.
     """
     source = Path(path)
     if not is_url(path) and not source.exists():

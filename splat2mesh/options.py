@@ -1,4 +1,4 @@
-"""What can be asked of splat2mesh, as frozen values: one for a mesh, one for a city in tiles. Imports nothing heavy."""
+"""The options of splat2mesh as frozen values: one for a mesh, one for a city in tiles. Imports nothing heavy."""
 
 import math
 import os
@@ -36,11 +36,11 @@ class ConvertOptions:
     ----------
     cameras : path, optional
         Cameras of the capture: a COLMAP folder, a `cameras.json` of INRIA, a `transforms.json` of nerfstudio, or
-        "none". Without, those that lie beside the splat, else virtual views.
+        "none". Default: those beside the splat, else virtual views.
     lod : int or "auto"
         Level of a streamed SOG, 0 the finest; "auto" takes the finest of at most 6 million splats.
     vertices : int, optional
-        Size of the mesh. Without, 50,000 for an object, and as many as its detail asks for for a place.
+        Size of the mesh. Default: 50,000 for an object, for a place as many as its detail needs.
     max_chunk_vertices : int
         Limit of each sub-mesh.
     up : {"auto", "+y", "-y", "+z", "-z"}
@@ -54,9 +54,9 @@ class ConvertOptions:
     stand : {"auto", "inside", "outside"}
         Where the capture stood.
     eyes : sequence of (x, y, z)
-        Places where the capture stood for certain, in the splat's own frame.
+        Known positions of the capture, in the splat's own frame.
     proxy : {"closed", "convex"}, optional
-        Collision proxy that is added to the scene.
+        Collision proxy to add to the scene.
     texture : int, "auto" or "none"
         Side of the texture of mesh.glb in texels; "auto" is as fine as the splats, up to 4,096; "none" leaves mesh.glb
         out.

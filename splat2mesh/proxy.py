@@ -1,4 +1,4 @@
-"""A stand-in for a scene's mesh that engines take as what bodies collide with: one closed surface, or convex parts."""
+"""A simple mesh for collisions in engines, instead of the scene's mesh: one closed surface, or convex parts."""
 
 from typing import Any
 

@@ -58,10 +58,10 @@ class Shading(NamedTuple):
 
 class Shaded(NamedTuple):
     """A scene in one light. light: the Environment. exposure: display value per unit of the radiance of `shading`.
-    backdrop: factor on what is seen of the light itself, in the far background. environment, captured: factors on the
-    light itself and on that of the capture beside it. level: units of the picture, in which those and lamps are told,
-    per unit of the light. inserted: the InsertedLight of
-    objects that were put in, whose shadows `shading.radiance` has, `shading.received` has not; or None."""
+    backdrop: factor on the light itself where it shows in the far background. environment, captured: factors on the
+    light itself and on that of the capture beside it. level: units of the picture, which those and lamps use, per
+    unit of the light. inserted: the InsertedLight of added objects or None; `shading.radiance` contains their
+    shadows, `shading.received` does not."""
 
     light: "Environment"
     shading: Shading
@@ -74,16 +74,16 @@ class Shaded(NamedTuple):
 
 
 class Relighter:
-    """Light on one scene: what depends on the geometry alone is computed on first use, for the whole scene.
+    """Light on one scene. Whatever depends on the geometry alone is computed once, on first use, for the whole scene.
 
     scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista.
-    options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. Options that
-        have a tolerance or a budget are planned for every light (`plan_for`).
+    options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. With a
+        tolerance or a budget, each light is planned (`plan_for`).
     stages: Stages that time the work.
-    cache: where transfers are kept: nowhere by default, `Cache.of_scene(scene)` is in the scene's folder.
+    cache: keeps transfers; none by default. `Cache.of_scene(scene)` is in the scene's folder.
     max_speed: of a vertex that `update` moves, diagonals of the scene per second; above it transfer is computed later.
-    precomputed: that of another Relighter of the same scene, with its seed and cache, to share what was traced.
-    shown: returns (V,) bool, the vertices whose light is shown, at which alone it is found exactly; all without.
+    precomputed: of another Relighter of the same scene, with its seed and cache, to share traced rays.
+    shown: returns (V,) bool, the visible vertices, the only ones lit exactly. Default: all.
     Raises InputError for options outside these and, on first use, for a scene that cannot be lit.
     """
 
@@ -125,7 +125,7 @@ class Relighter:
 
     @property
     def method(self) -> str:
-        """The method in use; where it is planned, that of the latest light."""
+        """The method in use; with a plan, that of the latest light."""
         return self._settings_now().method
 
     @property

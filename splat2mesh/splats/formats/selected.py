@@ -36,7 +36,7 @@ def write_selected(path: str | os.PathLike[str], source: str | os.PathLike[str],
     ply = Ply.open(source)
     count = ply.elements["vertex"].count if "vertex" in ply.elements else 0
     if count != len(keep):
-        raise InputError(f"{source} holds {count} splats, {len(keep)} are told apart: give the file they are of")
+        raise InputError(f"{source} holds {count} splats, expected {len(keep)}: give the file that they come from")
     with open(source, "rb") as file:
         header = _COUNT.sub(rb"\g<1>%d" % np.count_nonzero(keep), file.read(ply.body), count=1)
     with staged_file(path) as staging, open(staging, "wb") as target:

@@ -66,6 +66,6 @@ def test_all_rows_are_the_file_and_none_are_its_header(tmp_path):
 
 def test_a_file_of_another_number_of_rows_is_refused(tmp_path):
     write_inria_ply(tmp_path / "a.ply", make_splats(10, 0))
-    with pytest.raises(InputError, match="holds 10 splats, 9 are told apart"):
+    with pytest.raises(InputError, match="holds 10 splats, expected 9"):
         write_selected(tmp_path / "b.ply", tmp_path / "a.ply", np.ones(9, bool))
     assert not (tmp_path / "b.ply").exists()
