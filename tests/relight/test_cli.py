@@ -77,7 +77,7 @@ def test_every_option_of_the_light_reaches_the_job_unchanged(folder, monkeypatch
     seen = []
 
     class Job:
-        asked_lamps, from_inside, keeps_captured, gloss = (), False, False, None
+        asked_lamps, from_inside, keeps_captured, gloss, insert_plan = (), False, False, None, None
 
         def __init__(self, request, stages):
             seen.append((request.lighting, request.angles_deg, request.caching))
