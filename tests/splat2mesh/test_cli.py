@@ -84,6 +84,7 @@ def test_the_default_output_is_the_inputs_name_without_its_suffixes_and_nothing_
         "ball/chunks",
         *chunks,
         "ball/measured.npz",
+        "ball/mesh.glb",
         "ball/preview.png",
         "ball/scene.json",
     ]
