@@ -19,10 +19,6 @@ from ..scene.color import bytes_from_unit
 from ..splats.splats import Splats
 from ..surface.album import LEAST_COSINE, groups_of, may_see
 
-DEPTH_TOLERANCE = 0.03
-"""Of the distance: where a pixel of a picture shows something further before or behind the point, it shows another
-surface."""
-
 LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
 
@@ -78,14 +74,18 @@ class Pictures(NamedTuple):
         lenses = np.array([[view.fx, view.fy, view.cx, view.cy] for view in views], float)
         return cls(poses, lenses, sizes, ends - sizes.prod(axis=1), colors, depth, deepest)
 
-    def shown(self, points: Points, normals: Directions, nearness: float) -> tuple[NDArray[np.float32], NDArray]:
+    def shown(
+        self, points: Points, normals: Directions, nearness: float, tolerance: tuple[float, float]
+    ) -> tuple[NDArray[np.float32], NDArray]:
         """What the pictures show at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
-        whether any shows it, (N,) bool. It is a mean whose weights are cosine^2 / distance^nearness."""
+        whether any shows it, (N,) bool. It is a mean whose weights are cosine^2 / distance^nearness.
+        tolerance: how far from the depth of a pixel a point may lie and still be shown there, in units of its distance
+        and of the splats."""
         places = points.astype(np.float64)
         result, weights = np.zeros((len(points), 3), np.float32), np.zeros(len(points), np.float32)
         order, groups = groups_of(places)
         typical = float(np.median(self.deepest))
-        asked = _Asked(places, normals.astype(np.float64), order, groups, typical, nearness)
+        asked = _Asked(places, normals.astype(np.float64), order, groups, typical, nearness, *tolerance)
         _show(len(groups) - 1, asked, self, result, weights)
         seen = weights > 0.0
         result[seen] /= weights[seen, None]
@@ -94,7 +94,7 @@ class Pictures(NamedTuple):
 
 class _Asked(NamedTuple):
     """Points (N, 3) and normals (N, 3), their order (N,) by groups that lie together, where each group begins in it and
-    the end (G + 1,), and how nearness counts: (typical / distance)^nearness."""
+    the end (G + 1,), how nearness counts, (typical / distance)^nearness, and the tolerance of depths."""
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
@@ -102,6 +102,8 @@ class _Asked(NamedTuple):
     groups: Indices
     typical: float
     nearness: float
+    relative: float
+    absolute: float
 
 
 @shared
@@ -150,7 +152,7 @@ def _add(i: int, m: int, asked: _Asked, pictures: Pictures, result: Floats, weig
     red = green = blue = 0.0
     for q in range(4):  # all four pixels must show this surface, or colours mix
         at = pictures.starts[m] + (top + (q >> 1)) * width + left + (q & 1)
-        if not abs(pictures.depth[at] - cz) < DEPTH_TOLERANCE * cz:
+        if not abs(pictures.depth[at] - cz) < asked.relative * cz + asked.absolute:
             return
         share = (right if q & 1 else 1.0 - right) * (below if q >> 1 else 1.0 - below)
         red += share * pictures.colors[at, 0]

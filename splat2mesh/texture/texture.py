@@ -10,6 +10,7 @@ from ..base.arrays import ColorsSrgb
 from ..base.progress import Stages
 from ..scene.color import bytes_from_unit
 from ..scene.scene import Scene
+from ..surface.extract import training_pixel
 from .atlas import Atlas, atlas_of, check_size, surface_area, welded
 from .charts import GUTTER, charts_of
 from .density import local_pixel
@@ -31,6 +32,13 @@ NEARNESS_PLACE, NEARNESS_OBJECT = 1.0, 0.0
 """How the distance of a view counts: in a place far views are coarse, around an object all are alike. PSNR of a
 trained garden and a parlour, at 0, 1, 2, 4, 8: 26.6, 27.8, 27.7, 27.1, 26.6 and 33.3, 32.8, 32.2, 31.1, -. The nearest
 view alone is sharper, and further from what other eyes see."""
+
+TOLERANCE_PLACE, TOLERANCE_OBJECT = 0.03, 0.01
+"""Where a pixel shows something further before or behind a texel, it shows another surface: of the distance in a place,
+of the radius of an object, whose strings and handles stand close to it."""
+
+COARSE = 3.0
+"""Training pixels that the depth of an object may be off at least: that of a pixel is that of the middle of a splat."""
 
 BATCH = 1 << 20
 """Texels that are looked up at once."""
@@ -87,7 +95,7 @@ def texture_of(
         pixels = int(np.clip(min(wanted, np.sqrt(MOST_PIXELS / len(views))), *PIXELS))
         pictures = Pictures.of(looks, pixels)
     with stages.stage("texels"):
-        colors, unseen = _colors(scene, atlas, pictures, back)
+        colors, unseen = _colors(scene, atlas, pictures, back, COARSE * training_pixel(looks[0].splats))
     return Texture(scene, atlas, colors, unseen, scale)
 
 
@@ -97,8 +105,12 @@ def _typical_depth(scene: Scene, views: Sequence, back: NDArray[np.float64]) -> 
     return float(np.median([np.linalg.norm(points - view.center, axis=1) for view in views]))
 
 
-def _colors(scene: Scene, atlas: Atlas, pictures: Pictures, back: NDArray[np.float64]) -> tuple[NDArray[np.uint8], int]:
+def _colors(
+    scene: Scene, atlas: Atlas, pictures: Pictures, back: NDArray[np.float64], coarse: float
+) -> tuple[NDArray[np.uint8], int]:
     nearness = NEARNESS_PLACE if scene.is_place else NEARNESS_OBJECT
+    radius = 0.5 * scene.diagonal * float(np.cbrt(abs(np.linalg.det(back[:3, :3]))))
+    tolerance = (TOLERANCE_PLACE, 0.0) if scene.is_place else (0.0, max(TOLERANCE_OBJECT * radius, coarse))
     points, vertex = scene.vertices @ back[:3, :3].T + back[:3, 3], scene.colors_srgb
     normals = scene.normals @ np.asarray(scene.scene_from_splat, np.float64)[:3, :3]  # by the inverse transpose
     colors, unseen = np.empty((len(atlas.texels), 3), np.uint8), 0
@@ -106,7 +118,7 @@ def _colors(scene: Scene, atlas: Atlas, pictures: Pictures, back: NDArray[np.flo
         rows = slice(start, start + BATCH)
         local = atlas.interpolate(normals.astype(np.float32), rows)
         local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)
-        found, seen = pictures.shown(atlas.interpolate(points.astype(np.float32), rows), local, nearness)
+        found, seen = pictures.shown(atlas.interpolate(points.astype(np.float32), rows), local, nearness, tolerance)
         found[~seen] = atlas.interpolate(vertex.astype(np.float32), rows)[~seen]
         colors[rows] = bytes_from_unit(found / np.float32(255.0))
         unseen += int((~seen).sum())
