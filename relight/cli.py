@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splat2mesh.base.collecting import compile_without_collector
 from splat2mesh.base.commandline import chosen, several, share
 from splat2mesh.base.console import Display, run, tell
 from splat2mesh.base.errors import InputError
@@ -116,6 +117,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
                 raise InputError(f"--{name}: not supported for a city in tiles; leave it out")
     elif port is not None and _is_page(Path(words.scene)):
         return _page_served(Path(words.scene), port, display)
+    compile_without_collector()
     stages = Stages(show=display.progress)
     try:
         if hasattr(words, "plan"):

@@ -17,6 +17,7 @@ from .base.choices import (
     SURFACE_CHOICES,
     UP_CHOICES,
 )
+from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.console import Display, peak_mb, run
 from .base.errors import InputError
@@ -184,6 +185,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
         if hasattr(words, "plan"):
             found = plan_mesh(words.input, options, tiling=tiling, stages=stages)
             return _plan_lines(found), found
+        compile_without_collector()
         meshed = mesh_files(
             words.input,
             getattr(words, "output", None),

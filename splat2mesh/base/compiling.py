@@ -5,7 +5,6 @@ Scene folders would be writable, and are no place for it: what Numba keeps is co
 
 import os
 import sys
-import tempfile
 import warnings
 from pathlib import Path
 
@@ -42,6 +41,8 @@ def _folders() -> list[Path]:
 
 def _writable(folder: Path) -> bool:
     """Whether a file can be made in a folder, which is made where it is missing, as Numba does."""
+    import tempfile
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
