@@ -3,6 +3,7 @@
 const PANEL = `
 <details open><summary>Relight</summary>
 <label>Light <select id="r-light"></select><span></span></label>
+<canvas id="r-strip" width="208" height="104" title="The sky, its suns, and the direction of the view. Drag it to turn the light."></canvas>
 <label>Turn <input id="r-turn" type="range" min="0" max="360" step="1"><output></output></label>
 <label>Exposure <input id="r-exposure" type="range" min="-4" max="4" step="0.1"><output></output></label>
 <label>Sun <input id="r-sun" type="range" min="0" max="3" step="0.05"><output></output></label>
@@ -13,13 +14,14 @@ const PANEL = `
 <div id="r-terms"></div>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
-<div class="row"><button id="r-load">Load .hdr</button><button id="r-save">Save relit .ply</button></div>
-<small class="keys">Drop an .hdr here. Shift + drag or [ ] turns the light.</small>
+<div class="row"><button id="r-load">Load light</button><button id="r-save">Save relit .ply</button></div>
+<small class="keys">Drop an .hdr or .exr here. Shift + drag or [ ] turns the light.</small>
 <small class="touch">Drag to look around, pinch to come nearer. Turn moves the light.</small>
-</details><input id="r-file" type="file" accept=".hdr" hidden>`;
+</details><input id="r-file" type="file" accept=".hdr,.exr" hidden>`;
 
 const RADIANS = Math.PI / 180;
 const element = (id) => document.getElementById(id);
+const rounded = (value) => typeof value === "number" ? String(+value.toFixed(3)) : value; // as the address has it
 
 async function start() {
   const data = JSON.parse(element("live-data").textContent), query = new URLSearchParams(location.hash.slice(1) || location.search);
@@ -75,6 +77,7 @@ class Session {
     this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
+    this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
     this.gains = new Uint16Array(bundle.count * 4);
@@ -82,16 +85,18 @@ class Session {
     this.most = [1, 1, 1];
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored));
+    this.strip = Live.indicator(element("r-strip"));
     this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
   }
 
   begin(query) {
+    this.query = query.toString();
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
     for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
-    if (query.has("captured")) this.state.captured = +query.get("captured");
+    this.state.captured = query.has("captured") ? +query.get("captured") : this.lights[this.state.light].captured ?? 0;
     this.state.terms.forEach((term, index) => {
       const asked = query.get(`lamp${index}`); // the captured light is 0
       if (asked !== null) Object.assign(term, asked === "off" ? { on: false } : { on: true, ev: +asked });
@@ -149,7 +154,9 @@ class Session {
     this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
+    if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.suns());
     this.compare.set(state.compare, state.line);
+    this.remember();
     element("relight-line").style.display = state.compare ? "block" : "none";
     element("relight-line").style.left = `${100 * state.line}%`;
     if (!state.compare) stage.show(gains, this.most, this.mirrored);
@@ -190,9 +197,11 @@ class Session {
     return this.shadows.get(key);
   }
 
-  // A light from the bytes of an .hdr; it is shown, and stays in the list.
-  addHdr(name, bytes) {
-    const light = Live.lightFrom(name, Live.reduced(Live.readHdr(bytes)));
+  // A light from the bytes of an .hdr or .exr; it is shown, and stays in the list.
+  async addLight(name, bytes) {
+    const picture = bytes[0] === 0x76 ? await Live.readExr(bytes) : Live.readHdr(bytes); // the first byte of OpenEXR
+    if (Math.abs(picture.width / picture.height - 2) > 0.02) throw new Error(`a picture of ${picture.width} x ${picture.height}: expected a lat-long light, twice as wide as high`);
+    const light = Live.lightFrom(name, Live.reduced(picture));
     Live.changes(this.bundle, Live.lightTable(this.bundle, light, 0, 1), this.ratio);
     Live.addSuns(this.bundle, this.surface, light.suns, light.suns.map(({ direction }) => this.shadow(direction)), 1, this.ratio);
     light.exposure = Live.exposureOf(this.bundle, light, this.ratio);
@@ -200,6 +209,19 @@ class Session {
     light.captured = this.state.captured;
     this.lights.push(light);
     this.set({ light: this.lights.length - 1 });
+  }
+
+  // Keep in the address what `begin` reads from it, so that it can be shared and survives a reload.
+  remember() {
+    const { state, lights } = this, kept = new URLSearchParams(this.query), put = (key, value, usual) => value === usual ? kept.delete(key) : kept.set(key, value);
+    if (state.light < this.bundle.meta.lights.length) put("light", lights[state.light].name, lights[0].name); // a dropped one cannot be named
+    for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "view", "captured"]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
+    for (const key of ["sky", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
+    state.terms.forEach(({ on, ev }, index) => put(`lamp${index}`, on ? String(ev) : "off", "0"));
+    const text = kept.toString();
+    if (text === location.hash.slice(1)) return;
+    clearTimeout(this.writing); // browsers count how often the address changes
+    this.writing = setTimeout(() => history.replaceState(null, "", `${location.pathname}${location.search}#${text}`), 300);
   }
 
   relitPly() {
@@ -254,7 +276,7 @@ class Session {
     const captured = lights[state.light].sky === "captured"; // which cannot be turned, and whose lamps are part of it
     element("r-tint").parentElement.style.display = captured || this.bundle.meta.lamps !== null ? "none" : ""; // a room's light has several colours
     element("r-lamps").parentElement.style.display = captured || this.bundle.meta.lamps === null ? "none" : "";
-    for (const key of ["turn", "sky"]) element(`r-${key}`).closest("label, button").style.display = captured ? "none" : "";
+    for (const key of ["turn", "sky", "strip"]) element(`r-${key}`).closest("label, button, canvas").style.display = captured ? "none" : "";
     for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
     element("r-compare").setAttribute("aria-pressed", state.compare);
     element("r-sky").setAttribute("aria-pressed", state.sky);
@@ -275,7 +297,7 @@ class Session {
     };
     const take = async (file) => {
       try {
-        this.addHdr(file.name.replace(/\.hdr$/i, ""), new Uint8Array(await file.arrayBuffer()));
+        await this.addLight(file.name.replace(/\.(hdr|exr)$/i, ""), new Uint8Array(await file.arrayBuffer()));
         this.tell("");
       } catch (error) {
         this.tell(`${file.name}: ${error.message}`);
@@ -303,6 +325,13 @@ class Session {
       if (event.type === "pointerup" || event.type === "pointercancel") dragged = null;
     };
     for (const type of ["pointerdown", "pointermove", "pointerup", "pointercancel"]) addEventListener(type, held, { capture: true });
+    const strip = element("r-strip");
+    strip.onpointerdown = ({ pointerId }) => strip.setPointerCapture(pointerId);
+    strip.onpointermove = ({ buttons, movementX }) => buttons && this.set({ turn: state.turn - 360 * movementX / strip.clientWidth });
+    stage.app.on("prerender", () => {
+      const { x, z } = stage.app.root.findComponent("camera").entity.forward;
+      this.strip.look(x, z);
+    });
     const line = element("relight-line");
     line.onpointerdown = (event) => line.setPointerCapture(event.pointerId);
     line.onpointermove = ({ buttons, clientX }) => buttons && this.set({ line: Math.min(Math.max(clientX / innerWidth, 0.02), 0.98) });

@@ -1,9 +1,11 @@
+import base64
 import json
 import re
 import urllib.request
 from threading import Thread
 
 import numpy as np
+import OpenEXR
 import pytest
 from browser import Browser, chromium
 from live_scene import TILT, live_scene
@@ -189,6 +191,67 @@ def test_the_sky_is_the_environment_and_turns_with_it(page):
     plain = shown(page, sky=False)
     assert np.abs(first - plain)[:20].mean() > 0.05
     assert np.abs(first - turned)[:20].mean() > 1e-3
+
+
+@in_browser
+def test_a_dropped_exr_lights_the_page_and_others_are_refused(page, tmp_path):
+    """Packed by PIZ, as most published lights are. What is not twice as wide as high is no lat-long picture."""
+    for name, size in (("sky", (64, 32)), ("cross", (48, 64))):
+        picture = np.zeros((size[1], size[0], 3), np.float32)
+        picture[size[1] // 4] = [3.0, 2.0, 1.0]
+        header = {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage}
+        OpenEXR.File(header, {"RGB": picture}).write(str(tmp_path / f"{name}.exr"))
+        content = base64.b64encode((tmp_path / f"{name}.exr").read_bytes()).decode()
+        page.run(f"""(() => {{
+          const data = new DataTransfer(), bytes = Uint8Array.from(atob("{content}"), (c) => c.charCodeAt(0));
+          data.items.add(new File([bytes], "{name}.exr"));
+          document.dispatchEvent(new DragEvent("drop", {{ bubbles: true, dataTransfer: data }}));
+        }})()""")
+        if name == "sky":
+            page.wait("relight.lights.at(-1).name === 'sky' && relight.state.light === relight.lights.length - 1")
+            assert page.run("document.getElementById('relight-message').textContent") == ""
+    page.wait("document.getElementById('relight-message').textContent")
+    said = page.run("document.getElementById('relight-message').textContent")
+    assert said == "cross.exr: a picture of 48 x 64: expected a lat-long light, twice as wide as high"
+    assert page.run("relight.lights.at(-1).name") == "sky"
+    page.run("relight.tell('')")
+
+
+@in_browser
+def test_the_address_keeps_what_is_shown(folder):
+    with Browser(f"file://{folder}/relit.html{NO_WINDOW}", (320, 240)) as browser:
+        browser.wait("window.relight && relight.drawn")
+        shown(browser, light=1)
+        shown(browser, turn=30, exposure=0.5, sun=1.25, view="albedo")
+        browser.wait("location.hash.includes('turn=30')")
+        kept = browser.run("location.hash")
+        assert "noui" in kept and "tint" not in kept  # what is as it began is left out
+        browser.call("Page.reload")
+        browser.wait("window.relight && relight.drawn && relight.state.turn === 30")
+        state = browser.run("relight.state")
+    assert [state[key] for key in ("light", "exposure", "sun", "view", "tint")] == [1, 0.5, 1.25, "albedo", 0]
+
+
+@in_browser
+def test_the_strip_shows_the_sky_turned_and_where_the_camera_looks(page):
+    """Two texels are bright to the south, +z: in the middle, and further left once turned east."""
+    page.run("""(() => {
+      const image = new Float32Array(64 * 128 * 3);
+      image.fill(1, (20 * 128 + 63) * 3, (20 * 128 + 65) * 3);
+      const rest = relight.live.project(image);
+      relight.lights.push({ name: "south", image, suns: [], mean: 1, exposure: 1, rest, whole: rest.subarray(0, 48) });
+    })()""")
+    number = page.run("relight.lights.length - 1")
+    brightest = """(() => {
+      const { width, height } = document.getElementById("r-strip"), row = Math.floor(height * 20.5 / 64);
+      const { data } = document.getElementById("r-strip").getContext("2d").getImageData(0, row, width, 1);
+      const found = Array.from({ length: width }, (_, x) => x).filter((x) => data[4 * x] > 250);
+      return found.reduce((sum, x) => sum + x + 0.5, 0) / found.length / width;
+    })()"""
+    for turn, place in ((0, 0.5), (90, 0.25)):
+        shown(page, light=number, turn=turn, view="relit", exposure=3)
+        assert page.run(brightest) == pytest.approx(place, abs=0.02)  # a texel is 0.008, the camera's line may join
+    shown(page, light=0, turn=0, exposure=0)
 
 
 @in_browser

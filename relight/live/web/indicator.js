@@ -1,0 +1,47 @@
+// Where the light comes from: the sky as a strip, its suns, and the direction of the view.
+
+import { lookUp, texelDirection, toneMap } from "./light.js";
+
+const SUN = "#e0762d", HEADING = "rgba(255, 255, 255, .85)";
+
+// A strip on a canvas of 2:1. draw(light, angle, exposure, suns): the light turned by radians, and its suns as they then
+// are. look(x, z): where the view points.
+export function indicator(canvas) {
+  const context = canvas.getContext("2d"), { width, height } = canvas, pixels = context.createImageData(width, height), color = [0, 0, 0];
+  let suns = [], heading = null;
+  const column = (x, z) => (((0.5 - Math.atan2(x, z) / (2 * Math.PI)) * width) % width + width) % width;
+  const show = () => {
+    context.putImageData(pixels, 0, 0);
+    if (heading !== null) {
+      context.fillStyle = HEADING;
+      context.fillRect(heading - 0.5, 0, 1, height);
+    }
+    context.strokeStyle = SUN;
+    context.lineWidth = 1.5;
+    for (const { direction: [x, y, z] } of suns) {
+      context.beginPath();
+      context.arc(column(x, z), (0.5 - Math.asin(Math.max(-1, Math.min(1, y))) / Math.PI) * height, 4, 0, 2 * Math.PI);
+      context.stroke();
+    }
+  };
+  return {
+    draw(light, angle, exposure, turnedSuns) {
+      for (let row = 0, to = 0; row < height; row++) {
+        for (let at = 0; at < width; at++, to += 4) {
+          lookUp(light.image, ...texelDirection(row, at, height, width), angle, exposure, color);
+          toneMap(color);
+          for (let k = 0; k < 3; k++) pixels.data[to + k] = 255 * color[k] + 0.5;
+          pixels.data[to + 3] = 255;
+        }
+      }
+      suns = turnedSuns;
+      show();
+    },
+    look(x, z) {
+      const next = column(x, z);
+      if (heading !== null && Math.abs(next - heading) < 0.5) return;
+      heading = next;
+      show();
+    },
+  };
+}
