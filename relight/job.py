@@ -223,7 +223,7 @@ class Job(Loaded):
         """What was asked to be put in; a splat is meshed first, as a scene is, and told from its own light."""
         if asked in self.inserted_meshes:
             return self.inserted_meshes[asked]
-        from .insert.splat_object import splat_object
+        from .insert.splat_insert import splat_object
 
         folder, source = asked.source, asked.source
         if not isinstance(source, Mesh) and not is_scene(source):

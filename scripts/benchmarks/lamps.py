@@ -109,7 +109,7 @@ def by_change(mesh, frame, options, report):
 
     lighting = LightingOptions(captured=0.1, tolerance=0.02)
     request = RelightRequest(mesh.scene, "captured", lighting, angles_deg=(0.0,), caching="none", albedo="captured")
-    window = view(**session_of(Job(request)), off_screen=True, size=(960, 720))
+    window = view(session_of(Job(request)), off_screen=True, size=(960, 720))
     session = window.session
     rng = np.random.default_rng(0)
 
