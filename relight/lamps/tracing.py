@@ -53,13 +53,20 @@ class Chosen(NamedTuple):
     weights: NDArray[np.float32]
 
 
+class LitVertices(NamedTuple):
+    """Vertices that light is traced for. rows: which; all without. leaf: (N,) float32, which part of each of them is a
+    leaf, which light reaches alike from all sides; none without."""
+
+    rows: NDArray[np.int64] | slice = slice(None)
+    leaf: NDArray[np.float32] | None = None
+
+
 def lamplight(
     occluder: Occluder,
     emitters: Emitters,
     rays: int = 16,
     *,
-    rows: NDArray[np.int64] | slice = slice(None),
-    leaf: NDArray[np.float32] | None = None,
+    at: LitVertices = LitVertices(),  # noqa: B008
     least: float = 0.0,
     seed: int = 0,
     advance: Callable[[int], None] = lambda count: None,
@@ -75,10 +82,8 @@ def lamplight(
         In the occluder's unit frame.
     rays : int
         Per vertex and emitter in half-shadows; elsewhere a few.
-    rows : indices, optional
+    at : LitVertices, optional
         The vertices; all without.
-    leaf : (V,) float32, optional
-        Which part of each of these vertices is a leaf, which light reaches alike from all sides.
     least : float
         Luminance below which the light of one emitter at one vertex is left out.
     seed : int
@@ -88,7 +93,7 @@ def lamplight(
     every : bool
         Whether each vertex takes all emitters, however many they are: what a choice among them is judged by.
     """
-    return lamplight_at(occluder, ordered(occluder, rows, leaf, seed), emitters, rays, least, advance, every)
+    return lamplight_at(occluder, ordered(occluder, *at, seed), emitters, rays, least, advance, every)
 
 
 class Ordered(NamedTuple):

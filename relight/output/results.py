@@ -1,6 +1,7 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,16 +19,14 @@ from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
-from .lamps_glb import NO_LAMPS, PlacedLamps
+from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
 from .pass_files import PassFiles
+from .subject import WrittenScene
 
 if TYPE_CHECKING:
-    from ..engine.appearance import Appearance
-    from ..engine.relighter import Relighter, Shaded, Shading
-    from ..gloss import SceneGloss
+    from ..engine.relighter import Shaded, Shading
     from ..insert.inserts import InsertedLight
-    from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
 
@@ -41,48 +40,52 @@ LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
 
 
+@dataclass(frozen=True, eq=False)
+class OwnWriters:
+    """Writers of kinds that have files of their own; None where none of those was asked for.
+
+    live: what is live. engines: what engines take. around: what tells of the light around. clean: the splats without
+    floaters. passes: those of the mesh.
+    """
+
+    live: LiveFiles | None = None
+    engines: EngineFiles | None = None
+    around: AroundFiles | None = None
+    clean: CleanFiles | None = None
+    passes: PassFiles | None = None
+
+
 class Results:
     """Writes the results of a scene, light after light.
 
-    kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
-    result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
-    binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
-    what was put in beside it. gloss: SceneGloss; None where gloss stays as captured. around: writes what
-    tells of the light around. clean: writes the splats without floaters. passes: writes
-    those of the mesh.
+    kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. texture_size: side of textures in texels, chosen
+    without. others: the writers of kinds that have files of their own.
     """
 
     def __init__(
         self,
-        relighter: "Relighter",
-        appearance: "Appearance",
+        written: WrittenScene,
         kinds: Sequence[str],
         baked: Sequence[str] = (),
-        splats: tuple[Splats, list[Path]] | None = None,
         texture_size: int | None = None,
-        seed: int = 0,
-        sky: str = "new",
-        live: LiveFiles | None = None,
-        engines: EngineFiles | None = None,
-        binding: Callable[[], Any] = lambda: None,
-        lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
-        gloss: "SceneGloss | None" = None,
-        around: AroundFiles | None = None,
-        clean: CleanFiles | None = None,
-        passes: PassFiles | None = None,
+        others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._around, self._clean, self._passes = gloss, around, clean, passes
-        self._live, self._engines, self._lamps = live, engines, lamps
-        self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
+        self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
+        self._live, self._engines, self._around = others.live, others.engines, others.around
+        self._clean, self._passes = others.clean, others.passes
+        self._relighter, self._appearance, self._kinds, self._baked = (
+            written.relighter,
+            written.appearance,
+            kinds,
+            baked,
+        )
         self._splats: Splats | None
-        self._splats, self._paths = splats or (None, [])
-        self._texture_size, self._seed, self._sky = texture_size, seed, sky
-        self._scene, self._stages = relighter.scene, relighter.stages
+        self._splats, self._paths = written.splats or (None, [])
+        self._texture_size, self._seed, self._sky = texture_size, written.seed, written.sky
+        self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._picture: Any = None
         self._drawn_last: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._bound = binding
         self._texture: Any = None
         self._sky_rows: Any = None
         self._own_texture: Any = None  # False where the scene has none
@@ -318,7 +321,7 @@ class Results:
 
     def _baked_or_kept(self, known: dict[str, Any]) -> Any:
         """The texture, from the cache where the same was baked before. known: what `bake` is told of the light."""
-        from ..texture import Baked, bake
+        from ..texture import Baked, KnownColors, bake
         from ..transfer.store import array_key
 
         cache = self._relighter.cache
@@ -330,7 +333,7 @@ class Results:
         if kept is not None:
             return Baked.of_arrays(kept)
         more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
-        made = bake(self._scene, self._splats, **known, **more)
+        made = bake(self._scene, self._splats, KnownColors(**known), **more)
         cache.put("texels", key, **made.arrays())
         return made
 
