@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lamps.choosing import ALONE, BLOCK
 from ..lamps.emitters import Emitters
-from ..lamps.tracing import ALONE, BLOCK, CHANCE_PART, LitVertices, lamplight
+from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
 

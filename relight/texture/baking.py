@@ -12,7 +12,7 @@ from splat2mesh.base.arrays import ColorsSrgb, Mask, Matrix4, Points, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from splat2mesh.splats.splats import clean
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.surface.extract import dilated, training_pixel
 from splat2mesh.texture.atlas import Atlas, check_size
 

@@ -25,8 +25,8 @@ from splat2mesh import convert
 from splat2mesh.base.progress import Stages
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.splats.splats import clean
 from splat2mesh.views.viewpoints import virtual_views
 
 SAMPLES = 4  # per pixel

@@ -4,7 +4,7 @@ import pytest
 from relight.animation.animation import face_normals
 from relight.light.suns import Suns
 from relight.sh.normals import unit_normals
-from relight.transfer import sampling
+from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.baked import BakedMotion
 from relight.transfer.dynamic import Anchor, DynamicTransfer
@@ -148,7 +148,7 @@ def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
     rest[rows] = summed
     average(neighbors, normals, model, rest, RAYS, steps_for(RAYS, BANDS))
     transfer = analytic(normals, BANDS)
-    sampling.add_model(normals, model, rest[rows], transfer)
+    lobes.add_model(normals, model, rest[rows], transfer)
     transfer = transfer[neighbors.node]
     # Nodes stand in another order along the curve, so that sums over rings round otherwise; see also above for rays.
     off = np.abs(transfer - live.transfer).max(axis=1)
