@@ -68,13 +68,8 @@ class Results:
         self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
         self._live, self._engines, self._around = others.live, others.engines, others.around
         self._clean, self._passes = others.clean, others.passes
-        self._relighter, self._appearance, self._kinds, self._baked = (
-            written.relighter,
-            written.appearance,
-            kinds,
-            baked,
-        )
-        self._splats: Splats | None
+        self._relighter, self._appearance = written.relighter, written.appearance
+        self._kinds, self._baked = kinds, baked
         self._splats = None if written.splats is None else written.splats[0]
         self._relit = RelitSource(written)
         self._texture_size, self._seed = texture_size, written.seed

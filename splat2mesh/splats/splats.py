@@ -1,4 +1,4 @@
-"""Gaussian splats as arrays, their colours, and the removal of those that cannot be used."""
+"""Gaussian splats as arrays, and their colours."""
 
 import os
 from collections.abc import Sequence
