@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .gloss.gloss_plan import GlossPlan
     from .insert.insert_plan import InsertPlan
     from .planning.lamp_plan import LampPlan
+    from .viewer.request import SessionRequest
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,8 +281,7 @@ def view_request(
     """Open the session of a request, or write its picture without a window. A splat is meshed first."""
     from .viewer import view
 
-    session = _session(request, stages or Stages())
-    view(**session, screenshot=screenshot)
+    view(_session(request, stages or Stages()), screenshot=screenshot)
 
 
 def serve_request(
@@ -293,7 +293,7 @@ def serve_request(
     """Show the session of a request in a browser of this machine until it is quit. announce: gets its address."""
     from .viewer import serve
 
-    serve(**_session(request, stages or Stages()), port=port, announce=announce)
+    serve(_session(request, stages or Stages()), port=port, announce=announce)
 
 
 def estimate_albedo(
@@ -318,7 +318,7 @@ def _relit(writer: Writer) -> RelitScene:
     return RelitScene(writer.job.scene, shading.radiance, exposure, light, report, writer, shaded)
 
 
-def _session(request: RelightRequest, stages: Stages) -> dict[str, Any]:
+def _session(request: RelightRequest, stages: Stages) -> "SessionRequest":
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a session has one angle")
     request, _ = meshed_request(request, stages)

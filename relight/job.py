@@ -8,37 +8,28 @@ job.shaded()            shade
 import warnings
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.base.errors import DataWarning
 from splat2mesh.options import ConvertOptions
-from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
-from splat2mesh.splats.splats import clean
 
-from .engine.appearance import Appearance, albedo_kept, appearance_of, bounced_light
+from .engine.appearance import albedo_kept
 from .engine.exposure import exposure_as_captured, level_of
-from .engine.relighter import Relighter, Shaded, Shading
+from .engine.relighter import Shaded, Shading
+from .known import KnownScene
 from .light import CAPTURED
 from .light.captured import CapturedLight
 from .light.environment import Environment
-from .light.loading import light_of
 from .light.tonemap import auto_exposure
-from .loaded import Loaded
-from .meshing import is_scene, of_splats, scene_folder
+from .meshing import is_scene, scene_folder
 from .output.kinds import SUN
-from .output.pass_views import moved_view
 from .request import AnyLight, RelightRequest
-from .transfer.store import Cache
 
 if TYPE_CHECKING:
-    from .beside import Beside
-    from .engine.placed import LampLight
-    from .engine.relit_room import RelitRoom
-    from .gloss import SceneGloss
     from .insert.asked import AskedInsert
     from .insert.insert_plan import InsertPlan
     from .insert.inserts import Inserts
@@ -46,13 +37,12 @@ if TYPE_CHECKING:
     from .insert.probe import Light
     from .output.lamps_glb import PlacedLamps
     from .planning.plan import Plan
-    from .splats import Binding
 
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 """Stages of a Job that another light does not share."""
 
 
-class Job(Loaded):
+class Job(KnownScene):
     """A request of a relight, done stage by stage. Nothing is read or computed before it is asked for.
 
     request: RelightRequest of one light. stages: Stages that time the work.
@@ -66,89 +56,6 @@ class Job(Loaded):
         done = {name: made for name, made in vars(self).items() if name not in vars(other)}
         vars(other).update({name: made for name, made in done.items() if name not in OF_ONE_LIGHT})
         return other
-
-    # load
-
-    @cached_property
-    def relighter(self) -> Relighter:
-        """The Relighter of the scene."""
-        self.require("inserted_meshes")  # a broken object fails before any work
-        if self.shows_splats:
-            self.require("splats")  # so does a missing splat
-        self.require("pass_views")
-        if "usd" in (self.request.formats or ()):
-            from .output.usd import library
-
-            library()  # so is a package
-        shown = (lambda: self.binding.used) if self._shows_splats_alone else None
-        return Relighter(self.scene, self.options, stages=self.stages, cache=self.cache, shown=shown)
-
-    @cached_property
-    def cache(self) -> Cache | None:
-        """Where what is computed is kept, or None."""
-        return Cache.of_scene(self.scene, self.request.caching == "read") if self.request.caching != "none" else None
-
-    @cached_property
-    def binding(self) -> "Binding":
-        """The Binding of the splats. Raises InputError where there are none."""
-        from .splats import Binding
-
-        if self.splats is None:
-            raise InputError(f"{self.name}: this scene has no splats")
-        with self.stages.stage("bind splats"):
-            return Binding(self.splats[0], self.scene, seed=self.request.lighting.seed, cache=self.cache)
-
-    @cached_property
-    def gloss(self) -> "SceneGloss | None":
-        """What is glossy, where the light of the capture is estimated and splats tell of it."""
-        if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
-            return None
-        from .gloss import SceneGloss
-
-        seed = self.request.lighting.seed
-        asked = self.cache, seed, self.stages, self._lamp_light
-        return SceneGloss(self.scene, self.splats[0], lambda: self.binding, *asked)
-
-    def _lamp_light(self) -> "LampLight | None":
-        return self.beside.lamp_light if self.mixes else None
-
-    @property
-    def _reflected(self) -> NDArray[np.float64] | None:
-        return None if self.gloss is None else self.gloss.shape
-
-    # albedo
-
-    @cached_property
-    def appearance(self) -> Appearance:
-        """Albedo and captured colours of the surfaces."""
-        relighter = self.relighter
-        with self.stages.stage("load"):
-            capture_env = self._capture_env()
-        look = self._retinted(appearance_of(self._choice, capture_env, relighter, self._reflected))
-        if self.options.opened:  # a room whose own light is not known is lit by its captured colours
-            return look._replace(kept=False)
-        shut = look.room is not None and look.room.told["windows"] is None
-        return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
-
-    def _retinted(self, look: Appearance) -> Appearance:
-        """The Appearance under a captured light of the colour that was asked for, if any was."""
-        tint, place = self.request.capture_tint, self.request.white_at
-        if tint is None and place is None:
-            return look
-        from .engine.tint import color_where_white, retinted
-
-        name = "capture_tint" if place is None else "white_at"
-        if look.environment is None or look.room is not None or look.kept or not (look.capture or {}).get("separable"):
-            raise InputError(
-                f"`{name}`: it changes the light that a splat of an object or an open place was captured in"
-            )
-        bounced = bounced_light(self.relighter)
-        if place is None:
-            return retinted(look, np.asarray(tint, np.float64), bounced)
-        matrix = np.asarray(self.scene.scene_from_splat, np.float64)
-        at = matrix[:3, :3] @ np.asarray(place) + matrix[:3, 3]
-        color = color_where_white(look, bounced, self.scene.vertices, self.scene.diagonal, at)
-        return retinted(look, color, bounced)
 
     # plan
 
@@ -192,14 +99,6 @@ class Job(Loaded):
             yield self._with_others(Shaded(light, self.shading(light), exposure))
 
     @cached_property
-    def inserted_meshes(self) -> "dict[AskedInsert, InsertedObject]":
-        """Those of the objects that are no splats, read."""
-        from .insert.objects import read_object
-
-        splats = {each for each in self.asked_inserts if not isinstance(each.source, Mesh) and of_splats(each.source)}
-        return {each: read_object(each) for each in self.asked_inserts if each not in splats}
-
-    @cached_property
     def inserts(self) -> "Inserts | None":
         """The objects that are put in, where they stand; None without."""
         if not self.asked_inserts:
@@ -223,7 +122,7 @@ class Job(Loaded):
         """What was asked to be put in; a splat is meshed first, as a scene is, and told from its own light."""
         if asked in self.inserted_meshes:
             return self.inserted_meshes[asked]
-        from .insert.splat_object import splat_object
+        from .insert.splat_insert import splat_object
 
         folder, source = asked.source, asked.source
         if not isinstance(source, Mesh) and not is_scene(source):
@@ -231,78 +130,6 @@ class Job(Loaded):
         own = Job(RelightRequest(folder, CAPTURED, formats=("splat",)), self.stages)
         assert own.splats is not None  # or an InputError
         return splat_object(asked.name, own.scene, own.binding, len(own.splats[0]), own.appearance)
-
-    @cached_property
-    def room(self) -> "RelitRoom | None":
-        """The closed room that the scene is, or None."""
-        look, options = self.appearance, self.options
-        closed = look.capture is not None and "room" in look.capture
-        if options.opened and not closed:
-            raise InputError("`opened` ceiling: expected a closed room that was captured from inside, found none")
-        room = None
-        if closed:
-            from .engine.relit_room import RelitRoom
-
-            room = RelitRoom(look, self.relighter, self._level)
-        if isinstance(options.lamps, tuple):
-            _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
-        elif options.lamps != "keep" and not (room and room.lamps_found):
-            told = "`lamps`: found no lamp of known strength, so none is changed"
-            warnings.warn(told, DataWarning, stacklevel=4)
-        return room
-
-    @property
-    def steady(self) -> bool:
-        """Whether no environment is known to get in: in a closed room of unknown light, or without a window."""
-        return bool(self.room and self.room.steady)
-
-    @property
-    def assumed(self) -> dict[str, Any] | None:
-        """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
-        light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
-        beside = self.keeps_captured or self.options.captured is not None or bool(self.asked_lamps)
-        if not self.room or not self.appearance.kept or beside:
-            return None
-        from .engine.assumed_light import assumed_change
-
-        change = assumed_change(self.environment, self.options.env_scale)
-        return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
-
-    @property
-    def brightness(self) -> float | None:
-        """Mean luminance of the light of the capture, in captured units; None where it is not known."""
-        return self.appearance.capture["brightness"] if self.appearance.capture else None
-
-    @property
-    def _level(self) -> float:
-        """Captured units per unit of the light's radiance, for it to be as bright as that of the capture was."""
-        return level_of(self.brightness, self.environment)
-
-    @property
-    def keeps_captured(self) -> bool:
-        """Whether the light is that of the capture, changed or not."""
-        return isinstance(self.environment, CapturedLight)
-
-    @property
-    def lamps_found(self) -> list[dict[str, Any]]:
-        """What the report tells of the captured lamps of a closed room, by number."""
-        room = self.appearance.room
-        return [] if room is None else list(room.told["lamps"])
-
-    @property
-    def mixes(self) -> bool:
-        """Whether the new light has other parts than an environment as it is."""
-        options = self.options
-        others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
-        return others or self.keeps_captured
-
-    @cached_property
-    def beside(self) -> "Beside":
-        """What the light has beside an environment."""
-        from .beside import Beside
-
-        asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev
-        return Beside(*asked, self.relighter, self.appearance, self.room)
 
     def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
         """The lamps beside a light that is shown at an exposure, in the frame of the scene and in display values."""
@@ -353,22 +180,6 @@ class Job(Loaded):
         ratio = 1.0 if shaded.inserted is None else shaded.inserted.ratio
         return {name: np.asarray(part * ratio, np.float32) for name, part in parts.items()}
 
-    @cached_property
-    def pass_views(self) -> "list[View] | None":
-        """The cameras of passes, in the frame of the scene; None for that of the preview."""
-        given = self.request.cameras
-        if given is None:
-            return None
-        from splat2mesh.views.cameras import read_cameras, trained_views
-
-        if self.splats is not None:
-            views = trained_views(given, self.splats[1][0], clean(self.splats[0])[0])
-        else:
-            views = [view for view in read_cameras(given)[0] if view is not None]
-        if not views:
-            raise InputError(f"`cameras` {given}: expected cameras that see the scene, found none")
-        return [moved_view(view, self.scene.scene_from_splat) for view in views]
-
     def shading(self, light: Environment) -> Shading:
         """The scene in the light of an environment alone; black for that of the capture."""
         if isinstance(light, CapturedLight):
@@ -376,9 +187,6 @@ class Job(Loaded):
         if self.room:
             return self.room.shading(light)
         return self.relighter.shading(light, self.appearance.albedo)
-
-    def _capture_env(self) -> Environment | None:
-        return None if self.request.capture_env is None else light_of(self.request.capture_env)
 
     def _exposure(self, first: Shading) -> float:
         """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within

@@ -1,4 +1,4 @@
-"""A job as a session shows it: the keyword arguments of `viewer.view`."""
+"""A job as a session shows it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,6 +15,7 @@ from .lamps.asked import AskedLamp
 from .lamps.color import WHITE
 from .lamps.shapes import SphereLamp
 from .transfer.occluder import Frame
+from .viewer.request import SessionRequest
 
 if TYPE_CHECKING:
     from splat2mesh.render.raycaster import Hits
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from .viewer.splats import SplatSource
 
 
-def session_of(job: Job) -> dict[str, Any]:
-    """Keyword arguments of `viewer.view` for a job: its albedo first, and the lights beside its own."""
+def session_of(job: Job) -> SessionRequest:
+    """Return what `viewer.view` shows of a job: its albedo first, and the lights beside its own."""
     look, room = job.appearance, job.room
     others = {"captured": look.captured, "white": None}
     chosen = job.choice_name if job.choice_name in CHOICES else Path(job.choice_name).stem
@@ -49,22 +50,22 @@ def session_of(job: Job) -> dict[str, Any]:
     if mixture is not None:  # what lamps light is known for one albedo
         albedos, exposure = {chosen: albedo}, mixture.level if exposure is None else exposure
         by_lamps = None if job.keeps_captured or job.steady else by_lamps
-    return {
-        "scene": room.lit.scene if room and opened else job.scene,
-        "environment": job.lights[0],
-        "options": replace(job.options, budget_s=None).planned(),  # a session has a tolerance
-        "albedos": albedos,
-        "environments_folder": lights.parent if lights.is_file() else None,
-        "exposure": exposure,
-        "cache": None if opened else job.relighter.cache,
-        "lamps": {} if by_lamps is None else {chosen: by_lamps},
-        "lamps_known": bool(room and room.lamps_found),
-        "state": {"lamps": job.options.lamp_factor},
-        "splats": None if opened or job.splats is None else _splats(job, chosen, mixture),
-        "mixture": mixture,
-        "lamp_source": None if opened else source,
-        "object_source": None if opened or not job.asked_inserts else _object_source(job),
-    }
+    return SessionRequest(
+        scene=room.lit.scene if room and opened else job.scene,
+        environment=job.lights[0],
+        lighting=replace(job.options, budget_s=None).planned(),  # a session has a tolerance
+        albedos=albedos,
+        environments_folder=lights.parent if lights.is_file() else None,
+        exposure=exposure,
+        cache=None if opened else job.relighter.cache,
+        lamps={} if by_lamps is None else {chosen: by_lamps},
+        lamps_known=bool(room and room.lamps_found),
+        state={"lamps": job.options.lamp_factor},
+        splats=None if opened or job.splats is None else _splats(job, chosen, mixture),
+        mixture=mixture,
+        lamp_source=None if opened else source,
+        object_source=None if opened or not job.asked_inserts else _object_source(job),
+    )
 
 
 def _lamp_source(job: Job) -> "LampSource":

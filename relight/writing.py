@@ -34,7 +34,8 @@ from .output.engine_files import EngineFiles
 from .output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
 from .output.live_files import LiveFiles
 from .output.pass_files import PassFiles
-from .output.results import PICTURE_SIZE, Results
+from .output.results import PICTURE_SIZE, OwnWriters, Results
+from .output.subject import WrittenScene
 from .request import AnyLight
 
 
@@ -88,7 +89,7 @@ class Writer:
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .animation.film import FILM, Frames, animate, frame_times
+        from .animation.film import FILM, FilmRequest, Frames, Shot, animate, frame_times
 
         job = self.job
         if job.asked_inserts:
@@ -115,12 +116,11 @@ class Writer:
 
         report: dict[str, Any] = {}
         exposure = None if job.request.exposure_ev is None else 2.0**job.request.exposure_ev
-        picture: dict[str, Any] = {"width": PICTURE_SIZE[0], "height": PICTURE_SIZE[1], "overwrite": overwrite}
+        shot = Shot(width=PICTURE_SIZE[0], height=PICTURE_SIZE[1], exposure=exposure)
         with ExitStack() as frames:
             advance = frames.enter_context(job.stages.stage("frames", count))
-            written = animate(
-                animation, radiance_of, light, folder, fps, exposure=exposure, advance=advance, finish=finish, **picture
-            )
+            asked = FilmRequest(folder, fps, overwrite)
+            written = animate(animation, radiance_of, light, asked, shot, advance, finish)
         return written.note, report
 
     def _film_of_objects(
@@ -128,7 +128,7 @@ class Writer:
     ) -> tuple[str, dict[str, Any]]:
         """Light the objects that are put in frame by frame, in a place that stands still."""
         from .animation.acting import Acting
-        from .animation.film import FILM, Frames, frame_times
+        from .animation.film import FILM, FilmRequest, Frames, frame_times
         from .animation.object_film import film_objects
 
         job, results = self.job, self._results
@@ -151,10 +151,8 @@ class Writer:
                 acting,
                 lambda inserts: inserts.under(around, received),
                 lambda poses: results.object_painter(shaded, poses),
-                folder,
-                fps,
+                FilmRequest(folder, fps, overwrite),
                 shaded.exposure,
-                overwrite,
                 frames.enter_context(job.stages.stage("frames", count)),
                 finish,
             )
@@ -166,16 +164,16 @@ class Writer:
         asked, relighter, look = job.request, job.relighter, job.appearance
         seed, formats = asked.lighting.seed, job.formats
         splats = job.splats if job.shows_splats else None
+        written = WrittenScene(
+            relighter, look, splats, lambda: job.binding, asked.sky, seed, job.lamps_shown, job.gloss
+        )
         live = engines = None
         if splats is not None and {"live", "web"} & set(formats):
             others = [light_of(each) for each in (*asked.lights, *BUILTIN)]
-            wishes = job.exposure_of, asked.lighting.tolerance, asked.sky, seed, job.room
-            beside = job.beside.live(), job.beside.level_under, job.gloss
-            live = LiveFiles(relighter, look, splats[0], others, *wishes, *beside)
+            beside = job.room, job.beside.live(), job.beside.level_under
+            live = LiveFiles(written, others, job.exposure_of, asked.lighting.tolerance, *beside)
         if asked.live_mesh or {*FOR_ENGINES} & {*formats}:
-            wishes_of_mesh = asked.live_mesh, asked.harmonics, asked.sky, job.lamps_shown, job.gloss
-            engines = EngineFiles(relighter, look, formats, splats, *wishes_of_mesh)
-        more = asked.texture_size, seed, asked.sky, live, engines
+            engines = EngineFiles(written, formats, asked.live_mesh, asked.harmonics)
         around = None
         if {*AROUND} & {*formats}:
             source = splats[1][0] if splats is not None and len(splats[1]) == 1 else None
@@ -187,8 +185,8 @@ class Writer:
         if "passes" in formats:
             ways = lambda: job.appearance.albedo, job.light_parts, lambda: job.pass_views
             passes = PassFiles(job.scene, *ways, asked.color_space)
-        shown = lambda: job.binding, job.lamps_shown, job.gloss, around
-        return Results(relighter, look, formats, asked.baked, splats, *more, *shown, clean=clean, passes=passes)
+        own = OwnWriters(live, engines, around, clean, passes)
+        return Results(written, formats, asked.baked, asked.texture_size, own)
 
     def _write_report(self, folder: Path, report: dict[str, Any]) -> None:
         report.update(warnings=list(self._messages), seconds=dict(self.job.stages.seconds), peak_mb=peak_mb())

@@ -18,9 +18,10 @@ from .scene.chunks import split
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
+from .splats.cleaning import clean, usable
 from .splats.extent import check_extent
 from .splats.formats import read_splats
-from .splats.splats import Splats, clean, usable
+from .splats.splats import Splats
 from .surface.background import far_background, foreground_ball, views_from_within
 from .surface.extract import EFFORTS, Effort, as_trained, dilated, training_pixel
 from .surface.measure import measured_of

@@ -82,7 +82,8 @@ def estimate(
     decided = fit.evidence(found, prior, _BRIGHT_DIPOLE)
     if decided < MIN_EVIDENCE:
         return scene.as_captured("its surfaces face too few directions to separate light from colour", decided)
-    theta, lamp = sun.with_sun(occluder, scene.places, light, scene.log_captured(), found, start, prior)
+    sunless = sun.SunlessLight(light, start, prior, found)
+    theta, lamp = sun.with_sun(occluder, scene.places, scene.log_captured(), sunless)
     return scene.result(Environment(_image(theta, lamp), "estimated"), decided)
 
 

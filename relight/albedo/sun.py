@@ -68,22 +68,30 @@ class SunnyLight:
         return whole, np.concatenate([slope * (received / whole)[:, :, None], (sun / whole)[:, :, None]], axis=2)
 
 
+class SunlessLight(NamedTuple):
+    """A light without a sun, as `fit.solve` takes it. light: of theta (M, 3). start: (M, 3). prior: (3 M, 3 M), colours
+    outermost. found: its Fit, to SH coefficients of its logarithm."""
+
+    light: fit.Light
+    start: NDArray[np.float64]
+    prior: NDArray[np.float64]
+    found: fit.Fit
+
+
 def with_sun(
     occluder: Occluder,
     places: Samples,
-    light: fit.Light,  # of theta (M, 3), as `fit.solve` takes it
     log_captured: NDArray[np.float64],  # (N, 3) of the places
-    found: fit.Fit,  # Fit of the light alone, to SH coefficients of its logarithm
-    start: NDArray[np.float64],  # (M, 3)
-    prior: NDArray[np.float64],  # (3 M, 3 M), colours outermost
+    alone: SunlessLight,
     least_gain: float | None = None,  # relative fall of the cost for which it is believed, MIN_GAIN by default
     brightness: Callable[[Directions], Floats] | None = None,  # (D, 3) -> (D,) luminance where a sun may stand, else 0
 ) -> tuple[NDArray[np.float64], Sun | None]:
     """(theta (M, 3), Sun): the light beside the best sun, and that; or the light alone and None."""
+    light, start, prior, found = alone
     width, least_gain = len(start), MIN_GAIN if least_gain is None else least_gain
     sphere = fibonacci_sphere(CANDIDATES)
     bright = luminance(_harmonic(sphere, found.theta)) if brightness is None else brightness(sphere)
-    sun = _candidate(occluder, places, light, log_captured, found, prior, sphere, bright)
+    sun = _candidate(occluder, places, log_captured, alone, sphere, bright)
     if sun is None:
         return found.theta, None
     received, _ = light(found.theta)
@@ -115,14 +123,13 @@ def _harmonic(directions: Directions, theta: NDArray[np.float64]) -> NDArray[np.
 def _candidate(
     occluder: Occluder,
     places: Samples,
-    light: fit.Light,
     log_captured: NDArray[np.float64],
-    found: fit.Fit,
-    prior: NDArray[np.float64],
+    alone: SunlessLight,
     sphere: Directions,
     bright: Floats,
 ) -> Sun | None:
     """The Sun, not fitted, whose addition would gain most; None where no place sees any."""
+    light, _, prior, found = alone
     near = sphere[(sphere @ sphere[np.argmax(bright)] > np.cos(np.radians(CAP_DEG))) & (bright > 0.0)]
     if len(near) == 0:
         return None

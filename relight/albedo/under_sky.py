@@ -64,7 +64,7 @@ def _by_pairs(
         return skylight.radiance(skylight.SkyParts.looked_up(sky, directions), theta, directions)
 
     theta, lamp = sun.with_sun(
-        *(scene.occluder, places, light, scene.log_captured(), found, start, prior),
+        *(scene.occluder, places, scene.log_captured(), sun.SunlessLight(light, start, prior, found)),
         least_gain=skylight.LEAST_SUN_GAIN,
         brightness=lambda directions: luminance(radiance(directions, found.theta)[1]),
     )

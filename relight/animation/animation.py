@@ -11,7 +11,8 @@ from splat2mesh.base.arrays import ColorsSrgb, Faces, Integers, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
-from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, global_matrices, triangles, warn_skipped
+from splat2mesh.scene.gltf import MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
+from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -40,8 +41,8 @@ class Animation:
 
     def _read(self, animation: str | int | None) -> None:
         document = self._data.document
-        self._order, self._parent, self._shown = self._data.hierarchy()
-        self._initial = self._data.initial_transforms()
+        self._order, self._parent, self._shown = hierarchy(self._data)
+        self._initial = initial_transforms(self._data)
         self.names = [each.name or str(number) for number, each in enumerate(document.animations or [])]
         number = _chosen(self._data.path, self.names, animation)
         self.name = self.names[number]

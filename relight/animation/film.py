@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -45,19 +46,35 @@ class Frames(NamedTuple):
     note: str
 
 
+@dataclass(frozen=True)
+class FilmRequest:
+    """Where a film goes. folder: of its pictures. fps: of them a second. overwrite: replace the film that is there.
+    encoded: make a FILM of the pictures too."""
+
+    folder: str | os.PathLike[str]
+    fps: float = 24.0
+    overwrite: bool = False
+    encoded: bool = True
+
+
+@dataclass(frozen=True)
+class Shot:
+    """How a picture is taken. camera: as of `preview`; one that holds the whole motion without. width, height: pixels.
+    samples: along the side of one. exposure: that of the first frame without."""
+
+    camera: dict[str, Any] | None = None
+    width: int = 640
+    height: int = 480
+    samples: int = 2
+    exposure: float | None = None
+
+
 def animate(
     animation: "Animation",
     radiance_of: Callable[[Scene, float], Radiance],  # of each frame's Scene and time in s: (V, 3) linear radiance
     environment: "Environment",  # shown behind; see `preview.render_preview`
-    folder: str | os.PathLike[str],
-    fps: float = 24.0,
-    camera: dict | None = None,  # as of `preview`; by default one that holds the whole motion
-    width: int = 640,
-    height: int = 480,
-    samples: int = 2,
-    exposure: float | None = None,  # that of the first frame without
-    overwrite: bool = False,
-    film: bool = True,  # whether to make a film too
+    asked: FilmRequest,
+    shot: Shot = Shot(),
     advance: Callable[[int], Any] = lambda count: None,
     finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,  # called with the folder before it appears
 ) -> "Frames":
@@ -66,19 +83,20 @@ def animate(
     Raises InputError for a folder that is not to be replaced and a rate that is not above 0; an encoder that fails is
     no error: the pictures are there.
     """
-    times = frame_times(animation.duration_s, fps)
-    check_output(folder, overwrite, MARKER)
-    camera = camera or fitted_camera(animation, width / height)
-    with staged_folder(folder, overwrite, MARKER) as staging:
+    times = frame_times(animation.duration_s, asked.fps)
+    check_output(asked.folder, asked.overwrite, MARKER)
+    camera, exposure = shot.camera or fitted_camera(animation, shot.width / shot.height), shot.exposure
+    with staged_folder(asked.folder, asked.overwrite, MARKER) as staging:
         for number, time_s in enumerate(times):
             scene = animation.frame(time_s)
             radiance = radiance_of(scene, time_s)
             exposure = auto_exposure(radiance) if exposure is None else exposure
-            picture = Preview(scene, camera, width, height, samples).render(radiance, environment, exposure)
-            write_png(staging / f"{number:04d}.png", picture)
+            drawn = Preview(scene, camera, shot.width, shot.height, shot.samples)
+            write_png(staging / f"{number:04d}.png", drawn.render(radiance, environment, exposure))
             advance(1)
-        note = encode(staging, fps) if film else ""
-        written = Frames(len(times), film and not note, float(exposure), note)  # type: ignore[arg-type]  # one at least
+        note = encode(staging, asked.fps) if asked.encoded else ""
+        film = asked.encoded and not note
+        written = Frames(len(times), film, float(exposure), note)  # type: ignore[arg-type]  # one at least
         finish(staging, written)
     return written
 

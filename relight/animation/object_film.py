@@ -1,6 +1,5 @@
 """The film of animated objects in a place that stands still: only what they reach is traced from frame to frame."""
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,17 +12,15 @@ from splat2mesh.base.outputs import check_output, staged_folder
 from ..insert.inserts import InsertedLight, Inserts
 from ..output.mesh_files import write_png
 from .acting import Acting
-from .film import MARKER, Frames, encode, frame_times
+from .film import MARKER, FilmRequest, Frames, encode, frame_times
 
 
 def film_objects(
     acting: Acting,
     lit: Callable[[Inserts], InsertedLight],
     painter: Callable[[list[InsertedLight]], Callable[[InsertedLight], NDArray[np.uint8]]],
-    folder: str | os.PathLike[str],
-    fps: float,
+    asked: FilmRequest,
     exposure: float,
-    overwrite: bool = False,
     advance: Callable[[int], Any] = lambda count: None,
     finish: Callable[[Path, Frames], Any] = lambda folder, frames: None,
 ) -> Frames:
@@ -32,14 +29,14 @@ def film_objects(
     lit: objects in the light of the place. painter: returns what draws a frame, told some of the poses first. The rest
     as of `film.animate`. Raises InputError for a folder that is not to be replaced and a rate that is not above 0.
     """
-    times = frame_times(acting.duration_s, fps)
-    check_output(folder, overwrite, MARKER)
+    times = frame_times(acting.duration_s, asked.fps)
+    check_output(asked.folder, asked.overwrite, MARKER)
     draw = painter([lit(pose) for pose in acting.sampled])
-    with staged_folder(folder, overwrite, MARKER) as staging:
+    with staged_folder(asked.folder, asked.overwrite, MARKER) as staging:
         for number, time_s in enumerate(times):
             write_png(staging / f"{number:04d}.png", draw(lit(acting.at(float(time_s)))))
             advance(1)
-        note = encode(staging, fps)
+        note = encode(staging, asked.fps)
         written = Frames(len(times), not note, exposure, note)
         finish(staging, written)
     return written

@@ -11,7 +11,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
-from ..transfer.dynamic import DynamicTransfer
+from ..transfer.dynamic import Anchor, DynamicTransfer
 from ..transfer.dynamic_suns import DynamicSunlight
 from ..transfer.settings import Settings
 
@@ -38,10 +38,10 @@ class DynamicGeometry:
     ) -> None:
         """before: that of the same scene with fewer moving chunks, whose pose and rays are taken over."""
         self.settings, self.moving = settings, frozenset(moving)
-        frame, ranks = (None, None) if before is None else (before._traced.frame, before._traced.ranks)
+        anchor = Anchor() if before is None else before._traced.anchor
         pose = scene if before is None else before.scene(scene)
         parts = sorted(self.moving)
-        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, max_speed, frame, ranks)
+        self._traced = DynamicTransfer(pose, parts, settings.bands, settings.rays, seed, max_speed, anchor)
         self._suns: Suns | None = None
         self._sunlight: DynamicSunlight | None = None
 

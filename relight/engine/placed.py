@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
-from ..lamps.tracing import Ordered, lamplight, lamplight_at, ordered
+from ..lamps.tracing import LitVertices, Ordered, lamplight, lamplight_at, ordered
 from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
@@ -152,8 +152,8 @@ class LampLight:
         self, emitters: Emitters, advance: Advance = lambda count: None, rays: int | None = None
     ) -> NDArray[np.float32]:
         seed = self._relighter.options.seed
-        more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": seed, "advance": advance}
-        light = lamplight(self._receivers, emitters, self.plan.rays if rays is None else rays, **more)
+        at, rays = LitVertices(leaf=self._leaf), self.plan.rays if rays is None else rays
+        light = lamplight(self._receivers, emitters, rays, at=at, least=self._least, seed=seed, advance=advance)
         return light if self._evenness is None else self._evenness.average(light, AVERAGING_ROUNDS)
 
     @cached_property

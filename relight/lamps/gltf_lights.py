@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.inputs import quiet_numbers, reading
 from splat2mesh.scene.color import linear_from_srgb
-from splat2mesh.scene.gltf import GltfData, entry, global_matrices, warn_skipped
+from splat2mesh.scene.gltf import GltfData, entry, warn_skipped
 from splat2mesh.scene.gltfmesh import Piece, placed_pieces
+from splat2mesh.scene.gltfnodes import global_matrices, hierarchy, initial_transforms
 
 from .asked import AskedLamp, Brightness, in_picture_units
 from .color import WHITE
@@ -53,8 +54,8 @@ def read_glow(path: str | os.PathLike[str]) -> AskedLamp:
 
 
 def _lights(data: GltfData, lights: list[Any]) -> list[AskedLamp]:
-    order, parent, shown = data.hierarchy()
-    matrices = global_matrices(data.initial_transforms(), order, parent)
+    order, parent, shown = hierarchy(data)
+    matrices = global_matrices(initial_transforms(data), order, parent)
     lamps, distant = [], 0
     for index, node in enumerate(data.document.nodes or []):
         placed = (node.extensions or {}).get(PUNCTUAL)

@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from splat2mesh.base.threads import in_slices, over
+from splat2mesh.base.threads import in_slices
 
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
 from ..transfer.sampling import hashed_offsets
+from .choosing import ALONE, Chosen, chosen_at
 from .emitters import Emitters
 from .unoccluded import BALL, TUBE_NODES, aimed, directed, unoccluded
 
@@ -29,16 +30,11 @@ half-shadow is the larger part of the error: with 4 of 128 it stays at 3%, where
 POINT_ANGLE = 2e-3
 """Radius over distance up to which a ball is a point, for which one ray is enough."""
 
-ALONE = 24
-"""Emitters that a vertex takes by themselves, the brightest; it takes all where there are no more than these."""
 
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
 bright as each other, the worst case, the error is .03 with 32 rays, with 2 in place of 6 it is .07."""
 
-BLOCK = 16
-"""Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over
-the gaps between bodies, some have a lamp at hand that is none of the brightest in their middle: single bright dots."""
 
 BATCH_VERTICES, BATCH_PAIRS = 2**14, 2**20
 
@@ -46,11 +42,12 @@ REACHED = 0.9999
 """Of the way to an emitter that must be free: what glows is often part of the mesh."""
 
 
-class Chosen(NamedTuple):
-    """Which emitters a run of vertices takes: (V, E) int32, -1 for none, and their weights (V, E) float32."""
+class LitVertices(NamedTuple):
+    """Vertices that light is traced for. rows: which; all without. leaf: (N,) float32, which part of each of them is a
+    leaf, which light reaches alike from all sides; none without."""
 
-    emitters: NDArray[np.int32]
-    weights: NDArray[np.float32]
+    rows: NDArray[np.int64] | slice = slice(None)
+    leaf: NDArray[np.float32] | None = None
 
 
 def lamplight(
@@ -58,8 +55,7 @@ def lamplight(
     emitters: Emitters,
     rays: int = 16,
     *,
-    rows: NDArray[np.int64] | slice = slice(None),
-    leaf: NDArray[np.float32] | None = None,
+    at: LitVertices = LitVertices(),  # noqa: B008
     least: float = 0.0,
     seed: int = 0,
     advance: Callable[[int], None] = lambda count: None,
@@ -75,10 +71,8 @@ def lamplight(
         In the occluder's unit frame.
     rays : int
         Per vertex and emitter in half-shadows; elsewhere a few.
-    rows : indices, optional
+    at : LitVertices, optional
         The vertices; all without.
-    leaf : (V,) float32, optional
-        Which part of each of these vertices is a leaf, which light reaches alike from all sides.
     least : float
         Luminance below which the light of one emitter at one vertex is left out.
     seed : int
@@ -88,7 +82,7 @@ def lamplight(
     every : bool
         Whether each vertex takes all emitters, however many they are: what a choice among them is judged by.
     """
-    return lamplight_at(occluder, ordered(occluder, rows, leaf, seed), emitters, rays, least, advance, every)
+    return lamplight_at(occluder, ordered(occluder, *at, seed), emitters, rays, least, advance, every)
 
 
 class Ordered(NamedTuple):
@@ -139,29 +133,6 @@ def lamplight_at(
     radiance = np.empty_like(found)
     radiance[order] = found
     return radiance
-
-
-def chosen_at(
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    leaf: NDArray[np.float32],
-    offsets: NDArray[np.float32],
-    emitters: Emitters,
-    least: float,
-    chance: int,
-) -> Chosen:
-    """Return the emitters that vertices take: all where there are few; else the brightest, and `chance` others."""
-    count = len(emitters.kind)
-    if count <= ALONE + chance:
-        every = np.broadcast_to(np.arange(count, dtype=np.int32), (len(origins), count))
-        return Chosen(np.ascontiguousarray(every), np.ones(every.shape, np.float32))
-    taken = np.full((len(origins), ALONE + chance), -1, np.int32)
-    weights = np.zeros(taken.shape, np.float32)
-    blocks = -(-len(origins) // BLOCK)
-    each = max(1, blocks // 16)
-    spans = [(begin, min(begin + each, blocks)) for begin in range(0, blocks, each)]
-    over(_choose, spans, origins, offsets, emitters, np.float32(least), taken, weights)
-    return Chosen(taken, weights)
 
 
 def _add(
@@ -331,83 +302,3 @@ def _weigh(
                 passed += weights[ray]
         free[pair] = passed / total if total > 0.0 else 0.0
         mixed[pair] = total == 0.0 or (passed > 0.0 and blocked > 0.0)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _choose(
-    begin: int,
-    end: int,
-    origins: NDArray,
-    offsets: NDArray,
-    emitters: Emitters,
-    least: float,
-    taken: NDArray,
-    weights: NDArray,
-) -> None:
-    """Choose for blocks of vertices: the brightest by what they give at its middle, others by chance."""
-    count = len(emitters.kind)
-    usual = np.empty(count, np.float32)
-    reached = np.empty(count, np.float64)
-    best = np.empty(ALONE, np.int64)
-    for block in range(begin, end):
-        first, last = block * BLOCK, min((block + 1) * BLOCK, len(origins))
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
-        for v in range(first, last):
-            for axis in range(3):
-                low[axis] = min(low[axis], origins[v, axis])
-                high[axis] = max(high[axis], origins[v, axis])
-        radius = 0.0
-        for axis in range(3):
-            radius += (high[axis] - low[axis]) ** 2
-        radius = 0.5 * np.sqrt(radius)
-        for e in range(count):
-            square = 0.0
-            for axis in range(3):
-                square += (0.5 * (low[axis] + high[axis]) - emitters.middle[e, axis]) ** 2
-            distance = max(np.sqrt(square) - emitters.reach[e], 0.0)
-            mean = emitters.power[e] / (distance * distance + radius * radius + np.float32(1e-12))
-            near = max(distance - radius, 0.0)
-            dark = emitters.power[e] < least * near * near
-            usual[e] = 0.0 if dark else min(emitters.peak[e], mean)
-        alone = _brightest(usual, best)
-        total = 0.0
-        for e in range(count):
-            total += usual[e]
-            reached[e] = total
-        for v in range(first, last):
-            for k in range(alone):
-                taken[v, k], weights[v, k] = best[k], 1.0
-            if total <= 0.0:
-                continue
-            chance = taken.shape[1] - ALONE
-            for k in range(chance):
-                at = (k + offsets[v, 0]) / chance * total
-                e = min(np.searchsorted(reached, at, side="right"), count - 1)
-                while e > 0 and usual[e] == 0.0:
-                    e -= 1
-                taken[v, ALONE + k] = e
-                weights[v, ALONE + k] = total / (chance * usual[e])
-
-
-@njit(cache=True, nogil=True)
-def _brightest(most: NDArray, best: NDArray) -> int:
-    """The indices of the largest numbers into `best`, and zeros in their place; how many there are above 0."""
-    found = 0
-    least = np.float32(0.0)
-    for e in range(len(most)):
-        if most[e] <= least:
-            continue
-        if found < len(best):
-            k = found
-            found += 1
-        else:
-            k = len(best) - 1
-        while k > 0 and most[best[k - 1]] < most[e]:
-            best[k] = best[k - 1]
-            k -= 1
-        best[k] = e
-        if found == len(best):
-            least = most[best[len(best) - 1]]
-    for k in range(found):
-        most[best[k]] = 0.0
-    return found

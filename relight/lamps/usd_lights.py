@@ -66,12 +66,12 @@ def library() -> Any:
     except ImportError:
         raise InputError('USD needs usd-core: pip install "splat2mesh[usd]"') from None
 
-    class Library:
+    class LightLibrary:
         pass
 
     for module in (Gf, Sdf, Tf, Usd, UsdGeom, UsdLux, Vt):
-        setattr(Library, module.__name__.rpartition(".")[2], module)
-    return Library
+        setattr(LightLibrary, module.__name__.rpartition(".")[2], module)
+    return LightLibrary
 
 
 def _lamps(pxr: Any, stage: Any, path: str) -> list[AskedLamp]:

@@ -1,13 +1,10 @@
 """Distant light all around the scene: an HDR image in, radiance by direction and spherical harmonics out."""
 
-import contextlib
 import copy
-import difflib
-import io
 import math
 import os
 import warnings
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Coefficients, Directions, Floats, Mask, Radiance
-from splat2mesh.base.console import quiet_libraries
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.base.inputs import file_size, reading
+from splat2mesh.base.inputs import reading
 from splat2mesh.scene.color import luminance
 
-from ..sh import harmonics, rotors
-from . import projections, radiance_hdr, skies
-from .sizes import check_exr
-
-_EXR_MAGIC, _HDR_MAGIC = b"\x76\x2f\x31\x01", b"#?"
-LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 GB
+from ..sh import latlong, rotors
+from . import projections, skies
+from .environment_files import read_light
 
 MOST_RADIANCE = 1e12
 """What is brighter is clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
@@ -119,7 +112,7 @@ class Environment:
             return environment
         path = Path(source)
         with reading(path):
-            image = _read(path)
+            image = read_light(path)
         image, repaired = _repaired(image, path.name)
         projection = projections.recognise(image)
         if projection == "angular map":
@@ -176,7 +169,7 @@ class Environment:
         ndarray of float64, (B^2, 3)
             Basis of `relight.sh.harmonics`, scene frame.
         """
-        unrotated = self.derived(("sh", bands), lambda: harmonics.project_latlong(self.radiance, bands))
+        unrotated = self.derived(("sh", bands), lambda: latlong.project_latlong(self.radiance, bands))
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key: Hashable, compute: Callable[[], Any]) -> Any:
@@ -270,85 +263,3 @@ def _fill_from_neighbors(image: NDArray[np.float32], missing: Mask) -> None:
             total += image[neighbor]
             count += ~missing[neighbor]
     image[missing] = total / np.maximum(count, 1)
-
-
-def _read(path: Path) -> Radiance:
-    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
-    try:
-        exists = os.path.lexists(path)
-    except (OSError, ValueError):
-        exists = False
-    if not exists:
-        raise InputError(_unknown(path))
-    if file_size(path, "light") > LARGEST_FILE:
-        raise InputError(f"{path} takes over {LARGEST_FILE >> 30} GB: make it smaller")
-    data = path.read_bytes()
-    if not data:
-        raise InputError(f"{path} is empty: expected an OpenEXR or Radiance HDR image")
-    if data.startswith(_EXR_MAGIC):
-        check_exr(path, data)
-        return _read_exr(path)
-    if data.startswith(_HDR_MAGIC):
-        return radiance_hdr.decode(data, path)
-    raise InputError(
-        f"{path} is neither OpenEXR nor Radiance HDR: give a file that holds linear radiance, "
-        "which PNG, JPEG and other display pictures do not"
-    )
-
-
-def _unknown(path: Path) -> str:
-    """What to say of a file that does not exist: it may be meant as a name, or as a file beside it."""
-    beside = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
-    lights = [name for name in beside if name.lower().endswith((".exr", ".hdr"))]
-    known = {name.lower(): str(path.parent / name) for name in lights}
-    if path.parent == Path("."):
-        known |= {name: name for name in skies.BUILTIN}
-    near = difflib.get_close_matches(path.name.lower(), known, 1)
-    meant = f"did you mean {known[near[0]]}? " if near else ""
-    names = ", ".join(skies.BUILTIN)
-    return f"{path} does not exist: {meant}Give an .exr or .hdr file, or one of {names}"
-
-
-def _read_exr(path: Path) -> NDArray[np.float32]:
-    """First part of an OpenEXR file that has colour, pasted into its display window."""
-    import OpenEXR
-
-    try:
-        with quiet_libraries(), contextlib.redirect_stdout(io.StringIO()):
-            parts = OpenEXR.File(str(path), separate_channels=True).parts
-    except Exception as error:  # the binding raises several types, each with a text of its own
-        raise InputError(f"{path} is a damaged OpenEXR file ({error}): copy or export it again") from None
-    if not parts:  # how the binding reports missing scan lines
-        raise InputError(f"{path} is a truncated or damaged OpenEXR file: copy or export it again")
-    for part in parts:
-        channels = {name: channel.pixels for name, channel in part.channels.items()}
-        pixels = _exr_color({name: values for name, values in channels.items() if values.dtype.kind == "f"})
-        if pixels is not None:
-            return _in_display_window(pixels, part.header)
-    found = ", ".join(name for part in parts for name in part.channels)
-    raise InputError(f"{path} has no colour: expected channels R, G and B, or Y alone, found {found}")
-
-
-def _exr_color(channels: Mapping[str, Floats]) -> NDArray[np.float32] | None:
-    """(H, W, 3) of a dict of (H, W) channels: R, G, B, else those of a layer, else luminance, else None."""
-    layers = sorted(name[:-1] for name in channels if name == "R" or name.endswith(".R"))
-    for layer in layers:  # the unnamed layer sorts first
-        if layer + "G" in channels and layer + "B" in channels:
-            return np.stack([channels[layer + color].astype(np.float32) for color in "RGB"], axis=-1)
-    if "Y" in channels and "RY" not in channels:
-        return np.repeat(channels["Y"][..., None].astype(np.float32), 3, axis=2)
-    return None
-
-
-def _in_display_window(pixels: NDArray[np.float32], header: Mapping[str, Any]) -> NDArray[np.float32]:
-    """The pixels of the display window: black where there is no data; data outside it is dropped."""
-    data, display = (np.asarray(header[window], int) for window in ("dataWindow", "displayWindow"))
-    (left, top), (right, bottom) = data - display[0]
-    width, height = display[1] - display[0] + 1
-    if (left, top, right, bottom) == (0, 0, width - 1, height - 1):
-        return pixels
-    image = np.zeros((height, width, 3), pixels.dtype)
-    rows, columns = slice(max(top, 0), max(bottom + 1, 0)), slice(max(left, 0), max(right + 1, 0))
-    inside = image[rows, columns]
-    inside[...] = pixels[max(-top, 0) :, max(-left, 0) :][: inside.shape[0], : inside.shape[1]]
-    return image

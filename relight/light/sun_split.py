@@ -9,7 +9,7 @@ both for walls that may stand anywhere, and find the fewest suns within a tolera
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 from . import SUN_TOLERANCE, projections
 from .environment import Environment, turned_about_y
+from .pooling import pooled, pooling
 from .sun_clusters import Spots, clusters
 from .suns import Suns
 
@@ -218,7 +219,7 @@ class _Coarse:
 
     def __init__(self, image: Radiance, bands: int) -> None:
         height, width, _ = image.shape
-        self._rows, self._columns = _pooling((height, width), GRID)
+        self._rows, self._columns = pooling((height, width), GRID)
         self._full, self._banded, self._project = _probes(bands)
         self._cells = pooled(image, GRID).reshape(-1, 3)
         self._shape = height, width
@@ -261,29 +262,6 @@ def _imagined() -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.fl
     full = np.maximum(normals @ toward, np.float32(0.0)) * (areas / np.pi).astype(np.float32)
     full[walls @ toward <= 0.0] = 0.0
     return full, cells, areas
-
-
-def pooled(image: Radiance, grid: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the mean radiance, (rows, columns, 3) float64, of a lat-long image (H, W, 3) in the cells of a grid."""
-    rows, columns = _pooling(image.shape[:2], grid)
-    cells = [(columns @ (rows @ image[..., color]).T).T for color in range(3)]
-    return np.stack(cells, axis=-1).astype(np.float64)
-
-
-def _pooling(shape: tuple[int, int], grid: tuple[int, int]) -> tuple[csr_array, csr_array]:
-    """Sparse (rows, H) and (columns, W): what shares of their solid angle the cells of a grid take from an image."""
-    rows = _overlap(grid[0], shape[0], lambda share: -np.cos(np.pi * share))
-    return rows, _overlap(grid[1], shape[1], lambda share: share)
-
-
-def _overlap(cells: int, texels: int, measure: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> csr_array:
-    """Sparse (cells, texels): the share of each cell's extent, as `measure` maps 0..1, that a texel takes."""
-    edges = np.union1d(np.arange(cells + 1) / cells, np.arange(texels + 1) / texels)
-    middle, extent = 0.5 * (edges[1:] + edges[:-1]), np.diff(measure(edges))
-    cell = np.minimum((middle * cells).astype(int), cells - 1)
-    texel = np.minimum((middle * texels).astype(int), texels - 1)
-    whole = np.diff(measure(np.arange(cells + 1) / cells))
-    return csr_array((extent / whole[cell], (cell, texel)), (cells, texels))
 
 
 def _around(brightness: Floats) -> Floats:

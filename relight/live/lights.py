@@ -10,7 +10,8 @@ from splat2mesh.scene.color import luminance
 
 from ..light import CAPTURED, SUN_TOLERANCE
 from ..light.environment import Environment
-from ..light.sun_split import pooled, split
+from ..light.pooling import pooled
+from ..light.sun_split import split
 from ..light.suns import Suns
 from ..sh import harmonics
 from .harmonics import about_y, evaluate

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -88,29 +89,38 @@ class Live(NamedTuple):
     gloss: Shine | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """A scene that is to be live.
+
+    relighter, appearance: of it. splats: those that it was made from. room: the RelitRoom that it is, or None. sources:
+    light beside the environments, of which the Live has a Term each. gloss: what is glossy on it, or None.
+    """
+
+    relighter: "Relighter"
+    appearance: "Appearance"
+    splats: Splats
+    room: "RelitRoom | None" = None
+    sources: Sequence[Source] = ()
+    gloss: "Gloss | None" = None
+
+
 def live_of(
-    relighter: "Relighter",
-    appearance: "Appearance",
-    splats: Splats,
+    shown: LiveScene,
     environments: Sequence[tuple[Environment, float] | tuple[Environment, float, float]],
     settings: "Settings",
     tolerance: float | None = None,
     sky: str = "new",
     seed: int = 0,
-    room: "RelitRoom | None" = None,
-    sources: Sequence[Source] = (),
-    gloss: "Gloss | None" = None,
 ) -> Live:
     """The Live of a scene.
 
-    relighter, appearance: of the scene. splats: Splats that it was made from. environments: list of (Environment,
-    display value per radiance) and, in rooms, the factor on their lamps. settings: Settings whose rays and bounces are
-    used, in 10 bands. tolerance: relative error that the bytes may add. sky: of `splats.SKIES`. room: the RelitRoom
-    that the scene is, or None. sources: light beside the environments, of which the Live has a Term each.
-    gloss: what is glossy on the scene, or None.
-    Raises InputError where there is nothing to light.
+    environments: list of (Environment, display value per radiance) and, in rooms, the factor on their lamps. settings:
+    Settings whose rays and bounces are used, in 10 bands. tolerance: relative error that the bytes may add. sky: of
+    `splats.SKIES`. Raises InputError where there is nothing to light.
     """
-    scene = relighter.scene
+    relighter, appearance, splats = shown.relighter, shown.appearance, shown.splats
+    room, sources, scene = shown.room, shown.sources, shown.relighter.scene
     lit = relighter if room is None else room.lit
     lamps = room.lamp_factor if room is not None and room.lamps_found else None
     if sources and room is not None and room.steady:
@@ -185,7 +195,7 @@ def live_of(
         camera=_first_view(scene, splats, vertices),
         lamps=lamps,
         terms=terms,
-        gloss=_shine(binding, gloss, appearance, scene, kinds == LIT, order),
+        gloss=_shine(binding, shown.gloss, appearance, scene, kinds == LIT, order),
     )
 
 

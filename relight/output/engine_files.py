@@ -13,12 +13,10 @@ from splat2mesh.splats.splats import Splats
 
 from ..light.captured import CapturedLight
 from .kinds import FILES, FOR_ENGINES, HARMONICS
-from .lamps_glb import NO_LAMPS, PlacedLamps
+from .lamps_glb import PlacedLamps
+from .subject import WrittenScene
 
 if TYPE_CHECKING:
-    from ..engine.appearance import Appearance
-    from ..engine.relighter import Relighter
-    from ..gloss import SceneGloss
     from ..light.environment import Environment
 
 PROXY, COLLISION = "proxy.glb", "albedo_splat.collision.glb"
@@ -27,33 +25,21 @@ PROXY, COLLISION = "proxy.glb", "albedo_splat.collision.glb"
 class EngineFiles:
     """Writes those of `kinds` that are of `kinds.FOR_ENGINES`, and live.glb where `live_mesh` says so.
 
-    splats: (Splats, paths of their files), None where no kind needs them. harmonics: of `kinds.HARMONICS`, what becomes
-    of an albedo splat's colour that depends on the view. sky: of `splats.SKIES`; "keep" keeps the far background of an
-    albedo splat as captured, else it is hidden. lamps: function of a light and its exposure: what was put in beside it.
-    gloss: SceneGloss; None where all is matt.
+    harmonics: of `kinds.HARMONICS`, what becomes of an albedo splat's colour that depends on the view.
     Raises InputError for another word.
     """
 
     def __init__(
-        self,
-        relighter: "Relighter",
-        appearance: "Appearance",
-        kinds: Sequence[str],
-        splats: tuple[Splats, list[Path]] | None = None,
-        live_mesh: bool = False,
-        harmonics: str = "zero",
-        sky: str = "new",
-        lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
-        gloss: "SceneGloss | None" = None,
+        self, written: WrittenScene, kinds: Sequence[str], live_mesh: bool = False, harmonics: str = "zero"
     ) -> None:
         if harmonics not in HARMONICS:
             raise InputError(f"`harmonics` {harmonics!r}: expected one of {', '.join(HARMONICS)}")
-        self._relighter, self._appearance, self._live_mesh = relighter, appearance, live_mesh
+        self._relighter, self._appearance, self._live_mesh = written.relighter, written.appearance, live_mesh
         self._kinds = [kind for kind in FOR_ENGINES if kind in kinds]
         self._splats: Splats | None
-        self._splats, self._paths = splats or (None, [])
-        self._harmonics, self._sky, self._lamps, self._gloss = harmonics, sky, lamps, gloss
-        self._scene, self._stages = relighter.scene, relighter.stages
+        self._splats, self._paths = written.splats or (None, [])
+        self._harmonics, self._sky, self._lamps, self._gloss = harmonics, written.sky, written.lamps, written.gloss
+        self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._nine: Any = None
         self._bare: Any = None
 
@@ -120,8 +106,7 @@ class EngineFiles:
             with self._stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)
         with self._stages.stage("write"):
-            grey, tint = self._nine
-            write_live_glb(folder / FILE, self._scene, self._surface, grey, tint, light, exposure, placed, self._shine)
+            write_live_glb(folder / FILE, self._scene, self._surface, self._nine, light, exposure, placed, self._shine)
         return [FILE]
 
     def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:

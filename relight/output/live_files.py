@@ -7,51 +7,43 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.splats.splats import Splats
-
 from ..light import SUN_TOLERANCE
 from ..light.captured import CapturedLight
 from ..live.mixture import Mixture
 from ..transfer.settings import BOUNCE_RAYS, BOUNCE_TOLERANCE, BOUNCES, Settings
+from .subject import WrittenScene
 
 if TYPE_CHECKING:
-    from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
     from ..engine.relit_room import RelitRoom
-    from ..gloss import SceneGloss
     from ..light.environment import Environment
 
 
 class LiveFiles:
     """Writes live.json with its files, and the page.
 
-    splats: those of the scene. others: lights beside the one shown first. exposure_of: function of a light and the
+    written: with splats. others: lights beside the one shown first. exposure_of: function of a light and the
     radiance (V, 3) of the vertices in it, None in a room whose exposure is known: display value per radiance.
     tolerance: relative error that the bytes may add.
     room: the RelitRoom that the scene is, or None. mixture: what is beside the environment. level_of: function like
     exposure_of: units of the picture per radiance, where there is a mixture.
-    gloss: SceneGloss; None where gloss stays as captured.
     """
 
     def __init__(
         self,
-        relighter: "Relighter",
-        appearance: "Appearance",
-        splats: Splats,
+        written: WrittenScene,
         others: "Sequence[Environment]",
         exposure_of: "Callable[[Environment, NDArray[np.float32] | None], float]",
         tolerance: float | None = None,
-        sky: str = "new",
-        seed: int = 0,
         room: "RelitRoom | None" = None,
         mixture: Mixture | None = None,
         level_of: "Callable[[Environment, NDArray[np.float32] | None], float]" = lambda light, radiance: 1.0,
-        gloss: "SceneGloss | None" = None,
     ) -> None:
-        self._relighter, self._appearance, self._splats = relighter, appearance, splats
+        assert written.splats is not None  # else nobody asks
+        self._relighter, self._appearance, self._splats = written.relighter, written.appearance, written.splats[0]
         self._others = [each for each in others if not isinstance(each, CapturedLight)]  # which has a place of its own
-        self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, sky, seed
-        self._room, self._gloss = room, gloss
+        self._exposure_of, self._tolerance, self._sky, self._seed = exposure_of, tolerance, written.sky, written.seed
+        self._room, self._gloss = room, written.gloss
         self._mixture, self._level_of = mixture or Mixture(), level_of
         self._live: dict[bool, Any] = {}
 
@@ -79,7 +71,7 @@ class LiveFiles:
 
     def _prepared(self, light: "Environment") -> Any:
         """All but the light that is shown first."""
-        from ..live.live import live_of
+        from ..live.live import LiveScene, live_of
 
         mixes = self._mixes(light)
         if mixes not in self._live:
@@ -92,19 +84,15 @@ class LiveFiles:
                 radiance = None if told else self._lit.shading(each, albedo, traced).radiance
                 exposure = (self._level_of if mixes else self._exposure_of)(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
-            found = live_of(
+            shown = LiveScene(
                 self._relighter,
                 self._appearance,
                 self._splats,
-                lights,
-                settings,
-                self._tolerance,
-                self._sky,
-                self._seed,
                 self._room,
                 self._mixture.sources(self._appearance) if mixes else (),
                 None if self._gloss is None else self._gloss.of(self._appearance),
             )
+            found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]
 

@@ -36,8 +36,7 @@ def write_live_glb(
     path: str | os.PathLike[str],
     scene: "Scene",
     albedo: NDArray[np.float32] | None,  # (V, 3) linear, None for white
-    grey: NDArray[np.float32],  # (V, 9)
-    tint: NDArray[np.float32],  # (V, 3)
+    nine: tuple[NDArray[np.float32], NDArray[np.float32]],  # grey (V, 9) and tint (V, 3), as of `nine_coefficients`
     light: "Environment",  # turned as the loaders start
     exposure: float,  # display value per unit of radiance
     placed: PlacedLamps = NO_LAMPS,  # beside that light
@@ -52,7 +51,7 @@ def write_live_glb(
     """
     count = len(scene.vertices)
     albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0).astype(np.float32)
-    packed = np.rint(np.clip(np.hstack([grey, tint]), -1.0, 1.0) * SNORM).astype(np.int16)
+    packed = np.rint(np.clip(np.hstack(nine), -1.0, 1.0) * SNORM).astype(np.int16)
     file, start = Glb(), 0
     file.document.materials = [matt_white() if gloss is None else glossy_white(file)]
     uv = None if gloss is None else coordinates(gloss)

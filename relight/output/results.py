@@ -1,33 +1,30 @@
 """Write the files of one light after another: meshes, splats, textures, a picture. Shared parts are made once."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.scene.color import luminance
-from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
-from ..engine.assumed_light import assumed_change
 from ..light.captured import CapturedLight
 from . import mesh_files
 from .around_files import AroundFiles
 from .clean_files import CleanFiles
 from .engine_files import EngineFiles
 from .kinds import APART, FILES, SHEET
-from .lamps_glb import NO_LAMPS, PlacedLamps
+from .lamps_glb import PlacedLamps
 from .live_files import LiveFiles
 from .pass_files import PassFiles
+from .relit_splats import RelitSource
+from .subject import WrittenScene
 
 if TYPE_CHECKING:
-    from ..engine.appearance import Appearance
-    from ..engine.relighter import Relighter, Shaded, Shading
-    from ..gloss import SceneGloss
+    from ..engine.relighter import Shaded
     from ..insert.inserts import InsertedLight
-    from ..light.environment import Environment
 
 PICTURE_SIZE = 960, 720
 
@@ -37,54 +34,50 @@ BEFORE = "captured", "albedo"
 INSERTED = "inserted.glb", "inserted.png"
 """What was put in, and a picture of it in the scene."""
 
-LEAST_LIGHT = 1e-6
-"""Mean luminance of an environment below which its sky is black."""
+
+@dataclass(frozen=True, eq=False)
+class OwnWriters:
+    """Writers of kinds that have files of their own; None where none of those was asked for.
+
+    live: what is live. engines: what engines take. around: what tells of the light around. clean: the splats without
+    floaters. passes: those of the mesh.
+    """
+
+    live: LiveFiles | None = None
+    engines: EngineFiles | None = None
+    around: AroundFiles | None = None
+    clean: CleanFiles | None = None
+    passes: PassFiles | None = None
 
 
 class Results:
     """Writes the results of a scene, light after light.
 
-    kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. splats: (Splats, paths of their files), None where no
-    result needs them. texture_size: side of textures in texels, chosen without. sky: of `splats.SKIES`, for the far
-    background of splats. live: writes what is live, where `kinds` have that. engines: writes what engines take.
-    binding: returns the Binding of the splats; called where splats are. lamps: function of a light and its exposure:
-    what was put in beside it. gloss: SceneGloss; None where gloss stays as captured. around: writes what
-    tells of the light around. clean: writes the splats without floaters. passes: writes
-    those of the mesh.
+    kinds: words of `kinds.FILES`. baked: some of `kinds.BAKED`. texture_size: side of textures in texels, chosen
+    without. others: the writers of kinds that have files of their own.
     """
 
     def __init__(
         self,
-        relighter: "Relighter",
-        appearance: "Appearance",
+        written: WrittenScene,
         kinds: Sequence[str],
         baked: Sequence[str] = (),
-        splats: tuple[Splats, list[Path]] | None = None,
         texture_size: int | None = None,
-        seed: int = 0,
-        sky: str = "new",
-        live: LiveFiles | None = None,
-        engines: EngineFiles | None = None,
-        binding: Callable[[], Any] = lambda: None,
-        lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS,
-        gloss: "SceneGloss | None" = None,
-        around: AroundFiles | None = None,
-        clean: CleanFiles | None = None,
-        passes: PassFiles | None = None,
+        others: OwnWriters = OwnWriters(),
     ) -> None:
-        self._gloss, self._around, self._clean, self._passes = gloss, around, clean, passes
-        self._live, self._engines, self._lamps = live, engines, lamps
-        self._relighter, self._appearance, self._kinds, self._baked = relighter, appearance, kinds, baked
-        self._splats: Splats | None
-        self._splats, self._paths = splats or (None, [])
-        self._texture_size, self._seed, self._sky = texture_size, seed, sky
-        self._scene, self._stages = relighter.scene, relighter.stages
+        self._gloss, self._lamps, self._bound = written.gloss, written.lamps, written.binding
+        self._live, self._engines, self._around = others.live, others.engines, others.around
+        self._clean, self._passes = others.clean, others.passes
+        self._relighter, self._appearance = written.relighter, written.appearance
+        self._kinds, self._baked = kinds, baked
+        self._splats = None if written.splats is None else written.splats[0]
+        self._relit = RelitSource(written)
+        self._texture_size, self._seed = texture_size, written.seed
+        self._scene, self._stages = self._relighter.scene, self._relighter.stages
         self._picture: Any = None
         self._drawn_last: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
-        self._bound = binding
         self._texture: Any = None
-        self._sky_rows: Any = None
         self._own_texture: Any = None  # False where the scene has none
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
@@ -107,9 +100,9 @@ class Results:
         if self._splats is not None and (
             pictured or self._around is not None or (self._engines is not None and self._engines.wants_relit)
         ):
-            relit = self.relit_splats(shaded)
+            relit = self._relit.relit(shaded)
         if "splat" in self._kinds and relit is not None:
-            names += self._write_splats(folder, relit)
+            names += self._relit.write(folder, relit)
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
@@ -118,7 +111,9 @@ class Results:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
             with self._stages.stage("around"):
-                names += self._around.write(folder, relit, shaded, lambda: self._without(shaded), PICTURE_SIZE)
+                names += self._around.write(
+                    folder, relit, shaded, lambda: self._relit.without_objects(shaded), PICTURE_SIZE
+                )
         if self._passes is not None:
             with self._stages.stage("passes"):
                 names += self._passes.write(folder, shaded, PICTURE_SIZE)
@@ -147,7 +142,7 @@ class Results:
             return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
         clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
         extras = {"clipped_vertices": clipped, **extras}
-        self._own_texture.write(path, self._received(shaded.shading, exposure), exposure, extras, placed)
+        self._own_texture.write(path, self._relit.received(shaded.shading, exposure), exposure, extras, placed)
         return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
@@ -190,7 +185,7 @@ class Results:
         if self._splats is None:
             exposure = shaded.exposure
             return lambda pose: mesh_with_objects(self._scene, radiance, pose, camera, PICTURE_SIZE, light, exposure)
-        bound = ShadowedSplats(poses, self._without(shaded))
+        bound = ShadowedSplats(poses, self._relit.without_objects(shaded))
         picture = RelitPicture(self._scene, camera, *PICTURE_SIZE)
 
         def drawn(pose: "InsertedLight") -> NDArray[np.uint8]:
@@ -225,7 +220,7 @@ class Results:
         with self._stages.stage("sheet"):
             image = self._drawn_last
             if image is None:
-                relit = None if self._splats is None else self.relit_splats(shaded)
+                relit = None if self._splats is None else self._relit.relit(shaded)
                 image = self._drawn(relit, shaded)
             self._drawn_last = None
             if not self._on_sheet:
@@ -258,67 +253,9 @@ class Results:
             found.append((BEFORE[1], self._picture.of_splats(self._bound().relit(look.irradiance, white), None, 1.0)))
         return found
 
-    def relit_splats(self, shaded: "Shaded") -> Splats:
-        """The splats in the new light, row by row those of the source, in its frame."""
-        from ..splats import shown_as_sky, under_sky
-        from ..splats.sky import dimmed
-
-        assert self._splats is not None  # else nobody asks
-        if self._sky_rows is None:
-            self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
-        light, shading, exposure, backdrop = shaded[:4]
-        inserted = shaded.inserted
-        rows, frame = self._sky_rows, self._scene.scene_from_splat
-        capture = self._appearance.capture
-        if capture is not None and self._appearance.kept and shaded.environment > 0.0:
-            # The sky is as bright beside what was captured as it was then.
-            behind = capture["brightness"] / max(light.mean_luminance, LEAST_LIGHT)
-            if shading.received is None:
-                return under_sky(self._splats, rows, light, frame, behind, self._sky)
-            backdrop = behind / exposure * float(luminance(assumed_change(light)))
-        binding = self._bound()
-        with self._stages.stage("relight splats"):
-            received = self._received(shading)
-            relit = binding.relit(self._appearance.irradiance, received, exposure)
-        if self._gloss is not None:
-            relit = self._gloss.relit(relit, self._appearance, shaded, received)
-        if inserted is not None:
-            from ..insert.shadowed import shadowed
-
-            relit = shadowed(inserted, relit)
-        with self._stages.stage("relight splats"):
-            if isinstance(light, CapturedLight) and self._sky == "new":  # no lamp reaches that far
-                return dimmed(relit, self._splats, self._scene.background_splats, exposure * backdrop)
-            return under_sky(relit, rows, light, frame, exposure * backdrop, self._sky)
-
-    def _without(self, shaded: "Shaded") -> Splats:
-        """The splats in the new light without what objects change in it."""
-        shading = shaded.shading
-        shading = shading._replace(radiance=shading.radiance / shaded.inserted.ratio)
-        return self.relit_splats(shaded._replace(shading=shading, inserted=None))
-
-    def _received(self, shading: "Shading", exposure: float = 1.0) -> NDArray[np.float32]:
-        """(V, 3) irradiance over pi, unit of the radiance."""
-        known = shading.received
-        return self._appearance.received(shading.radiance, exposure) if known is None else known
-
-    def _write_splats(self, folder: Path, relit: Splats) -> list[str]:
-        """The splats in the new light, also in the format of their source: names of files beyond FILES."""
-        from ..splats import write_relit_ply
-
-        with self._stages.stage("write"):
-            source = self._paths[0] if len(self._paths) == 1 else None
-            write_relit_ply(folder / FILES["splat"], relit, source)
-            kind = kind_of(source) if source else "ply"
-            if kind == "ply" or kind not in WRITERS:
-                return []
-            name = f"relit_splat.{kind}"
-            write_splats(folder / name, relit, kind)
-        return [name]
-
     def _baked_or_kept(self, known: dict[str, Any]) -> Any:
         """The texture, from the cache where the same was baked before. known: what `bake` is told of the light."""
-        from ..texture import Baked, bake
+        from ..texture import Baked, KnownColors, bake
         from ..transfer.store import array_key
 
         cache = self._relighter.cache
@@ -330,9 +267,13 @@ class Results:
         if kept is not None:
             return Baked.of_arrays(kept)
         more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
-        made = bake(self._scene, self._splats, **known, **more)
+        made = bake(self._scene, self._splats, KnownColors(**known), **more)
         cache.put("texels", key, **made.arrays())
         return made
+
+    def relit_splats(self, shaded: "Shaded") -> Splats:
+        """The splats in the new light, row by row those of the source, in its frame."""
+        return self._relit.relit(shaded)
 
     def _write_textures(
         self,
@@ -368,7 +309,7 @@ class Results:
     def _relit_texture(self, shaded: "Shaded") -> NDArray[np.uint8]:
         """The texture under a light, (size, size, 3) uint8 sRGB."""
         exposure = shaded.exposure
-        return self._texture.relit(self._received(shaded.shading, exposure), exposure)
+        return self._texture.relit(self._relit.received(shaded.shading, exposure), exposure)
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.glb import POINTS, Glb
+from splat2mesh.splats.cleaning import sound
 from splat2mesh.splats.placing import placed
-from splat2mesh.splats.splats import Splats, sound
+from splat2mesh.splats.splats import Splats
 
 EXTENSION = "KHR_gaussian_splatting"
 

@@ -94,12 +94,12 @@ def library() -> Any:
         found = ".".join(map(str, Usd.GetVersion()[1:]))
         raise InputError(f"USD knows splats from 26.03 on, found usd-core {found}: pip install --upgrade usd-core")
 
-    class Library:
+    class SceneLibrary:
         pass
 
     for module in (Gf, Sdf, Usd, UsdGeom, UsdLux, UsdShade, UsdVol, Vt):
-        setattr(Library, module.__name__.rpartition(".")[2], module)
-    return Library
+        setattr(SceneLibrary, module.__name__.rpartition(".")[2], module)
+    return SceneLibrary
 
 
 def _define_splats(pxr: Any, stage: Any, looks: Mapping[str, Splats]) -> None:

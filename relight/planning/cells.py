@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from splat2mesh.base.arrays import Floats, Radiance
 
 from ..light import projections
-from ..light.sun_split import GRID, pooled
+from ..light.pooling import pooled
+from ..light.sun_split import GRID
 from ..sh import harmonics
 from ..sh.sphere import fibonacci_sphere
 

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,15 +29,26 @@ SAMPLE_DIRECTIONS = {0.03: 1024, 0.014: 2048, 0.007: 4096, 0.0: 8192}
 """Directions of the sample from each tolerance up: their own noise stays below a third of it."""
 
 
+@dataclass(frozen=True, eq=False)
+class PlannedScene:
+    """A scene as its planning sees it.
+
+    occluder: of the whole scene. sizes: (C,) vertices of each chunk. albedo: (V, 3) linear, white without. foliage:
+    where it has one. traced: (V,) bool, the vertices that light is traced for; all without.
+    """
+
+    occluder: Occluder
+    sizes: Sequence[int] | Integers
+    albedo: Radiance | None = None
+    foliage: volume.Foliage | None = None
+    traced: Mask | None = None
+
+
 def planned(
-    occluder: Occluder,  # of the whole scene
-    sizes: Sequence[int] | Integers,  # (C,) vertices of each chunk
+    scene: PlannedScene,
     environment: Environment,
-    albedo: Radiance | None = None,  # (V, 3) linear, white without
     options: LightingOptions | None = None,  # of a method that can be planned
     angles: int = 1,  # for how many lights
-    foliage: volume.Foliage | None = None,  # of the scene, where it has one
-    traced: Mask | None = None,  # (V,) bool, the vertices that light is traced for; all without
     # Whether the transfer and the bounces of Settings are there already.
     there: Callable[[Settings], tuple[bool, bool]] = lambda settings: (False, False),
 ) -> Plan:
@@ -47,9 +59,10 @@ def planned(
     tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
     wish = tolerance if budget_s is None else min(ALL_TOLERANCES)
     directions = next(count for least, count in SAMPLE_DIRECTIONS.items() if wish >= least)
-    sample = Sample(occluder, sizes, SAMPLE_VERTICES, directions, traced)
+    sample = Sample(scene.occluder, scene.sizes, SAMPLE_VERTICES, directions, scene.traced)
+    albedo, foliage = scene.albedo, scene.foliage
     if albedo is None and effects is not None and BOUNCES in effects:
-        albedo = np.ones((int(np.sum(sizes)), 3), np.float32)
+        albedo = np.ones((int(np.sum(scene.sizes)), 3), np.float32)
     bouncing = albedo is not None and (effects is None or BOUNCES in effects)
     leaves = None
     if foliage is not None and options.fixed_method not in UNSHADOWED:

@@ -33,9 +33,10 @@ def plan(
     """
     from ..transfer.occluder import Occluder
     from ..transfer.volume import Foliage
-    from .decide import planned
+    from .decide import PlannedScene, planned
 
     sizes = [len(chunk.vertices) for chunk in scene.chunks]
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
     wishes = LightingOptions(tolerance=tolerance, **options).planned()
-    return planned(occluder, sizes, environment, albedo_linear, wishes, angles, Foliage.of_scene(scene))
+    known = PlannedScene(occluder, sizes, albedo_linear, Foliage.of_scene(scene))
+    return planned(known, environment, wishes, angles)

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..lamps.choosing import ALONE, BLOCK
 from ..lamps.emitters import Emitters
-from ..lamps.tracing import ALONE, BLOCK, CHANCE_PART, lamplight
+from ..lamps.tracing import CHANCE_PART, LitVertices, lamplight
 from ..transfer.neighbors import along_curve
 from ..transfer.occluder import Occluder
 
@@ -103,15 +104,15 @@ def plan_lamps(
     else:
         rows = np.sort(rng.choice(count, min(SAMPLE, count), replace=False))
         judged = np.arange(len(rows))
-    more: dict[str, Any] = {"rows": rows, "leaf": None if leaf is None else leaf[rows], "least": least}
-    known = {**more, "rows": rows[judged], "leaf": None if leaf is None else leaf[rows[judged]]}
-    true = lamplight(occluder, emitters, MANY_REFERENCE if many else REFERENCE, seed=seed + 1, every=many, **known)
+    at, known = (LitVertices(some, None if leaf is None else leaf[some]) for some in (rows, rows[judged]))
+    finest = MANY_REFERENCE if many else REFERENCE
+    true = lamplight(occluder, emitters, finest, at=known, least=least, seed=seed + 1, every=many)
     beside = beside[rows[judged]]
     whole = float(np.sqrt(np.square(true + beside).mean(dtype=np.float64)))
     curve = []
     for rays in CHOICES + MORE_CHOICES * many:
         start = time.perf_counter()
-        found = lamplight(occluder, emitters, rays, seed=seed, **more)
+        found = lamplight(occluder, emitters, rays, at=at, least=least, seed=seed)
         seconds = (time.perf_counter() - start) * count / len(rows)
         squares = np.square(found[judged] - true).mean(axis=1, dtype=np.float64)
         doubt = float(squares.std()) / len(squares) ** 0.5 if many else 0.0  # few errors are large

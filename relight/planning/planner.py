@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
-from .decide import planned
+from .decide import PlannedScene, planned
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -75,10 +75,9 @@ class Planner:
 
     def _made(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int) -> Plan:
         known = self._precomputed
-        occluder, foliage = known.occluder, known.foliage
+        scene = PlannedScene(known.occluder, known.sizes, albedo, known.foliage, known.traced)
         with self._stages.stage("plan"):
-            more = foliage, known.traced, known.there()
-            return planned(occluder, known.sizes, environment, albedo, self._options, angles, *more)
+            return planned(scene, environment, self._options, angles, known.there())
 
     def _kept(self, key: str) -> Plan | None:
         kept = self._precomputed.cache.get("plan", key)

@@ -62,12 +62,22 @@ class RoomIrradiance(NamedTuple):
         return len(self.emitters) - len(self.patches)
 
 
+class RoomSurface(NamedTuple):
+    """The V vertices of a room.
+
+    normals: (V, 3) unit vectors, averaged along the surface. captured: (V, 3) linear. areas: (V,) around each vertex,
+    in squared diagonals. usable: (V,) what was seen from within and is no lamp.
+    """
+
+    normals: NDArray[np.float32]
+    captured: NDArray[np.float32]
+    areas: NDArray[np.float64]
+    usable: NDArray[np.bool_]
+
+
 def places_of(
     occluder: Occluder,
-    normals: NDArray[np.float32],
-    captured: NDArray[np.float32],
-    areas: NDArray[np.float64],
-    usable: NDArray[np.bool_],
+    surface: RoomSurface,
     lamps: list[NDArray[np.int64]],
     lamp_light: NDArray[np.float32],
     sky: CapturedSky | None,
@@ -79,14 +89,8 @@ def places_of(
     ----------
     occluder : Occluder
         The scene to trace rays in, V vertices.
-    normals : ndarray of float32, (V, 3)
-        Unit vectors, averaged along the surface.
-    captured : ndarray of float32, (V, 3)
-        Linear.
-    areas : ndarray of float64, (V,)
-        Around each vertex, in squared diagonals.
-    usable : ndarray of bool, (V,)
-        What was seen from within and is no lamp.
+    surface : RoomSurface
+        Its vertices.
     lamps : list of ndarray of int64
         Vertices of each of L lamps.
     lamp_light : ndarray of float32, (L, V)
@@ -101,6 +105,7 @@ def places_of(
     RoomIrradiance
         It has no places where no vertex is usable.
     """
+    normals, captured, areas, usable = surface
     told = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
     vertices = samples.places(occluder, areas, told, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)

@@ -146,7 +146,8 @@ def room_of(
             usable[lamp.rows] = False
         rows = [lamp.rows for lamp in found]
         stacked = np.stack(lights) if lights else np.zeros((0, len(captured)), np.float32)
-        places = received.places_of(occluder, normals, captured, areas, usable, rows, stacked, sky, seed)
+        surface = received.RoomSurface(normals, captured, areas, usable)
+        places = received.places_of(occluder, surface, rows, stacked, sky, seed)
         return places, strengths.solve(places, np.array([lamp.color for lamp in found]).reshape(-1, 3))
 
     lights = [light_of(lamp) for lamp in found]

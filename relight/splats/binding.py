@@ -13,7 +13,8 @@ from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats, sound
+from splat2mesh.splats.cleaning import sound
+from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface

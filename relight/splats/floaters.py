@@ -17,7 +17,8 @@ from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.render.view import View
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats, sound
+from splat2mesh.splats.cleaning import sound
+from splat2mesh.splats.splats import INVISIBLE_OPACITY, Splats
 from splat2mesh.views.eyes import Eye, around
 from splat2mesh.views.viewpoints import even_directions
 

@@ -12,7 +12,7 @@ from splat2mesh.base.arrays import ColorsSrgb, Mask, Matrix4, Points, Radiance
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
-from splat2mesh.splats.splats import clean
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.surface.extract import dilated, training_pixel
 from splat2mesh.texture.atlas import Atlas, check_size
 
@@ -72,14 +72,24 @@ class Baked:
         return self.image(self.albedo * self.atlas.interpolate(irradiance) * np.float32(exposure))
 
 
+@dataclass(frozen=True, eq=False)
+class KnownColors:
+    """What is known of the light in captured colours; with nothing they are taken for albedo.
+
+    irradiance: (V, 3) on the capture day, unit of the captured colours. prior: of `albedo_of`, which divides by it.
+    albedo: (V, 3) where it is known; then no splat is asked for it.
+    """
+
+    irradiance: Radiance | None = None
+    prior: Prior | None = None
+    albedo: Radiance | None = None
+
+
 def bake(
     scene: "Scene",
     splats: "Splats | None" = None,  # as `source_splats` reads them; None: colours of the vertices alone
-    irradiance: Radiance
-    | None = None,  # (V, 3) on the capture day, unit of the captured colours; None: they are albedo
-    prior: Prior | None = None,  # of `albedo_of`
+    known: KnownColors = KnownColors(),
     size: int | None = None,  # of the texture in texels; by default as fine as the splat
-    albedo: Radiance | None = None,  # (V, 3) where it is known; then no splat is asked for it
     views: "list[View] | None" = None,  # in the frame of the splats; chosen by default
     stages: Stages | None = None,
     seed: int = 0,  # of the choice
@@ -102,7 +112,7 @@ def bake(
         atlas = unwrap(scene, check_size(size))
     irradiance, albedo = (
         None if given is None else _per_vertex(given, atlas, name)
-        for given, name in ((irradiance, "irradiance"), (albedo, "albedo"))
+        for given, name in ((known.irradiance, "irradiance"), (known.albedo, "albedo"))
     )
     unseen = 0
     if splats is None:
@@ -127,7 +137,7 @@ def bake(
         return Baked(atlas, captured, atlas.interpolate(albedo), unseen)
     if irradiance is None:
         return Baked(atlas, captured, captured, unseen)
-    return Baked(atlas, captured, albedo_of(captured, atlas.interpolate(irradiance), prior), unseen)
+    return Baked(atlas, captured, albedo_of(captured, atlas.interpolate(irradiance), known.prior), unseen)
 
 
 def surface_points(scene: "Scene", atlas: Atlas) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

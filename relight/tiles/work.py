@@ -9,9 +9,10 @@ from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import mesh_ply_bytes
+from splat2mesh.splats.cleaning import usable
 from splat2mesh.splats.formats.inria import inria_ply_bytes
 from splat2mesh.splats.joining import joined
-from splat2mesh.splats.splats import NUMBERS, Splats, usable
+from splat2mesh.splats.splats import NUMBERS, Splats
 from splat2mesh.tiles.glb import glb_bytes
 from splat2mesh.tiles.memory import give_back
 from splat2mesh.tiles.plan import folder_of

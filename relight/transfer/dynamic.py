@@ -9,7 +9,7 @@ depend on the rank of their vertex, which stays, and not on history.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,16 @@ Changes: TypeAlias = Mapping[int, tuple[Points, Directions]]
 """Chunk -> (vertices, normals), (V, 3) each, scene frame."""
 
 
+class Anchor(NamedTuple):
+    """What a transfer takes over from another, so that both trace the same rays.
+
+    frame: that of the scene without. ranks: (V,) below V, by which vertices get their rays; without, along a curve.
+    """
+
+    frame: Frame | None = None
+    ranks: Integers | None = None
+
+
 class DynamicTransfer:
     """Transfer of a whole scene that is kept up to date while some of its chunks move.
 
@@ -54,8 +64,7 @@ class DynamicTransfer:
         rays: int = DEFAULT_RAYS,
         seed: int = 0,
         max_speed: float = math.inf,  # of a vertex, diagonals of the scene per second; what is faster is carried along
-        frame: Frame | None = None,  # that of the scene without
-        ranks: Integers | None = None,  # (V,) below V, by which vertices get their rays; without, along a curve
+        anchor: Anchor = Anchor(),  # noqa: B008
     ) -> None:
         """Raises InputError for chunks not there or named twice, bands outside 1..10, rays outside 1..65536."""
         self.bands, self.ray_count, self.max_speed = harmonics.check_bands(bands), check_rays(rays), float(max_speed)
@@ -66,7 +75,7 @@ class DynamicTransfer:
         self._normals = np.array(unit_normals(scene.normals))
         if len(faces) == 0:
             raise InputError("the scene has no faces: light needs a surface")
-        self.frame = Frame.around(self._vertices, faces) if frame is None else frame
+        self.frame = Frame.around(self._vertices, faces) if anchor.frame is None else anchor.frame
         self._azimuths = sampling.fibonacci_azimuths(self.ray_count)
         self._offsets = sampling.ranked_offsets(0, len(self._vertices), seed)
         self.transfer = np.zeros((len(self._vertices), self.bands**2), np.float32)
@@ -74,7 +83,7 @@ class DynamicTransfer:
         self.stale: set[int] = set()
         # Pose and transfer of what is about to move or was too fast, by the number of the body.
         self._kept: dict[int, tuple[NDArray[np.float32], NDArray[np.float32], Transfer]] = {}
-        known = None if ranks is None else np.asarray(ranks)
+        known = None if anchor.ranks is None else np.asarray(anchor.ranks)
         if known is not None and known.shape != self.transfer.shape[:1]:
             raise InputError(f"expected a rank for each of {len(self.transfer)} vertices, found {known.shape}")
         for body in self.lit:
@@ -85,6 +94,11 @@ class DynamicTransfer:
             for body in self.lit:
                 body.ranks = self.ranks[body.rows]
         self._refresh(self.lit)
+
+    @property
+    def anchor(self) -> Anchor:
+        """By which another transfer has the same rays."""
+        return Anchor(self.frame, self.ranks)
 
     @property
     def lit(self) -> list[Body]:

@@ -17,8 +17,9 @@ from splat2mesh.base.threads import in_slices, read_only
 
 from ..sh import harmonics
 from . import filtering
+from .lobes import squared_lobe
 from .neighbors import Neighbors
-from .sampling import legendre_factors, squared_lobe
+from .sampling import legendre_factors
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
 """What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with

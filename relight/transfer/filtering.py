@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from splat2mesh.base.threads import in_slices
 
 from ..sh import harmonics
-from .sampling import add_lobes, legendre_factors, squared_lobe
+from .lobes import add_lobes, squared_lobe
+from .sampling import legendre_factors
 
 NOISE = 0.078
 NOISE_POWER = -1.48

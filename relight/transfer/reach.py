@@ -45,6 +45,15 @@ BoxArrays: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[n
 """The fields of a Box as a plain tuple, as threads take it."""
 
 
+class Gathered(NamedTuple):
+    """Rays that may meet a body. buffer: (M R, 6). numbers: (M R,) which they are. used: (M,) how many, at the first
+    row of each slice, whose rays begin at that row's place."""
+
+    buffer: NDArray[np.float32]
+    numbers: NDArray[np.int32]
+    used: NDArray[np.int64]
+
+
 class Hemisphere:
     """The cosine-distributed rays of some nodes, as `sampling.shoot_at` makes them, one by one where they are wanted.
 
@@ -68,12 +77,10 @@ class Hemisphere:
         rows: Indices,
         box: BoxArrays,
         hidden: NDArray[np.uint8],
-        buffer: NDArray[np.float32],
-        index: NDArray[np.int32],
-        used: NDArray[np.int64],
+        into: Gathered,
     ) -> None:
         """See `_hemisphere_through`."""
-        _hemisphere_through(begin, end, rows, *self.arrays, *box, hidden, buffer, index, used)
+        _hemisphere_through(begin, end, rows, *self.arrays, *box, hidden, *into)
 
 
 class Beams:
@@ -92,12 +99,10 @@ class Beams:
         rows: Indices,
         box: BoxArrays,
         hidden: NDArray[np.uint8],
-        buffer: NDArray[np.float32],
-        index: NDArray[np.int32],
-        used: NDArray[np.int64],
+        into: Gathered,
     ) -> None:
         """See `_beams_through`."""
-        _beams_through(begin, end, rows, *self._arrays, *box, hidden, buffer, index, used)
+        _beams_through(begin, end, rows, *self._arrays, *box, hidden, *into)
 
 
 def blocked(
@@ -114,7 +119,7 @@ def blocked(
         part = rows[start : start + batch]
         buffer, index = np.zeros((len(part) * rays.rays, 6), np.float32), np.zeros(len(part) * rays.rays, np.int32)
         used = np.zeros(len(part), np.int64)  # at the first row of each slice; its rays begin at that row's place
-        in_slices(rays.through, len(part), part, tuple(box), hidden, buffer, index, used)
+        in_slices(rays.through, len(part), part, tuple(box), hidden, Gathered(buffer, index, used))
         for first in np.flatnonzero(used):
             those = slice(first * rays.rays, first * rays.rays + used[first])
             _mark(index[those], occluded(buffer[those]), rays.rays, bits[start : start + batch])

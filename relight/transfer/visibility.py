@@ -12,7 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 
 from ..sh import harmonics
-from . import check_rays, sampling
+from . import check_rays, lobes, sampling
 from .analytic import analytic
 from .filtering import average, steps_for
 from .neighbors import Neighbors
@@ -180,5 +180,5 @@ class Visibility:
 def completed(normals: NDArray[np.float32], model: NDArray[np.float32], rest: NDArray[np.float32]) -> Transfer:
     """Transfer (V, K) of what `Visibility.gathered` found."""
     transfer = analytic(normals, int(np.sqrt(rest.shape[1])))
-    sampling.add_model(normals, model, rest, transfer)
+    lobes.add_model(normals, model, rest, transfer)
     return transfer

@@ -64,16 +64,11 @@ _BATCH = 1 << 20  # marches in memory at once
 class Foliage:
     """What of a scene is a volume, and how light reaches it.
 
-    rows: (R,) int64, the vertices that take part. share: (R, 1) float32 in [0, 1], how far each is a volume.
-    key: short text that differs for any two of a geometry.
+    vertices: (V, 3), and depth, in the scene frame. volume: (V,) in [0, 1]. rows: (R,) int64, the vertices that take
+    part. share: (R, 1) float32 in [0, 1], how far each is a volume. key: text that differs for any two of a geometry.
     """
 
-    def __init__(
-        self,
-        vertices: Points,  # (V, 3) scene frame
-        volume: Floats,  # (V,) in [0, 1]
-        depth: OpticalDepth,  # scene frame
-    ) -> None:
+    def __init__(self, vertices: Points, volume: Floats, depth: OpticalDepth) -> None:
         self.rows = np.flatnonzero(volume > LEAST)
         self.share = volume[self.rows, None].astype(np.float32)
         self.share[self.share >= WHOLLY] = 1.0

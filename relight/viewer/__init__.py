@@ -3,66 +3,49 @@
     from relight.viewer import view
     view(scene, "sunset")
 
-Modules: `session` state and light, `answers` what the worker said, `worker` and `lighting` the heavy work in a process
-of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in its place, `controls` the
-keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording` films. Lamps that are put
-in: `editing` what Python calls, `lamp_board` undo, `lamp_bench` their light, `lamp_source` the engine behind it,
-`lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
+Modules: `request` what can be asked, `session` state and light, `answers` what the worker said, `worker` and `lighting`
+the heavy work in a process of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in
+its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording`
+films, `session_view` and `window_view` the types by which parts see the whole. Lamps that are put in: `editing` what
+Python calls, `lamp_board` undo, `lamp_bench` their light, `lamp_source` the engine behind it, `lamp_tool` the hand on
+them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.foreign import AnyScene, as_scene
+from splat2mesh.scene.foreign import AnyScene
 
 from ..options import LightingOptions
+from .request import SessionRequest, Turntable
 
 if TYPE_CHECKING:
     from ..light.environment import Environment
-    from ..transfer.store import Cache
-    from .lamp_source import LampSource
-    from .mixture import SessionMixture
-    from .object_source import ObjectSource
-    from .session import Session
-    from .splats import SplatSource
 
-__all__ = ["record_turntable", "serve", "view"]
+__all__ = ["SessionRequest", "Turntable", "record_turntable", "serve", "view"]
 
 
 def view(
-    scene: AnyScene,  # as of Relighter
+    scene: "AnyScene | SessionRequest",  # as of Relighter, or the whole request
     environment: "Environment | str | os.PathLike[str]" = "studio",  # or what Environment.load takes
     options: LightingOptions | str | None = None,
     *,
-    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,  # name -> (V, 3) linear or None for white
-    environments_folder: str | os.PathLike[str] | None = None,  # its .exr and .hdr files can be chosen too
     screenshot: str | os.PathLike[str] | None = None,  # .png, .jpg or .webp to write instead of opening a window
     off_screen: bool = False,  # no window: returns the Window for a loop of its own
     size: tuple[int, int] | None = None,  # width, height
-    exposure: float | None = None,  # display value per unit of radiance
-    state: Mapping[str, Any] | None = None,  # fields of `session.State` to start with
-    cache: "Cache | None" = None,  # as of Relighter
-    lamps: Mapping[str, NDArray[np.floating]] | None = None,  # name of an albedo -> (V, 3) radiance by a room's lamps
-    lamps_known: bool = True,  # whether those can be told from other light, and dimmed
-    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
-    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
-    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
-    splats: "SplatSource | None" = None,  # what the scene was made of: shown, relit, in place of the mesh
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
 ) -> Any:
     """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
 
-    options, wishes: LightingOptions and fields of them, as of Relighter; a session has a tolerance and no budget. The
-    first of the albedos is shown first. With `screenshot` no window opens: the picture is written when its light is
-    complete. Raises InputError for input that cannot be used, a missing PyVista and a missing display.
+    wishes: fields of SessionRequest, such as albedos and exposure, and of LightingOptions, such as tolerance, side by
+    side. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
+    input that cannot be used, a missing PyVista and a missing display.
     """
     from ..output.mesh_files import check_image, write_image
+    from .session import Session
     from .window import SIZE, Window, in_notebook, load_pyvista
 
     if screenshot:
@@ -70,16 +53,7 @@ def view(
     notebook = in_notebook() and not (screenshot or off_screen)
     off_screen = bool(off_screen or screenshot or notebook)
     load_pyvista(off_screen)
-    options = LightingOptions.of(options, **wishes)
-    more: dict[str, Any] = {
-        "cache": cache,
-        "lamps": lamps,
-        "lamps_known": lamps_known,
-        "splats": splats,
-        "mixture": mixture,
-    }
-    more |= {"lamp_source": lamp_source, "object_source": object_source}
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
+    session = Session(SessionRequest.of(scene, environment, options, **wishes))
     if screenshot and not panel:
         session.change(panel=False)  # which leaves the whole of the picture to the scene
     try:
@@ -102,24 +76,13 @@ def view(
 
 
 def serve(
-    scene: AnyScene,
+    scene: "AnyScene | SessionRequest",
     environment: "Environment | str | os.PathLike[str]" = "studio",
     options: LightingOptions | str | None = None,
     *,
     port: int = 0,  # any free one
     announce: Callable[[str], None] = lambda url: None,  # told the address, with its token, once it can be opened
-    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,
-    environments_folder: str | os.PathLike[str] | None = None,
     size: tuple[int, int] | None = None,
-    exposure: float | None = None,
-    state: Mapping[str, Any] | None = None,
-    cache: "Cache | None" = None,
-    lamps: Mapping[str, NDArray[np.floating]] | None = None,
-    lamps_known: bool = True,
-    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
-    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
-    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
-    splats: "SplatSource | None" = None,
     **wishes: Any,
 ) -> None:
     """The session in a browser of this machine, until it is quit there or interrupted here. Arguments as of `view`.
@@ -127,19 +90,11 @@ def serve(
     Raises InputError as `view` does, for a missing trame and for a port that is taken.
     """
     from .notebook import serve as served
+    from .session import Session
     from .window import SIZE, Window, load_pyvista
 
     load_pyvista(True)
-    options = LightingOptions.of(options, **wishes)
-    more: dict[str, Any] = {
-        "cache": cache,
-        "lamps": lamps,
-        "lamps_known": lamps_known,
-        "splats": splats,
-        "mixture": mixture,
-    }
-    more |= {"lamp_source": lamp_source, "object_source": object_source}
-    session = _session(scene, environment, options, albedos, environments_folder, exposure, state, **more)
+    session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
         served(Window(session, size or SIZE, off_screen=True), port, announce)
     finally:
@@ -148,51 +103,30 @@ def serve(
 
 def record_turntable(
     path: str | os.PathLike[str],  # .gif, or .mp4 where imageio-ffmpeg is installed
-    scene: AnyScene,
+    scene: "AnyScene | SessionRequest",
     environment: "Environment | str | os.PathLike[str]" = "studio",
     options: LightingOptions | str | None = None,
-    *,
-    frames: int = 72,
-    what: str = "light",  # or "camera": what turns
-    panel: bool = False,  # whether the panel is in the film
-    overwrite: bool = False,
-    albedos: Mapping[str, NDArray[np.floating] | None] | None = None,
-    size: tuple[int, int] = (960, 720),
-    exposure: float | None = None,
-    state: Mapping[str, Any] | None = None,
-    cache: "Cache | None" = None,
-    lamps: Mapping[str, NDArray[np.floating]] | None = None,
-    lamps_known: bool = True,
-    mixture: "SessionMixture | None" = None,  # captured light and placed lamps
-    lamp_source: "LampSource | None" = None,  # what lights lamps that are put in; without it none can be
-    object_source: "ObjectSource | None" = None,  # what lights objects that are put in; None without any
-    splats: "SplatSource | None" = None,
+    turn: Turntable | None = None,
     **wishes: Any,
 ) -> None:
     """Film a full turn off screen, every picture with its suns and bounces. Arguments as of `view`.
 
-    Raises InputError as `view` does, and for a film that cannot be written.
+    wishes: fields of Turntable too, such as frames. Raises InputError as `view` does, and for a film that cannot be
+    written.
     """
     import time
 
     from .recording import check_film
+    from .session import Session
     from .window import IDLE_SECONDS, Window, load_pyvista
 
-    check_film(path, frames, what, overwrite)
+    turn, wishes = Turntable.of(turn, wishes)
+    check_film(path, turn.frames, turn.what, turn.overwrite)
     load_pyvista(True)
-    options = LightingOptions.of(options, **wishes)
-    more: dict[str, Any] = {
-        "cache": cache,
-        "lamps": lamps,
-        "lamps_known": lamps_known,
-        "splats": splats,
-        "mixture": mixture,
-    }
-    more |= {"lamp_source": lamp_source, "object_source": object_source}
-    session = _session(scene, environment, options, albedos, None, exposure, state, **more)
+    session = Session(SessionRequest.of(scene, environment, options, **wishes))
     try:
-        window = Window(session, size, off_screen=True)
-        window.record(path, frames=frames, what=what, panel=panel, overwrite=overwrite)
+        window = Window(session, turn.size, off_screen=True)
+        window.record(path, frames=turn.frames, what=turn.what, panel=turn.panel, overwrite=turn.overwrite)
         while window.recording:
             if not window.tick():
                 time.sleep(IDLE_SECONDS)
@@ -201,22 +135,3 @@ def record_turntable(
     finally:
         session.close()
     window.close()
-
-
-def _session(
-    scene: AnyScene,
-    environment: "Environment | str | os.PathLike[str]",
-    options: LightingOptions,
-    albedos: Mapping[str, NDArray[np.floating] | None] | None,
-    folder: str | os.PathLike[str] | None,
-    exposure: float | None,
-    state: Mapping[str, Any] | None,
-    **more: Any,
-) -> "Session":
-    from .session import Session
-    from .state import choices_of
-
-    session = Session(as_scene(scene), choices_of(environment, folder), options, albedos, exposure, **more)
-    if state:
-        session.change(**state)
-    return session

@@ -61,6 +61,16 @@ class Orbit:
         elevation = min(max(elevation, -HIGHEST_DEG), HIGHEST_DEG)
         return cls(tuple(target), distance, azimuth, elevation, camera["fov_deg"], diagonal)
 
+    def focal(self, size: tuple[int, int]) -> float:
+        """Focal length in pixels, in a window of this width and height."""
+        return 0.5 * size[0] / math.tan(math.radians(self.fov_deg) / 2.0)
+
+    def ray(self, x: float, y: float, size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The eye and the unit direction to a pixel, from the lower left."""
+        width, height = size
+        way = np.array([x - width / 2, y - height / 2, -self.focal(size)]) @ self.axes
+        return self.eye, way / np.linalg.norm(way)
+
     def in_window(self, aspect: float, bars: tuple[float, float] = (0.0, 0.0), within: bool = False) -> "Orbit":
         """The same view in a window of which a part is free: there all of a picture of PICTURE_ASPECT is seen.
 

@@ -1,17 +1,18 @@
 """Keys, sliders and mouse of a session: one table for the window, its help, docs/options.md and the tests."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from ..planning.effects import BOUNCES, SHADOWS, SUN
 from .modes import MODES
 from .object_tool import TURN_DEG
+from .window_view import WindowView
 
 if TYPE_CHECKING:
+    from .lamp_tool import LampTool
+    from .object_tool import ObjectTool
     from .session import Session
-    from .window import Window
 
-Action = Callable[["Window"], None]
 
 ANGLE_STEP_DEG = 5.0
 EXPOSURE_STEP_EV = 0.25
@@ -20,6 +21,34 @@ SPLIT_STEP = 0.05
 LAMPS_STEP = 0.25
 LAMP_STEP_EV = 0.5
 CAPTURED_STEP = 0.1
+
+
+class Hands(Protocol):
+    """A `mouse.Mouse`: what keys share with it."""
+
+    @property
+    def lamps(self) -> "LampTool": ...
+
+    @property
+    def objects(self) -> "ObjectTool": ...
+
+
+class ControlledWindow(WindowView, Protocol):
+    """A `window.Window` as keys act on it."""
+
+    @property
+    def mouse(self) -> Hands: ...
+
+    def save_picture(self) -> None: ...
+
+    def record(self) -> None: ...
+
+    def reset(self) -> None: ...
+
+    def quit(self) -> None: ...
+
+
+Action = Callable[[ControlledWindow], None]
 
 
 class Control(NamedTuple):
@@ -49,13 +78,13 @@ class Slider(NamedTuple):
     logarithmic: bool = False
     there: Callable[["Session"], bool] = lambda session: True
     read: Callable[["Session"], float] | None = None
-    write: Callable[["Window", float], None] | None = None
+    write: Callable[[ControlledWindow, float], None] | None = None
 
 
 def _change(**changes: Any) -> Action:
     """An action that sets fields of the state; callables are given the state first."""
 
-    def act(window: "Window") -> None:
+    def act(window: ControlledWindow) -> None:
         state = window.session.state
         window.session.change(**{name: value(state) if callable(value) else value for name, value in changes.items()})
 
@@ -75,7 +104,7 @@ def _step(field: str, step: float) -> Action:
 
 
 def _next(field: str, step: int) -> Action:
-    def act(window: "Window") -> None:
+    def act(window: ControlledWindow) -> None:
         names = window.session.choices[field]
         place = names.index(getattr(window.session.state, field)) + step
         window.session.change(**{field: names[place % len(names)]})

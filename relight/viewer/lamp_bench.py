@@ -42,7 +42,7 @@ Light = NDArray[np.float32]
 Value = TypeVar("Value")
 
 
-class Term(NamedTuple):
+class LampTerm(NamedTuple):
     """What a lamp does, as if it were white: (V, 3) float32.
 
     direct: on the white scene. radiance, received: what bounces add to exit radiance and irradiance over pi; None until
@@ -75,10 +75,10 @@ class LampBench:
         self._wanted = board.state
         self._told: queue.SimpleQueue[tuple[str, Any, Any]] = queue.SimpleQueue()
         self._finished: dict[BoardState, SessionMixture | None] = {board.start: first}
-        self._terms: dict[Hashable, Term] = {}
-        self._glimpses: dict[Hashable, Term] = {}
-        self._parts: dict[int, tuple[AskedLamp, Term, Term | None, LampSum]] = {}
-        self._bounced: dict[Hashable, Term] = {}  # by number: the last term of each lamp whose bounces were known
+        self._terms: dict[Hashable, LampTerm] = {}
+        self._glimpses: dict[Hashable, LampTerm] = {}
+        self._parts: dict[int, tuple[AskedLamp, LampTerm, LampTerm | None, LampSum]] = {}
+        self._bounced: dict[Hashable, LampTerm] = {}  # by number: the last term of each lamp whose bounces were known
         self._axes: dict[tuple[AskedLamp, bool], NDArray[np.float64]] = {}
         self._dark: set[BoardState] = set()
         self._failed: tuple[BoardState, str] | None = None
@@ -158,7 +158,7 @@ class LampBench:
                 continue
             term = self._terms.get(key) or self._glimpses.get(key)
             if term is None:
-                term = Term(self.source.light_of(_bare(lamps), state.captured).glimpse(), None, None, axis)
+                term = LampTerm(self.source.light_of(_bare(lamps), state.captured).glimpse(), None, None, axis)
                 _keep(self._glimpses, key, term, MOST_GLIMPSES)
             found.append(self._parts_of(lamps, term))
         if not found:
@@ -170,7 +170,7 @@ class LampBench:
             received += parts.received
         return LampSum(radiance, received)
 
-    def _parts_of(self, lamps: Sequence[BoardLamp], term: Term) -> LampSum:
+    def _parts_of(self, lamps: Sequence[BoardLamp], term: LampTerm) -> LampSum:
         """What a term gives in the colour of its lamp, kept until either changes."""
         number, asked = lamps[0]
         bounced = term if term.radiance is not None else self._bounced.get(number)
@@ -219,7 +219,7 @@ class LampBench:
     def _take_prepared(self, _: None, __: None) -> None:
         self.ready = True
 
-    def _take_term(self, lamps: Sequence[BoardLamp], term: Term) -> None:
+    def _take_term(self, lamps: Sequence[BoardLamp], term: LampTerm) -> None:
         present = self._groups(self.board.state)
         for each in map(_key, present):
             if each in self._terms:
@@ -266,7 +266,9 @@ class LampBench:
         if not alone:
             self._trace(state, check)
         elif _key(state.lamps) not in self._terms:  # soft shadows before a plan is made
-            self._tell(state.lamps, Term(self.source.light_of(_bare(state.lamps), 1.0).draft(check), None, None, white))
+            self._tell(
+                state.lamps, LampTerm(self.source.light_of(_bare(state.lamps), 1.0).draft(check), None, None, white)
+            )
         placed, dark = None, False
         if state.lamps:
             tracer = self.source.light_of([lamp.asked for lamp in state.lamps], state.captured)
@@ -274,12 +276,12 @@ class LampBench:
             check()
             share = _share(white, axis)
             if alone:
-                self._tell(state.lamps, Term(share * direct, None, None, white))
+                self._tell(state.lamps, LampTerm(share * direct, None, None, white))
             placed = tracer.with_bounces(direct)
             if alone:
                 plain = tracer.without_bounces(direct)
                 more = share * (placed.radiance - plain.radiance), share * (placed.received - plain.received)
-                self._tell(state.lamps, Term(share * direct, *more, white))
+                self._tell(state.lamps, LampTerm(share * direct, *more, white))
             dark = not direct.any() and any(self._axis([lamp]).any() for lamp in state.lamps)
         check()
         self._told.put(("finished", state, (self.source.mixture(state.captured, placed), dark)))
@@ -292,17 +294,19 @@ class LampBench:
                 continue
             tracer = self.source.light_of(_bare(lamps), state.captured)
             direct = tracer.draft(check)
-            self._tell(lamps, Term(direct, None, None, axis))
+            self._tell(lamps, LampTerm(direct, None, None, axis))
             check()
             placed, plain = tracer.with_bounces(direct), tracer.without_bounces(direct)
-            self._tell(lamps, Term(direct, placed.radiance - plain.radiance, placed.received - plain.received, axis))
+            self._tell(
+                lamps, LampTerm(direct, placed.radiance - plain.radiance, placed.received - plain.received, axis)
+            )
             check()
 
     def _known(self, lamps: Sequence[BoardLamp]) -> bool:
         term = self._terms.get(_key(lamps))
         return term is not None and term.radiance is not None
 
-    def _tell(self, lamps: Sequence[BoardLamp], term: Term) -> None:
+    def _tell(self, lamps: Sequence[BoardLamp], term: LampTerm) -> None:
         self._told.put(("term", lamps, term))
 
 

@@ -19,7 +19,7 @@ from .lamp_board import place_of
 
 if TYPE_CHECKING:
     from .lamp_source import LampSource
-    from .window import Window
+    from .window_view import WindowView
 
 OFF_M = 0.3
 """Metres that a new lamp stands off the surface; where less than twice that is free, half of what is."""
@@ -43,7 +43,7 @@ class Mark(NamedTuple):
     selected: bool
 
 
-class Grip(NamedTuple):
+class LampGrip(NamedTuple):
     """How a lamp is held. base: pixels from the pointer to the surface that it stands off, off: how far, scene units;
     None where there is none. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
 
@@ -57,10 +57,10 @@ class Grip(NamedTuple):
 class LampTool:
     """Lamps under the mouse and the keys of a Window. path: the file that they are saved to, once there is one."""
 
-    def __init__(self, window: "Window") -> None:
+    def __init__(self, window: "WindowView") -> None:
         self._window = window
         self.path: Path | None = None
-        self._grip: Grip | None = None
+        self._grip: LampGrip | None = None
         self._used = False
 
     @property
@@ -114,7 +114,7 @@ class LampTool:
         found = None if base is None else self._seen_at(base)
         shift = None if found is None else (found[0] - x, found[1] - y)
         depth = float((self._window.orbit.eye - at) @ self._window.orbit.axes[2])
-        self._grip = Grip(number, shift, off, depth, (seen[0] - x, seen[1] - y))
+        self._grip = LampGrip(number, shift, off, depth, (seen[0] - x, seen[1] - y))
 
     @property
     def holds(self) -> bool:
@@ -128,7 +128,7 @@ class LampTool:
             return
         hit = None if freely or grip.base is None else self._surface(x + grip.base[0], y + grip.base[1])
         if hit is None:
-            eye, direction = self.ray(x + grip.shift[0], y + grip.shift[1])
+            eye, direction = self._window.orbit.ray(x + grip.shift[0], y + grip.shift[1], self._window.size)
             place = eye + direction * (grip.depth / float(-direction @ self._window.orbit.axes[2]))
         else:
             place, normal = hit
@@ -233,28 +233,18 @@ class LampTool:
         x, y, z = (float(each) for each in np.linalg.solve(motion[:3, :3], place - motion[:3, 3]))
         return x, y, z
 
-    @property
-    def focal(self) -> float:
-        """Of the camera, in pixels."""
-        return 0.5 * self._window.size[0] / math.tan(math.radians(self._window.orbit.fov_deg) / 2.0)
-
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
         """The pixel of a place, from the lower left; None behind the eye."""
         orbit, (width, height) = self._window.orbit, self._window.size
         right, up, backward = orbit.axes @ (place - orbit.eye)
         if backward >= 0.0:
             return None
-        return width / 2 - self.focal * right / backward, height / 2 - self.focal * up / backward
-
-    def ray(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The eye and the unit direction to a pixel."""
-        orbit, (width, height) = self._window.orbit, self._window.size
-        way = np.array([x - width / 2, y - height / 2, -self.focal]) @ orbit.axes
-        return orbit.eye, way / np.linalg.norm(way)
+        focal = orbit.focal(self._window.size)
+        return width / 2 - focal * right / backward, height / 2 - focal * up / backward
 
     def _surface(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """The place that is seen at a pixel, and its unit normal towards the eye."""
-        eye, direction = self.ray(x, y)
+        eye, direction = self._window.orbit.ray(x, y, self._window.size)
         hits = self._source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
         distance = float(hits.distance[0])
         if not math.isfinite(distance):

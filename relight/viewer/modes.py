@@ -11,7 +11,7 @@ from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 from ..sh.normals import unit_normals
 
 if TYPE_CHECKING:
-    from .session import Session
+    from .session_view import SessionView
 
 PLAIN = 96
 """Grey of a surface while its colours are computed."""
@@ -48,34 +48,34 @@ class ColorMode(NamedTuple):
 
     title: str
     text: str
-    colors: Callable[["Session"], NDArray]
+    colors: Callable[["SessionView"], NDArray]
     lights: bool = False
     reference: bool = False
-    scale: Callable[["Session"], float] | None = None
+    scale: Callable[["SessionView"], float] | None = None
 
 
-def _relit(session: "Session") -> NDArray:
+def _relit(session: "SessionView") -> NDArray:
     return session.shown_bytes()
 
 
-def _albedo(session: "Session") -> NDArray:
+def _albedo(session: "SessionView") -> NDArray:
     albedo = session.albedos[session.state.albedo]
     if albedo is None:
         return np.full((len(session.scene.vertices), 3), 255, np.uint8)
     return bytes_from_unit(srgb_from_linear(albedo))
 
 
-def _normals(session: "Session") -> NDArray:
+def _normals(session: "SessionView") -> NDArray:
     return bytes_from_unit(0.5 + 0.5 * unit_normals(session.scene.normals))
 
 
-def _chunks(session: "Session") -> NDArray:
+def _chunks(session: "SessionView") -> NDArray:
     sizes = [len(chunk.vertices) for chunk in session.scene.chunks]
     color = _CHUNKS[np.repeat(np.arange(len(sizes)) % len(_CHUNKS), sizes)]
     return bytes_from_unit(color / 255.0 * (0.72 + 0.28 * (unit_normals(session.scene.normals) @ _LAMP))[:, None])
 
 
-def _error(session: "Session") -> NDArray:
+def _error(session: "SessionView") -> NDArray:
     errors = vertex_errors(session)
     if errors is None:
         return np.full((len(session.scene.vertices), 3), PLAIN, np.uint8)
@@ -93,7 +93,7 @@ MODES = {
 }
 
 
-def vertex_errors(session: "Session") -> NDArray | None:
+def vertex_errors(session: "SessionView") -> NDArray | None:
     """How far what is shown is from the reference, (V,) float32: the difference over the reference's length and
     `DARKEST`, or None while there is no reference."""
     reference, shown = session.reference, session.radiance()
@@ -104,7 +104,7 @@ def vertex_errors(session: "Session") -> NDArray | None:
     )
 
 
-def error_scale(session: "Session") -> float:
+def error_scale(session: "SessionView") -> float:
     """The end of the error scale that suits what is shown, of `SCALES`."""
     errors = vertex_errors(session)
     if errors is None:

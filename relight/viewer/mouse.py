@@ -1,25 +1,39 @@
 """The mouse of a session's window: buttons, sliders and the split line, the camera, the light, lamps, objects."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from .controls import SLIDERS
+from .controls import SLIDERS, ControlledWindow
 from .lamp_tool import LampTool
 from .object_tool import ObjectTool
 
 if TYPE_CHECKING:
-    from .panel import HotArea
-    from .window import Window
+    from .panel import HotArea, Panel
 
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 STILL = 4
 """Pixels that the mouse may move in a click."""
 
 
+class MouseWindow(ControlledWindow, Protocol):
+    """A `window.Window` as the mouse acts on it."""
+
+    @property
+    def panel(self) -> "Panel": ...
+
+    @property
+    def pointer(self) -> tuple[int, int]: ...
+
+    @property
+    def shift(self) -> bool: ...
+
+    def press_key(self, key: str) -> None: ...
+
+
 class Mouse:
     """What the mouse does in a Window. lamps: the LampTool. objects: the ObjectTool."""
 
-    def __init__(self, window: "Window") -> None:
+    def __init__(self, window: MouseWindow) -> None:
         self._window = window
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)

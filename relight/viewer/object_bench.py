@@ -23,7 +23,7 @@ WAITING = "lighting the objects"
 Placed = tuple[AskedInsert, ...]
 
 
-class Shown(NamedTuple):
+class ShownObjects(NamedTuple):
     """Objects in their light. placed: where they stand. key: of the light. exact: whether by all rays."""
 
     light: "InsertedLight"
@@ -43,7 +43,7 @@ class ObjectBench:
         self.source = source
         self.start: Placed = tuple(source.asked)
         self.placed, self.failure = self.start, ""
-        self.shown: Shown | None = None
+        self.shown: ShownObjects | None = None
         self._key: Hashable = None
         self._quick = ThreadPoolExecutor(1, thread_name_prefix="objects")
         self._slow = ThreadPoolExecutor(1, thread_name_prefix="objects exact")
@@ -126,5 +126,5 @@ class ObjectBench:
             return False  # the exact one was faster
         if exact and placed != self.placed and self.shown is not None:
             return False  # a glimpse of where they are is nearer to the truth
-        self.shown = Shown(done.result(), placed, key, exact)
+        self.shown = ShownObjects(done.result(), placed, key, exact)
         return True

@@ -9,16 +9,16 @@ from .object_bench import ObjectBench
 from .object_source import ObjectsUnder
 
 if TYPE_CHECKING:
-    from .session import Session
+    from .session_view import SessionView
 
 
-def light_key(session: "Session") -> Hashable:
+def light_key(session: "SessionView") -> Hashable:
     """What the light on objects depends on, besides where they stand."""
     state, board = session.state, None if session.board is None else session.board.state
     return state.environment, state.angle_deg, state.lamps, session.effects, board
 
 
-def light_now(session: "Session", objects: ObjectBench) -> ObjectsUnder:
+def light_now(session: "SessionView", objects: ObjectBench) -> ObjectsUnder:
     """The light that objects stand in now. The worker must have answered."""
     mixture, alone, plain = session.mixture, session.environment_radiance(), session.plain_radiance()
     assert alone is not None and plain is not None  # or the worker has not answered

@@ -9,7 +9,7 @@ from splat2mesh.base.errors import InputError
 
 if TYPE_CHECKING:
     from .object_bench import ObjectBench
-    from .window import Window
+    from .window_view import WindowView
 
 TURN_DEG = 15.0
 """Of a key."""
@@ -18,7 +18,7 @@ LEAST_DOWN = 0.02
 """Of a ray to the ground: flatter ones meet it nowhere near."""
 
 
-class Grip(NamedTuple):
+class ObjectGrip(NamedTuple):
     """How an object is held. place: (3,) of it that was gripped, scene frame. at: (3,) of the object, frame of the
     splat. y: the pixel's row. unit: scene units per pixel there."""
 
@@ -32,9 +32,9 @@ class Grip(NamedTuple):
 class ObjectTool:
     """Objects under the mouse and the keys of a Window. selected: the number of the one that keys turn."""
 
-    def __init__(self, window: "Window") -> None:
+    def __init__(self, window: "WindowView") -> None:
         self._window, self.selected = window, 0
-        self._grip: Grip | None = None
+        self._grip: ObjectGrip | None = None
 
     @property
     def on(self) -> bool:
@@ -58,7 +58,7 @@ class ObjectTool:
         if not self.on or bench is None or bench.shown is None:
             return False
         standing = bench.shown.light.standing
-        eye, direction = self._window.mouse.lamps.ray(x, y)
+        eye, direction = self._window.orbit.ray(x, y, self._window.size)
         frame = standing.frame
         ray = np.concatenate([frame.unit(eye[None])[0], direction])[None].astype(np.float32)
         hits = standing.caster.first_hits(ray)
@@ -67,8 +67,8 @@ class ObjectTool:
         place = eye + float(hits.distance[0]) * frame.diagonal * direction
         self.selected = int(standing.owner[hits.faces[0]])
         depth = float((eye - place) @ self._window.orbit.axes[2])
-        self._grip = Grip(
-            self.selected, place, bench.placed[self.selected].at, y, depth / self._window.mouse.lamps.focal
+        self._grip = ObjectGrip(
+            self.selected, place, bench.placed[self.selected].at, y, depth / self._window.orbit.focal(self._window.size)
         )
         return True
 
@@ -80,7 +80,7 @@ class ObjectTool:
         if upright:
             shift = np.array([0.0, (y - grip.y) * grip.unit, 0.0])
         else:
-            eye, direction = self._window.mouse.lamps.ray(x, y)
+            eye, direction = self._window.orbit.ray(x, y, self._window.size)
             away = (grip.place[1] - eye[1]) / direction[1] if abs(direction[1]) > LEAST_DOWN else -1.0
             shift = eye + away * direction - grip.place
             if not (away > 0.0 and np.linalg.norm(shift) < self._window.session.scene.diagonal):

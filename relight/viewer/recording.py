@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 
 if TYPE_CHECKING:
-    from .window import Window
+    from .window_view import WindowView
 
 FRAMES = 72
 FRAMES_PER_SECOND = 18
@@ -29,7 +29,7 @@ class Recording:
 
     def __init__(
         self,
-        window: "Window",
+        window: "WindowView",
         path: str | os.PathLike[str] | None = None,
         frames: int = FRAMES,
         what: str = "light",

@@ -7,7 +7,7 @@ is added in few bands. Suns and bounces in full, errors and references follow fr
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,29 +16,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
-from splat2mesh.scene.scene import Scene
+from splat2mesh.scene.foreign import as_scene
 
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
-from ..options import LightingOptions
 from ..planning.effects import BOUNCES, SHADOWS
 from .answers import Answers, LightWorker
 from .editing import LampEditing
-from .lamp_source import LampSource
 from .lighting import LightWish, check_albedos
 from .mixture import SessionMixture
 from .modes import MODES
 from .object_bench import ObjectBench
 from .object_light import light_key, light_now
-from .object_source import ObjectSource
 from .quick import display_bytes, harmonic_light, prepare
-from .splats import RelitSplats, SplatSource
-from .state import RANGES, State, check_field
+from .request import SessionRequest
+from .splats import RelitSplats
+from .state import RANGES, State, check_field, choices_of
 from .worker import ProcessWorker
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
-    from ..transfer.store import Cache
 
 REST_SECONDS = 0.15
 """Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
@@ -60,57 +57,41 @@ class Session(LampEditing, Answers):
 
     def __init__(
         self,
-        scene: Scene,
-        environments: Mapping[
-            str, Any
-        ],  # dict of name -> Environment or what Environment.load takes; the first is shown first
-        options: LightingOptions | str | None = None,  # LightingOptions, whose tolerance the session starts with
-        albedos: Mapping[str, NDArray | None]
-        | None = None,  # dict of name -> (V, 3) linear or None for white; default: captured and white
-        exposure: float
-        | None = None,  # display value per unit of radiance; default: by the brightest vertices, for each light
+        asked: SessionRequest,
         worker: Callable[..., LightWorker] = ProcessWorker,
-        cache: "Cache | None" = None,  # as of Relighter
-        lamps: Mapping[str, NDArray]
-        | None = None,  # dict of name of an albedo -> (V, 3) radiance of what lamps light, beside every environment
         clock: Callable[[], float] = time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
-        splats: SplatSource | None = None,  # SplatSource: what the scene was made of, shown in place of the mesh
-        lamps_known: bool = True,  # whether the lamps can be told from other light, and dimmed
-        mixture: SessionMixture | None = None,  # what is shown beside the environment: captured light, placed lamps
-        lamp_source: LampSource | None = None,  # what lights lamps that are put in; without it none can be
-        object_source: ObjectSource | None = None,  # what lights objects that are put in; None without any
-        **wishes: Any,  # fields of LightingOptions, such as tolerance
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
-        options = LightingOptions.of(options, **wishes)
+        options = asked.lighting
         tolerance = START_TOLERANCE if options.tolerance is None else options.tolerance
-        self.scene, self.clock = scene, clock
+        scene = self.scene = as_scene(asked.scene)
+        self.clock = clock
+        self.environments = choices_of(asked.environment, asked.environments_folder)
         captured = {"captured": scene.colors_linear, "white": None}
-        self.albedos = check_albedos(scene, captured if albedos is None else albedos)
-        self.lamps, self._lamps_known = dict(lamps or {}), bool(lamps) and lamps_known
-        LampEditing.__init__(self, lamp_source, mixture)
-        self.objects = None if object_source is None else ObjectBench(object_source)
-        self.splats = None if splats is None else RelitSplats(splats)
-        self.environments = dict(environments)
+        self.albedos = check_albedos(scene, captured if asked.albedos is None else asked.albedos)
+        self.lamps, self._lamps_known = dict(asked.lamps or {}), bool(asked.lamps) and asked.lamps_known
+        LampEditing.__init__(self, asked.lamp_source, asked.mixture)
+        self.objects = None if asked.object_source is None else ObjectBench(asked.object_source)
+        self.splats = None if asked.splats is None else RelitSplats(asked.splats)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
         self.available = options.chosen_effects
         if not RANGES["tolerance"][0] <= tolerance <= RANGES["tolerance"][1]:
             low, high = RANGES["tolerance"]
             raise InputError(f"the `tolerance` of a session must be from {low:g} to {high:g}, found {tolerance:g}")
-        first = next(iter(self.environments))
+        first, albedo = next(iter(self.environments)), next(iter(self.albedos))
         angle = getattr(self.environments[first], "rotation_deg", 0.0)
-        self.start = State(first, next(iter(self.albedos)), angle_deg=angle, tolerance=tolerance)
-        self.start = replace(self.start, effects=frozenset(self.available))
+        self.start = State(first, albedo, angle_deg=angle, tolerance=tolerance, effects=frozenset(self.available))
         self.state, self.revision = self.start, 0
-        self._given_exposure = exposure
+        self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
         self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # what was derived from them, by name
         self._moved = self._lamps_moved = self._objects_moved = -math.inf
         self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
-        Answers.__init__(self, worker(scene, self.environments, self.albedos, options, cache))
+        Answers.__init__(self, worker(scene, self.environments, self.albedos, options, asked.cache))
         self._ask()
         prepare()
+        self.change(**asked.state or {})
 
     def change(self, **changes: Any) -> None:
         """Set fields of the state; values outside their range are brought into it. Raises InputError for names."""

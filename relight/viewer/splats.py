@@ -20,7 +20,7 @@ from .mixture import SessionMixture
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
     from ..splats import Binding
-    from .session import Session
+    from .session_view import SessionView
 
 LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
@@ -111,7 +111,7 @@ class RelitSplats:
                 self.failure = f"the splats stay without their fit: {done.exception()}"
         return changed
 
-    def shown(self, session: "Session", rests: bool, wait: bool = False) -> Splats:
+    def shown(self, session: "SessionView", rests: bool, wait: bool = False) -> Splats:
         """The Splats in the present light of a session, in order, in their own frame.
 
         rests: whether the light rests, and is worth to be fitted. wait: until they are bound and fitted.

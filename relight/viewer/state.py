@@ -77,9 +77,12 @@ def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> 
 def choices_of(environment: Any, folder: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """The lights of a session: a dict of name -> Environment or path, the given one first.
 
-    environment: an Environment, or what `Environment.load` takes. folder: its .exr and .hdr files follow; the built-in
-    lights come last. Raises InputError for an environment that cannot be read and for a folder that is none.
+    environment: an Environment, or what `Environment.load` takes; a dict of them is all there is. folder: its .exr and
+    .hdr files follow; the built-in lights come last. Raises InputError for an environment that cannot be read and for a
+    folder that is none.
     """
+    if isinstance(environment, Mapping):
+        return dict(environment)
     if not isinstance(environment, Environment):
         environment = Environment.load(environment)
     choices = {environment.name: environment}

@@ -18,7 +18,7 @@ from relight import LightingOptions, RelightRequest
 from relight.job import Job
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import RectangleLamp, SphereLamp, TubeLamp
-from relight.lamps.tracing import lamplight
+from relight.lamps.tracing import LitVertices, lamplight
 from relight.planning.lamp_plan import plan_lamps
 from relight.showing import session_of
 from relight.transfer.occluder import Frame, Occluder
@@ -95,7 +95,7 @@ def by_number(occluder, frame, options, report):
         bulbs = [SphereLamp(tuple(place), 0.002 * frame.diagonal, (900.0 / count,) * 3) for place in places]
         emitters = emitters_of(bulbs, frame.center, frame.diagonal)
         found, seconds, _ = timed(lambda e=emitters: lamplight(occluder, e, 32))
-        true = lamplight(occluder, emitters, 64, rows=probes, seed=1, every=True)
+        true = lamplight(occluder, emitters, 64, at=LitVertices(probes), seed=1, every=True)
         error = relative_error(found[probes], true)
         plan, plan_s, _ = timed(lambda e=emitters: plan_lamps(occluder, e, nothing, options.tolerance))
         wanted = lamplight(occluder, emitters, plan.rays)[probes]
@@ -109,7 +109,7 @@ def by_change(mesh, frame, options, report):
 
     lighting = LightingOptions(captured=0.1, tolerance=0.02)
     request = RelightRequest(mesh.scene, "captured", lighting, angles_deg=(0.0,), caching="none", albedo="captured")
-    window = view(**session_of(Job(request)), off_screen=True, size=(960, 720))
+    window = view(session_of(Job(request)), off_screen=True, size=(960, 720))
     session = window.session
     rng = np.random.default_rng(0)
 

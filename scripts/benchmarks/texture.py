@@ -20,13 +20,13 @@ import open3d as o3d
 
 from benchmarks.harness import ROOT, timed
 from benchmarks.shapes import ply_vertices
-from relight.texture import bake
+from relight.texture import KnownColors, bake
 from splat2mesh import convert
 from splat2mesh.base.progress import Stages
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.splats.splats import clean
 from splat2mesh.views.viewpoints import virtual_views
 
 SAMPLES = 4  # per pixel
@@ -75,8 +75,8 @@ def measure(folder, options, report):
         captured = linear_from_srgb(scene.colors_srgb / np.float32(255.0))
         light = capture(scene) if options.albedo else None
         truth = true_albedo(folder, scene) if options.albedo else None
-        stages, given = Stages(), (light.irradiance, light.prior) if light else ()
-        baked, _, seconds = timed(lambda s=scene, g=given, t=stages: bake(s, splats, *g, stages=t))
+        stages, given = Stages(), KnownColors(light.irradiance, light.prior) if light else KnownColors()
+        baked, _, seconds = timed(lambda s=scene, g=given, t=stages: bake(s, splats, g, stages=t))
         shades = {
             "vertex": of_vertices(scene, captured),
             "texture": of_texture(baked.atlas, baked.image(baked.captured)),

@@ -18,8 +18,9 @@ import numpy as np
 
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.splats.formats import read_splats
-from splat2mesh.splats.splats import Splats, clean
+from splat2mesh.splats.splats import Splats
 from splat2mesh.views.viewpoints import bounds_of
 
 VIEWER_FROM_SPLAT = np.array([-1.0, -1.0, 1.0])  # Rz(180)

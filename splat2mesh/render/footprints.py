@@ -18,6 +18,7 @@ from ..base.errors import InputError
 from ..base.threads import read_only, shared
 from ..splats.splats import Splats
 from .view import View
+from .viewdirection import harmonics_of_direction
 
 NEAR = 0.01  # default near plane: splat centres closer than this camera z are not drawn
 DILATION = 0.3  # px^2 added to both image variances: the pixel's own footprint (Kerbl et al., their low-pass)
@@ -325,7 +326,7 @@ def _color_one(camera: Camera, gaussians: Gaussians, k: int, basis: Floats, out:
     center, means, sh = camera.center, gaussians.means, gaussians.sh
     x, y, z = means[k, 0] - center[0], means[k, 1] - center[1], means[k, 2] - center[2]
     length = math.sqrt(x * x + y * y + z * z)
-    _basis(x / length, y / length, z / length, sh.shape[1], basis)
+    harmonics_of_direction(x / length, y / length, z / length, sh.shape[1], basis)
     red = green = blue = 0.5
     for b in range(sh.shape[1]):
         red += basis[b] * sh[k, b, 0]
@@ -333,25 +334,3 @@ def _color_one(camera: Camera, gaussians: Gaussians, k: int, basis: Floats, out:
         blue += basis[b] * sh[k, b, 2]
     if math.isfinite(red + green + blue):
         out.red, out.green, out.blue = max(red, 0.0), max(green, 0.0), max(blue, 0.0)
-
-
-@_function
-def _basis(x: float, y: float, z: float, count: int, out: Floats) -> None:
-    """Real orthonormal harmonics of a unit direction, order l(l+1) + m, with the (-1)^m of 3DGS files."""
-    out[0] = math.sqrt(1 / (4 * math.pi))
-    if count > 1:
-        c = math.sqrt(3 / (4 * math.pi))
-        out[1], out[2], out[3] = -c * y, c * z, -c * x
-    if count > 4:
-        c = math.sqrt(15 / (4 * math.pi))
-        out[4], out[5], out[7] = c * x * y, -c * y * z, -c * x * z
-        out[6] = math.sqrt(5 / (16 * math.pi)) * (3 * z * z - 1)
-        out[8] = c / 2 * (x * x - y * y)
-    if count > 9:
-        c1 = math.sqrt(21 / (32 * math.pi)) * (5 * z * z - 1)
-        c2 = math.sqrt(105 / (16 * math.pi)) * z
-        c3 = math.sqrt(35 / (32 * math.pi))
-        out[9], out[15] = -c3 * y * (3 * x * x - y * y), -c3 * x * (x * x - 3 * y * y)
-        out[10], out[14] = 2 * c2 * x * y, c2 * (x * x - y * y)
-        out[11], out[13] = -c1 * y, -c1 * x
-        out[12] = math.sqrt(7 / (16 * math.pi)) * z * (5 * z * z - 3)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from ..base.errors import InputError
 from ..base.inputs import reading
 from .color import srgb_from_linear
-from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, global_matrices, triangles, warn_skipped
+from .gltf import FREE_CORNERS, MODES, TRIANGLES, GltfData, entry, triangles, warn_skipped
+from .gltfnodes import global_matrices, hierarchy, initial_transforms
 from .surfaces import UncheckedMesh, centred, joined
 
 
@@ -97,7 +98,7 @@ def _materials(data: GltfData) -> list[int | None]:
     """The materials of the shown scene, the missing one last."""
     document = data.document
     found: dict[int | None, None] = {}
-    nodes, (_, parent, _) = document.nodes or [], data.hierarchy()
+    nodes, (_, parent, _) = document.nodes or [], hierarchy(data)
     # Children before parents, and the first child first: the reverse of parents first with the last child first.
     for index in _parents_first(document, nodes, parent, last_first=True)[::-1]:
         if nodes[index].mesh is not None:
@@ -119,8 +120,8 @@ def _kind(held: dict[str, NDArray]) -> int:
 def placed_pieces(data: GltfData) -> list[Piece]:
     """Every primitive with triangles, where the nodes of the shown scene place it. Raises InputError without any."""
     document, pieces, skipped, corners = data.document, [], 0, 0
-    order, parent, shown = data.hierarchy()
-    matrices = global_matrices(data.initial_transforms(), order, parent)
+    order, parent, shown = hierarchy(data)
+    matrices = global_matrices(initial_transforms(data), order, parent)
     nodes = document.nodes or []
     most, known = max(FREE_CORNERS, data.size), {}
     for index in _parents_first(document, nodes, parent):

@@ -17,7 +17,7 @@ def merged(splats: Splats, together: int = TOGETHER) -> Splats:
     Parameters
     ----------
     splats : Splats
-        Usable ones (`splats.clean`).
+        Usable ones (`cleaning.clean`).
     together : int
         How many become one.
 

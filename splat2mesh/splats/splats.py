@@ -1,15 +1,14 @@
-"""Gaussian splats as arrays, their colours, and the removal of those that cannot be used."""
+"""Gaussian splats as arrays, and their colours."""
 
 import os
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.errors import DataWarning, InputError
+from ..base.errors import InputError
 from .harmonics import DEGREE_OF_COEFFICIENTS, SH_C0, sh_basis_3dgs
 from .zorder import rows_along_curve
 
@@ -262,101 +261,6 @@ class Splats:
                 basis = sh_basis_3dgs(_unit(self.means[rows] - eye), self.degree)
                 colors[rows] += np.einsum("nk,nkc->nc", basis[:, 1:], self.sh[rows, 1:])
         return np.maximum(colors, 0, out=colors)
-
-
-def usable(splats: Splats) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Find the splats that `clean` keeps.
-
-    Parameters
-    ----------
-    splats : Splats
-
-    Returns
-    -------
-    keep : ndarray of bool, (N,)
-    counts : dict of str to int
-        Those that are dropped, by reason; each counts once.
-    """
-    counts, keep = {}, np.ones(len(splats), bool)
-    for name, rows in _faults(splats).items():
-        counts[name] = int(np.count_nonzero(rows & keep))
-        keep &= ~rows
-    return keep, counts
-
-
-def sound(splats: Splats) -> NDArray[np.bool_]:
-    """Find the splats whose centre, scales, rotation and colour can be used, however faint they are: (N,) bool."""
-    return ~np.logical_or.reduce([rows for name, rows in _faults(splats).items() if name != "invisible"])
-
-
-def _faults(splats: Splats) -> dict[str, NDArray[np.bool_]]:
-    """Which splats have which fault, (N,) bool each."""
-    values = [getattr(splats, name) for name in NUMBERS]
-    finite = np.logical_and.reduce([np.isfinite(value).all(axis=tuple(range(1, value.ndim))) for value in values])
-    with np.errstate(invalid="ignore"):
-        largest = splats.scales.max(axis=1)
-        too_large = (np.abs(splats.means).max(axis=1) > ABSURD_LENGTH) | (largest > ABSURD_LENGTH)
-        return {
-            "non_finite": ~finite,
-            "absurd": too_large | (splats.scales.min(axis=1) < 0) | (largest <= 0),
-            "zero_quaternion": ~splats.quats_wxyz.any(axis=1),
-            "invisible": splats.opacities < INVISIBLE_OPACITY,
-        }
-
-
-def clean(splats: Splats) -> tuple[Splats, dict[str, int]]:
-    """Drop the splats that cannot be used.
-
-    Parameters
-    ----------
-    splats : Splats
-        As a file has them.
-
-    Returns
-    -------
-    splats : Splats
-        Those that are left. A zero scale beside a positive one is raised to `FLATTEST` of the largest.
-    counts : dict of str to int
-        Those dropped, each counted once: `non_finite` (a NaN or an infinity in any field), `absurd` (a coordinate or
-        scale beyond `ABSURD_LENGTH`, a negative scale, or no extent at all), `zero_quaternion`, and `invisible`
-        (opacity below 1/255: normal in trained files).
-
-    Raises
-    ------
-    InputError
-        When fewer than `MIN_SPLATS` remain.
-
-    Warns
-    -----
-    DataWarning
-        About all that are dropped but the invisible, and about those that were thickened.
-    """
-    keep, counts = usable(splats)
-    kept = splats if keep.all() else splats.take(keep)
-    if len(kept) < MIN_SPLATS:
-        lost = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in counts.items() if count)
-        raise InputError(
-            f"{len(kept)} of {len(splats)} splats are usable ({lost or 'none dropped'}), "
-            f"at least {MIN_SPLATS} are needed: check that the file holds a trained splat"
-        )
-    broken = {
-        "non_finite": "a NaN or infinite value",
-        "absurd": "a position or scale out of any useful range",
-        "zero_quaternion": "a zero quaternion",
-    }
-    parts = [f"{counts[name]} with {what}" for name, what in broken.items() if counts[name]]
-    if parts:
-        warnings.warn(f"dropped splats: {', '.join(parts)} (of {len(splats)})", DataWarning, stacklevel=2)
-    return _thickened(kept), counts
-
-
-def _thickened(splats: Splats) -> Splats:
-    flat = (splats.scales == 0).any(axis=1)
-    if not flat.any():
-        return splats
-    scales = np.maximum(splats.scales, np.where(flat, FLATTEST * splats.scales.max(axis=1), 0)[:, None])
-    warnings.warn(f"thickened {np.count_nonzero(flat)} splats with a scale of zero", DataWarning, stacklevel=3)
-    return replace(splats, scales=scales)
 
 
 def _unit(vectors: NDArray[Any]) -> NDArray[Any]:

@@ -9,7 +9,8 @@ from scipy.spatial import cKDTree
 from ..base.arrays import Floats, Integers, Mask, Matrix4, Points
 from ..render.thickness import optical_depth
 from ..scene.measured import Measured
-from ..splats.splats import Splats, usable
+from ..splats.cleaning import usable
+from ..splats.splats import Splats
 from .captured_sky import captured_sky
 from .volume import SOLID, splat_volume, vertex_volume
 

@@ -60,9 +60,8 @@ def simplify(points: Points, faces: Faces, sizes: Floats, wanted: int, fixed: Ma
     _add_quadrics(points, faces, edges[uses == 1], quadrics, weights)
     left = len(points)
     while left > wanted:
-        border = np.zeros(len(points), bool)
+        border = kept >= 0
         border[edges[uses == 1].ravel()] = True
-        border |= kept >= 0
         open_edges = (uses == 1) & (kept[edges] < 0).all(axis=1)
         costs, places = np.empty(len(edges)), np.empty((len(edges), 3))
         _costs(len(edges), points, edges, quadrics, weights, sizes, border, open_edges, costs, places)
@@ -74,17 +73,15 @@ def simplify(points: Points, faces: Faces, sizes: Floats, wanted: int, fixed: Ma
         order = np.flatnonzero(costs <= limit)
         order = order[np.argsort(costs[order], kind="stable")]
         starts, around = _faces_around(faces, len(points))
-        removed = _collapse(
-            points, faces, starts, around, quadrics, weights, sizes, kept, edges, order, places, left - wanted
-        )
+        mesh = points, faces, starts, around, quadrics, weights, sizes, kept
+        removed = _collapse(*mesh, edges, order, places, left - wanted)
         faces = faces[faces[:, 0] >= 0]
         left -= removed
         if removed < max(SLOWEST * left, 1):
             break
         edges, uses = _edges(faces, len(points))
     used, corners = np.unique(faces, return_inverse=True)
-    faces = corners.reshape(-1, 3).astype(np.int32)
-    return Simplified(points[used] + middle, faces, sizes[used], kept[used])
+    return Simplified(points[used] + middle, corners.reshape(-1, 3).astype(np.int32), sizes[used], kept[used])
 
 
 def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:

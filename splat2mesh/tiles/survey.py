@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import DataWarning, InputError
+from ..splats.cleaning import usable
 from ..splats.extent import check_extent
 from ..splats.joining import joined
 from ..splats.placing import placed
-from ..splats.splats import MIN_SPLATS, NUMBERS, Splats, usable
+from ..splats.splats import MIN_SPLATS, NUMBERS, Splats
 from ..surface.extract import training_pixel
 from ..views.upright import upright
 from ..views.viewpoints import bounds_of

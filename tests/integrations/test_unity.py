@@ -102,7 +102,8 @@ def test_the_mesh_is_read_and_mirrored(program, tmp_path):
     rng = np.random.default_rng(1)
     grey, tint = rng.uniform(-0.5, 0.5, (len(albedo), 9)), rng.uniform(0, 1, (len(albedo), 3))
     light = Environment.load("sunset").rotated(20.0)
-    write_live_glb(tmp_path / "live.glb", scene, albedo, grey.astype(np.float32), tint.astype(np.float32), light, 0.5)
+    nine = grey.astype(np.float32), tint.astype(np.float32)
+    write_live_glb(tmp_path / "live.glb", scene, albedo, nine, light, 0.5)
     done = ran(program, "mesh", tmp_path, "live.glb", 20.0)
     assert done.returncode == 0, done.stderr
     vertices, faces, *channels, turned = done.stdout.strip().split("\n")

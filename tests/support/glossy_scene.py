@@ -7,7 +7,7 @@ from live_scene import LIGHTS, SETTINGS, live_scene
 
 from relight import Environment
 from relight.gloss import Gloss
-from relight.live.live import live_of
+from relight.live.live import LiveScene, live_of
 from relight.splats import Binding
 
 OWN = "studio"
@@ -32,4 +32,5 @@ def glossy_scene():
     look = look._replace(environment=Environment.load(OWN))
     gloss = glaze(relighter.scene, splats)[1]
     lights = [(Environment.load(name), 0.7) for name in LIGHTS]
-    return relighter.scene, look, splats, gloss, live_of(relighter, look, splats, lights, SETTINGS, gloss=gloss)
+    live = live_of(LiveScene(relighter, look, splats, gloss=gloss), lights, SETTINGS)
+    return relighter.scene, look, splats, gloss, live

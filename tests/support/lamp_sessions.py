@@ -6,7 +6,6 @@ from relight import LightingOptions, RelightRequest
 from relight.job import Job
 from relight.showing import session_of
 from relight.viewer.session import Session
-from relight.viewer.state import choices_of
 from relight.viewer.worker import InlineWorker
 
 
@@ -17,10 +16,7 @@ def job_of(scene, env, **wishes):
 
 def open_session(scene, env="captured", **wishes):
     """The Session of a request, for which no time passes."""
-    told = session_of(job_of(scene, env, **wishes))
-    environment, own = choices_of(told.pop("environment")), told.pop("options")
-    told.pop("state"), told.pop("environments_folder")
-    return Session(told.pop("scene"), environment, own, worker=InlineWorker, clock=Clock(), **told)
+    return Session(session_of(job_of(scene, env, **wishes)), InlineWorker, Clock())
 
 
 def warm(session):

@@ -7,7 +7,7 @@ import numpy as np
 from relight import Environment
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Relighter
-from relight.live.live import live_of
+from relight.live.live import LiveScene, live_of
 from relight.transfer.settings import Settings
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -62,4 +62,4 @@ def live_scene():
     relighter = Relighter(scene)
     look = appearance_of("captured", None, relighter)
     lights = [(Environment.load(name), 0.7) for name in LIGHTS]
-    return relighter, look, splats, live_of(relighter, look, splats, lights, SETTINGS)
+    return relighter, look, splats, live_of(LiveScene(relighter, look, splats), lights, SETTINGS)

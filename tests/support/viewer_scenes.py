@@ -5,6 +5,7 @@ import open3d as o3d
 
 from relight import Environment
 from relight.viewer.lighting import FinishedShading, keys
+from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from relight.viewer.state import choices_of
 from relight.viewer.worker import InlineWorker
@@ -72,7 +73,8 @@ class Clock:
 def session_of(scene, environment="noon", **options):
     """A Session whose worker works within `poll`, and for which no time passes: a light that is moved never rests."""
     options = {"worker": InlineWorker, "tolerance": 0.05, "clock": Clock()} | options
-    return Session(scene, choices_of(environment), **options)
+    worker, clock = options.pop("worker"), options.pop("clock")
+    return Session(SessionRequest.of(scene, choices_of(environment), **options), worker, clock)
 
 
 def constant(radiance=1.0):

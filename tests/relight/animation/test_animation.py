@@ -7,12 +7,12 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from relight.animation.animation import Animation
-from relight.animation.film import FILM, animate, encode, frame_times
+from relight.animation.film import FILM, FilmRequest, Shot, animate, encode, frame_times
 from relight.animation.skinning import Track, for_normals, moved, skinned
 from relight.light.environment import Environment
 from relight.transfer.analytic import analytic
 from splat2mesh.base.errors import DataWarning, InputError
-from splat2mesh.scene.gltf import matrix_from_trs
+from splat2mesh.scene.gltfnodes import matrix_from_trs
 
 COMPONENT = {"float32": 5126, "uint8": 5121, "uint16": 5123, "uint32": 5125, "int8": 5120, "int16": 5122}
 KIND = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
@@ -356,7 +356,8 @@ def _lit(scene, time_s):
 def test_frames_show_the_motion_before_a_camera_that_stands(turning, tmp_path):
     import imageio.v3 as iio
 
-    wrote = animate(turning, _lit, Environment.load("noon"), tmp_path / "out", 4, None, 48, 36, 1, film=False)
+    out = tmp_path / "out"
+    wrote = animate(turning, _lit, Environment.load("noon"), FilmRequest(out, 4, encoded=False), Shot(None, 48, 36, 1))
     assert (wrote.frames, wrote.film, wrote.note) == (3, False, "")
     assert sorted(file.name for file in (tmp_path / "out").iterdir()) == ["0000.png", "0001.png", "0002.png"]
     first, second, last = (iio.imread(tmp_path / "out" / f"000{i}.png").astype(int) for i in range(3))
@@ -367,11 +368,11 @@ def test_frames_show_the_motion_before_a_camera_that_stands(turning, tmp_path):
     sky = [np.abs(image - image[:1]).sum(axis=2) for image in (first, second, last)]
     assert (sky[0] > 60).sum() > (sky[2] > 60).sum() > 0
     with pytest.raises(InputError, match="exists already"):
-        animate(turning, _lit, Environment.load("noon"), tmp_path / "out", 4, None, 48, 36, 1)
+        animate(turning, _lit, Environment.load("noon"), FilmRequest(out, 4), Shot(None, 48, 36, 1))
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("years")
     with pytest.raises(InputError, match="does not replace it"):
-        animate(turning, _lit, Environment.load("noon"), tmp_path / "mine", 4, overwrite=True)
+        animate(turning, _lit, Environment.load("noon"), FilmRequest(tmp_path / "mine", 4, overwrite=True))
 
 
 def test_frame_times_fill_the_duration():

@@ -8,7 +8,7 @@ import pytest
 
 from relight import Environment
 from relight.light import projections
-from relight.sh import harmonics
+from relight.sh import latlong
 
 
 def _noise(height, width):
@@ -102,7 +102,7 @@ def test_a_sun_of_one_texel_keeps_its_energy_and_direction(convert, image, texel
         right, down = ((np.array([texel[1], texel[0]]) - 32 + 0.5) / 32) * 2 - 1
         direction = np.array([right, -down, -1.0])
         area = (2 / 32) ** 2 / np.linalg.norm(direction) ** 3
-    coefficients = harmonics.project_latlong(convert(image), 2)
+    coefficients = latlong.project_latlong(convert(image), 2)
     # 4 x 4 lookups a texel across a bilinear tent two texels wide.
     assert coefficients[0, 0] * np.sqrt(4 * np.pi) == pytest.approx(1000.0 * area, rel=0.02)
     found = coefficients[[3, 1, 2], 0]

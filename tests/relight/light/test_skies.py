@@ -5,7 +5,7 @@ import pytest
 
 from relight import Environment
 from relight.light import projections, skies
-from relight.sh import harmonics
+from relight.sh import latlong
 from splat2mesh.scene.color import luminance
 
 AREAS = projections.row_solid_angles(skies.HEIGHT, skies.WIDTH)
@@ -71,6 +71,6 @@ def test_studio_lights_from_the_upper_front_left_and_leaves_no_side_black():
     sides = {axis: _irradiance(image, np.array(axis, float)) for axis in ((1, 0, 0), (0, -1, 0), (0, 0, -1))}
     assert all(0.1 * key < side < 0.7 * key for side in sides.values())
     assert _irradiance(image, np.array([-1.0, 0, 0])) > sides[1, 0, 0]
-    coefficients = harmonics.project_latlong(image, 2)
+    coefficients = latlong.project_latlong(image, 2)
     toward = luminance(coefficients)[[3, 1, 2]]  # the linear band points to the light: x, y, z
     assert toward[0] < 0 < toward[1] and toward[2] > 0

@@ -8,7 +8,7 @@ from live_scene import SETTINGS, TILT, live_scene, scene_and_splats
 
 from relight import Environment
 from relight.live.bundle import write_bundle
-from relight.live.live import live_of
+from relight.live.live import LiveScene, live_of
 from relight.live.surface import LIT
 from relight.splats import Binding
 from relight.splats.light_ratio import CURVE_POWER
@@ -98,7 +98,7 @@ def test_the_same_scene_gives_the_same_bytes(tmp_path, folder):
     relighter = Relighter(scene_and_splats()[0])
     look = appearance_of("captured", None, relighter)
     lights = [(Environment.load(name), 0.7) for name in ("overcast", "noon")]
-    write_bundle(tmp_path, live_of(relighter, look, scene_and_splats()[1], lights, SETTINGS))
+    write_bundle(tmp_path, live_of(LiveScene(relighter, look, scene_and_splats()[1]), lights, SETTINGS))
     for path in sorted(folder.rglob("*.*")):
         assert (tmp_path / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
 

@@ -15,7 +15,7 @@ from live_scene import SETTINGS, TILT, live_scene
 from relight import Environment
 from relight.gloss.ggx import fresnel_rise, zonal_factors
 from relight.live.bundle import write_bundle
-from relight.live.live import live_of
+from relight.live.live import LiveScene, live_of
 from relight.live.page import write_page
 from relight.live.shine import ROW
 from relight.sh import harmonics
@@ -64,7 +64,8 @@ def test_a_matt_scene_has_the_bytes_that_it_had(tmp_path):
     matt = gloss._replace(reflectance=np.zeros_like(gloss.reflectance))
     lights = [(Environment.load("overcast"), 0.7), (Environment.load("noon"), 0.7)]
     look = look._replace(environment=Environment.load(OWN))
-    for name, each in {"a": live, "b": live_of(relighter, look, splats, lights, SETTINGS, gloss=matt)}.items():
+    again = live_of(LiveScene(relighter, look, splats, gloss=matt), lights, SETTINGS)
+    for name, each in {"a": live, "b": again}.items():
         (tmp_path / name).mkdir()
         write_bundle(tmp_path / name, each)
         write_page(tmp_path / name, each)

@@ -8,7 +8,7 @@ from relight import Environment
 from relight.options import LightingOptions
 from relight.planning import decide
 from relight.planning.choice import SAFETY, SKIPPED
-from relight.planning.decide import VOLUME_PART, leaves_for
+from relight.planning.decide import VOLUME_PART, PlannedScene, leaves_for
 from relight.planning.sample import Sample
 from relight.transfer.volume import NOISE
 
@@ -39,7 +39,7 @@ def test_a_sample_is_as_fine_as_the_tolerance(scene, monkeypatch, asked, directi
 
     monkeypatch.setattr(decide, "Sample", sample)
     options, light = LightingOptions(**asked), Environment.load("overcast")
-    plan = decide.planned(occluder_of(scene), [len(scene.vertices)], light, options=options)
+    plan = decide.planned(PlannedScene(occluder_of(scene), [len(scene.vertices)]), light, options)
     assert found == [directions]
     assert (plan.tolerance, plan.budget_s) == (asked.get("tolerance"), asked.get("budget_s"))
     assert plan.vertices == len(plan.rows) <= 32 and plan.checked is None
@@ -47,7 +47,7 @@ def test_a_sample_is_as_fine_as_the_tolerance(scene, monkeypatch, asked, directi
 
 def test_a_plan_is_the_candidate_that_it_was_chosen_as(scene):
     light, sizes = Environment.load("overcast"), np.array([len(scene.vertices)])
-    plan = decide.planned(occluder_of(scene), sizes, light, options=LightingOptions(tolerance=0.05))
+    plan = decide.planned(PlannedScene(occluder_of(scene), sizes), light, LightingOptions(tolerance=0.05))
     (same,) = [each for each in plan.choice._candidates if each.settings == plan.settings]
     assert plan.error == same.error <= SAFETY * 0.05
     assert plan.seconds == same.seconds - plan.choice.found_s(plan.settings)
@@ -102,7 +102,7 @@ def test_a_plan_tells_leaves_beside_what_they_were_chosen_for(scene):
 
     def plan(foliage, **asked):
         options = LightingOptions(**asked)
-        return decide.planned(occluder_of(scene), sizes, light, options=options, foliage=foliage)
+        return decide.planned(PlannedScene(occluder_of(scene), sizes, foliage=foliage), light, options)
 
     thick = plan(Thick(sizes[0], 1.0), tolerance=0.05)
     assert thick.settings.volume in NOISE and thick.settings.rays
@@ -117,5 +117,5 @@ def test_a_plan_tells_leaves_beside_what_they_were_chosen_for(scene):
 def test_methods_that_trace_nothing_have_no_leaves(scene):
     light, sizes = Environment.load("overcast"), [len(scene.vertices)]
     options = LightingOptions(tolerance=0.05, method="analytic")
-    plan = decide.planned(occluder_of(scene), sizes, light, options=options, foliage=Thick(sizes[0], 1.0))
+    plan = decide.planned(PlannedScene(occluder_of(scene), sizes, foliage=Thick(sizes[0], 1.0)), light, options)
     assert plan.settings.volume == 0 and "volume" not in [effect for effect, *_ in plan.contributions]

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import sph_harm_y
 
-from relight.sh import harmonics
+from relight.sh import harmonics, latlong
 from splat2mesh.base.errors import InputError
 
 # Degree 9 in float64: values up to 1.2 after tens of roundings, summed over 100 coefficients: about 1e-14.
@@ -78,13 +78,13 @@ def test_constant_sky_has_one_coefficient(shape):
     expected = np.zeros((100, 3))
     expected[0] = radiance * np.sqrt(4 * np.pi)
     image = np.broadcast_to(radiance, (*shape, 3))
-    np.testing.assert_allclose(harmonics.project_latlong(image, 10), expected, atol=TIGHT)
+    np.testing.assert_allclose(latlong.project_latlong(image, 10), expected, atol=TIGHT)
 
 
 def test_projection_does_not_depend_on_resolution():
     image = np.random.default_rng(4).exponential(size=(6, 10, 3))
     fine = image.repeat(13, axis=0).repeat(7, axis=1)
-    np.testing.assert_allclose(harmonics.project_latlong(fine, 10), harmonics.project_latlong(image, 10), atol=TIGHT)
+    np.testing.assert_allclose(latlong.project_latlong(fine, 10), latlong.project_latlong(image, 10), atol=TIGHT)
 
 
 def test_projection_recovers_a_band_limited_environment():
@@ -97,7 +97,7 @@ def test_projection_recovers_a_band_limited_environment():
         np.cos(latitude) * np.sin(longitude), np.sin(latitude), np.cos(latitude) * np.cos(longitude)
     )
     image = harmonics.evaluate(np.stack(axes, axis=-1).reshape(-1, 3), 10) @ expected
-    found = harmonics.project_latlong(image.reshape(height, width, 3), 10)
+    found = latlong.project_latlong(image.reshape(height, width, 3), 10)
     np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
@@ -105,8 +105,8 @@ def test_projection_recovers_a_band_limited_environment():
 def test_turning_the_light_rolls_its_image_to_the_left(steps):
     image = np.random.default_rng(6).exponential(size=(8, 16, 3))
     turn = Rotation.from_rotvec([0, 2 * np.pi * steps / 16, 0]).as_matrix()
-    turned = harmonics.rotate(harmonics.project_latlong(image, 10), turn)
-    np.testing.assert_allclose(turned, harmonics.project_latlong(np.roll(image, -steps, axis=1), 10), atol=TIGHT)
+    turned = harmonics.rotate(latlong.project_latlong(image, 10), turn)
+    np.testing.assert_allclose(turned, latlong.project_latlong(np.roll(image, -steps, axis=1), 10), atol=TIGHT)
 
 
 def test_rotations_compose():

@@ -8,7 +8,7 @@ from seeded import bounded
 
 from relight import Environment
 from relight.light import projections
-from relight.sh import harmonics, rotors
+from relight.sh import harmonics, latlong, rotors
 
 # Turns and sums in float64 of at most 100 coefficients below 10: 1e-12 leaves room for a thousand roundings.
 CLOSE = {"rtol": 0, "atol": 1e-11}
@@ -72,7 +72,7 @@ def test_light_of_few_harmonics_survives_its_image(count, height, seed):
     """Projecting its lat-long image gives the coefficients back, up to the size of the texels."""
     light = coefficients(count, seed)
     image = harmonics.evaluate(projections.texel_directions(height, 2 * height).reshape(-1, 3), count) @ light
-    found = harmonics.project_latlong(image.reshape(height, 2 * height, 3), count)
+    found = latlong.project_latlong(image.reshape(height, 2 * height, 3), count)
     # A texel's centre differs from its mean by the square of its angle times the second derivative.
     np.testing.assert_allclose(found, light, rtol=0, atol=4.0 * (np.pi / height) ** 2 * np.abs(light).sum())
 

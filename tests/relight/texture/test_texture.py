@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from relight.albedo import Prior, albedo_of
 from relight.output.textured_files import write_textured_glb, write_transfer
-from relight.texture import bake, unwrap
+from relight.texture import KnownColors, bake, unwrap
 from relight.texture.baking import surface_points
 from relight.texture.unwrap import size_for
 from splat2mesh.base.errors import DataWarning, InputError
@@ -226,10 +226,10 @@ def test_light_of_the_capture_is_divided_out(ball):
     count = len(ball.vertices)
     irradiance = (0.3 + 0.5 * np.random.default_rng(7).random((count, 3))).astype(np.float32)
     prior = Prior(np.full(3, 0.4, np.float32), np.full(3, 0.05, np.float32))
-    baked = bake(ball, irradiance=irradiance, prior=prior, size=64)
+    baked = bake(ball, None, KnownColors(irradiance, prior), size=64)
     expected = albedo_of(baked.captured, baked.atlas.interpolate(irradiance), prior)
     np.testing.assert_array_equal(baked.albedo, expected)
-    known = bake(ball, irradiance=irradiance, albedo=np.full((count, 3), 0.5), size=64)
+    known = bake(ball, None, KnownColors(irradiance, albedo=np.full((count, 3), 0.5)), size=64)
     np.testing.assert_allclose(known.albedo, 0.5, atol=1e-6)
 
 
@@ -394,7 +394,7 @@ def test_bad_input_is_refused(ball):
         with pytest.raises(InputError, match="`texture_size`"):
             bake(ball, size=size)
     with pytest.raises(InputError, match=rf"irradiance must have shape \({count}, 3\)"):
-        bake(ball, irradiance=np.ones((count - 1, 3)), size=64)
+        bake(ball, None, KnownColors(np.ones((count - 1, 3))), size=64)
     bad = np.ones((count, 3))
     bad[3, 1] = np.nan
     baked = bake(ball, size=64)

@@ -4,10 +4,10 @@ import pytest
 from relight.animation.animation import face_normals
 from relight.light.suns import Suns
 from relight.sh.normals import unit_normals
-from relight.transfer import sampling
+from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.baked import BakedMotion
-from relight.transfer.dynamic import DynamicTransfer
+from relight.transfer.dynamic import Anchor, DynamicTransfer
 from relight.transfer.dynamic_suns import DynamicSunlight
 from relight.transfer.filtering import average, steps_for
 from relight.transfer.neighbors import Neighbors
@@ -117,7 +117,7 @@ def test_after_motion_it_is_to_the_bit_that_of_the_moved_scene(scene, suns):
         rows = live.update_all(changes)
         sun_rows = light.update()
         moved = posed(scene, state)
-        fresh = DynamicTransfer(moved, [1, 2], BANDS, RAYS, 3, frame=live.frame, ranks=live.ranks)
+        fresh = DynamicTransfer(moved, [1, 2], BANDS, RAYS, 3, anchor=live.anchor)
         np.testing.assert_array_equal(live.transfer, fresh.transfer)
         fresh_light = DynamicSunlight(fresh, suns)
         np.testing.assert_array_equal(light.radiance, fresh_light.radiance)
@@ -148,7 +148,7 @@ def test_the_moved_scene_traced_by_other_code_gives_the_same(scene):
     rest[rows] = summed
     average(neighbors, normals, model, rest, RAYS, steps_for(RAYS, BANDS))
     transfer = analytic(normals, BANDS)
-    sampling.add_model(normals, model, rest[rows], transfer)
+    lobes.add_model(normals, model, rest[rows], transfer)
     transfer = transfer[neighbors.node]
     # Nodes stand in another order along the curve, so that sums over rings round otherwise; see also above for rays.
     off = np.abs(transfer - live.transfer).max(axis=1)
@@ -272,9 +272,7 @@ def test_a_seam_that_tears_is_no_longer_one_vertex(scene):
     others = np.arange(len(vertices)) > len(vertices) // 2
     vertices[others] += np.float32([0.0, 0.02, 0.0])
     live.update(1, vertices, chunk.normals)
-    fresh = DynamicTransfer(
-        posed(scene, {1: (vertices, chunk.normals)}), [1], BANDS, RAYS, 0, np.inf, live.frame, live.ranks
-    )
+    fresh = DynamicTransfer(posed(scene, {1: (vertices, chunk.normals)}), [1], BANDS, RAYS, 0, np.inf, live.anchor)
     assert len(seam) >= 1 and len(live.bodies[1].nodes) > len(DynamicTransfer(scene, [1], 2, 4).bodies[1].nodes)
     np.testing.assert_array_equal(live.transfer, fresh.transfer)
 
@@ -349,7 +347,7 @@ def test_what_cannot_move_is_refused_and_changes_nothing(scene):
         (lambda: DynamicTransfer(scene, [1.5], 2, 4), "from 0 to 3"),
         (lambda: DynamicTransfer(scene, [1], 11, 4), "bands"),
         (lambda: DynamicTransfer(scene, [1], 2, 0), "rays"),
-        (lambda: DynamicTransfer(scene, [1], 2, 4, ranks=np.arange(5)), "a rank for each"),
+        (lambda: DynamicTransfer(scene, [1], 2, 4, anchor=Anchor(ranks=np.arange(5))), "a rank for each"),
     ):
         with pytest.raises(InputError, match=message):
             call()

@@ -5,7 +5,7 @@ import open3d as o3d
 import pytest
 from shadow_meshes import knobbed_torus, mesh_arrays
 
-from relight.transfer import filtering, sampling
+from relight.transfer import filtering, lobes
 from relight.transfer.analytic import analytic
 from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
@@ -132,7 +132,7 @@ def averaged_densely(weights, normals, model, rest, rays, steps):
     base = weights + np.eye(len(weights))
     for step in range(steps):
         guide = analytic(normals, bands)
-        sampling.add_model(normals, *(a.astype(np.float32) for a in (model, rest[:, : bands**2])), guide)
+        lobes.add_model(normals, *(a.astype(np.float32) for a in (model, rest[:, : bands**2])), guide)
         guide = guide.astype(np.float64) - analytic(normals, bands)
         if step == 0:
             hidden = np.clip(-(base @ guide[:, 0]) / base.sum(axis=1) / Y0, 0, 1)

@@ -7,7 +7,7 @@ from scipy.special import sph_harm_y
 from shadow_meshes import knobbed_torus, mesh_arrays
 
 from relight.sh.normals import unit_normals
-from relight.transfer import sampling
+from relight.transfer import lobes, sampling
 from relight.transfer.analytic import analytic
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced
@@ -176,7 +176,7 @@ def test_transfer_of_a_linear_visibility_is_its_cosine_integral(bands):
     model = rng.normal(size=(len(normals), 4)).astype(np.float32)
     rest = rng.normal(size=(len(normals), bands**2)).astype(np.float32)
     transfer = analytic(normals, bands)
-    sampling.add_model(normals, model, rest, transfer)
+    lobes.add_model(normals, model, rest, transfer)
     nodes, weights = np.polynomial.legendre.leggauss(16)
     for row, normal, (a, *b), extra in zip(transfer, normals.astype(np.float64), model, rest, strict=True):
         # Exact rule: Gauss in u = cos over 0..1 with weight 2 u, 24 azimuths; degree 9 + 1, times u.

@@ -14,8 +14,8 @@ from relight.viewer.lamp_bench import DARK, MOST_ALONE, MOST_FINISHED, SPARE, La
 from relight.viewer.lamp_board import LampBoard
 from relight.viewer.lamp_source import LampSource
 from relight.viewer.mixture import SessionMixture
+from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
-from relight.viewer.state import choices_of
 from relight.viewer.worker import InlineWorker
 from splat2mesh.base.errors import InputError
 
@@ -386,7 +386,7 @@ def test_unusable_lamps_are_refused(scene, opened, tmp_path):
         with pytest.raises(InputError):
             session.change_lamp(number, **changes)
     assert session.board.undoable == 1
-    plain = Session(scene, choices_of("noon"), tolerance=0.05, worker=InlineWorker)
+    plain = Session(SessionRequest.of(scene, "noon", tolerance=0.05), InlineWorker)
     with pytest.raises(InputError, match="cannot be changed"):
         plain.add_lamp(LAMP)
     plain.close()

@@ -8,7 +8,6 @@ from relight import LightingOptions, RelightRequest
 from relight.job import Job
 from relight.showing import session_of
 from relight.viewer.session import Session
-from relight.viewer.state import choices_of
 from relight.viewer.worker import InlineWorker
 
 LAMP = "1.2,0.5,1.2 radius=.1 brightness=+2EV"
@@ -26,10 +25,7 @@ def test_a_session_shows_what_a_relight_gives(env, wishes):
     options = LightingOptions(tolerance=0.05, **wishes)
     job = Job(RelightRequest(ball_on_plate(), env, options, angles_deg=(0.0,), caching="none"))
     expected = next(iter(job.shaded()))
-    told = session_of(job)
-    scene, environment, own = told.pop("scene"), told.pop("environment"), told.pop("options")
-    told.pop("state"), told.pop("environments_folder")
-    session = Session(scene, choices_of(environment), own, worker=InlineWorker, **told)
+    session = Session(session_of(job), InlineWorker)
     session.finish()
     shown, wanted = session.radiance() * session.exposure(), expected.shading.radiance * expected.exposure
     # Sums of a few float32 terms, in two orders.

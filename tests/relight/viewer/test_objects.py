@@ -14,7 +14,6 @@ from relight import LightingOptions, RelightRequest
 from relight.job import Job
 from relight.showing import session_of
 from relight.viewer.session import Session
-from relight.viewer.state import choices_of
 from relight.viewer.window import Window
 from relight.viewer.worker import InlineWorker
 from splat2mesh.base.errors import InputError
@@ -44,10 +43,7 @@ def job_of(scene, box, at):
 
 
 def open_session(scene, box, at, clock=None):
-    told = session_of(job_of(scene, box, at))
-    environment, own = choices_of(told.pop("environment")), told.pop("options")
-    told.pop("state"), told.pop("environments_folder")
-    return Session(told.pop("scene"), environment, own, worker=InlineWorker, clock=clock or Clock(), **told)
+    return Session(session_of(job_of(scene, box, at)), InlineWorker, clock or Clock())
 
 
 @pytest.fixture

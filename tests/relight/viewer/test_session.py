@@ -15,6 +15,7 @@ from relight.viewer.camera import PICTURE_ASPECT, Orbit
 from relight.viewer.controls import CONTROLS, SLIDERS, key_name
 from relight.viewer.lighting import SAMPLE, SessionLighting, _gather, keys
 from relight.viewer.modes import MODES, error_scale, map_colors, vertex_errors
+from relight.viewer.request import SessionRequest
 from relight.viewer.session import REST_SECONDS, Session
 from relight.viewer.state import RANGES, choices_of
 from relight.viewer.worker import InlineWorker, ProcessWorker
@@ -276,7 +277,7 @@ def test_the_error_scale_grows_brighter_all_the_way():
 def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
     (tmp_path / "broken.hdr").write_bytes(b"#?RADIANCE\nnothing")
     lights = choices_of("noon", tmp_path)
-    session = Session(scene, lights, tolerance=0.05, worker=ProcessWorker)
+    session = Session(SessionRequest.of(scene, lights, tolerance=0.05), ProcessWorker)
     try:
         session.finish()
         here = session_of(scene)

@@ -16,9 +16,9 @@ from relight.light.projections import texel_directions
 from relight.output.preview import Preview
 from relight.viewer.controls import CONTROLS, MOUSE, SLIDERS, key_name
 from relight.viewer.panel import Panel
+from relight.viewer.request import SessionRequest
 from relight.viewer.session import Session
 from relight.viewer.stage import BACKDROP
-from relight.viewer.state import choices_of
 from relight.viewer.window import Window
 from relight.viewer.worker import InlineWorker
 
@@ -289,7 +289,7 @@ def test_every_button_does_what_its_key_does(window):
 @pytest.mark.parametrize("size", [(960, 720), (1600, 1000), (1280, 800)])
 def test_nothing_written_overlaps_or_leaves_the_window(scene, size):
     names = ["a very long name of a light from a folder.0001", "noon"]
-    session = Session(scene, {name: "noon" for name in names}, tolerance=0.05, worker=InlineWorker)
+    session = Session(SessionRequest.of(scene, {name: "noon" for name in names}, tolerance=0.05), InlineWorker)
     window = Window(session, (64, 48), off_screen=True)
     panel = Panel(window.plotter.renderer)
     states = [
@@ -347,7 +347,7 @@ def test_the_panel_tells_error_times_and_what_is_missing(window):
 
 def test_a_thousand_random_actions_leave_no_error_and_no_memory(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    session = Session(scene, choices_of("noon"), tolerance=0.05)
+    session = Session(SessionRequest.of(scene, "noon", tolerance=0.05))
     window = Window(session, (240, 180), off_screen=True)
     rng = np.random.default_rng(7)
     controls = [control for control in CONTROLS if control.key not in ("q", "v", "p")]

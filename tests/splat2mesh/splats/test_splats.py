@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 from splat_samples import basis_oracle, make_splats, unit_vectors
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.cleaning import clean, sound, usable
 from splat2mesh.splats.harmonics import sh_basis_3dgs
-from splat2mesh.splats.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats, clean, sound, usable
+from splat2mesh.splats.splats import FLATTEST, INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 # A few float32 roundings (6e-8) of values of order one.
 ROUNDING = 1e-6

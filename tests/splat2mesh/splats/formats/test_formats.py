@@ -10,9 +10,9 @@ import pytest
 from splat_samples import assert_same, make_splats, store
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.splats.cleaning import clean
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 from splat2mesh.splats.formats.inria import SURFEL_THICKNESS
-from splat2mesh.splats.splats import clean
 
 # A logit or log scale of magnitude up to 16 is stored with an error of 16 * 2^-24 = 1e-6, which exp turns
 # into a relative one.

@@ -1,0 +1,36 @@
+"""The scene that results are written of, as every writer of files takes it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from splat2mesh.splats.splats import Splats
+
+from .lamps_glb import NO_LAMPS, PlacedLamps
+
+if TYPE_CHECKING:
+    from ..engine.appearance import Appearance
+    from ..engine.relighter import Relighter
+    from ..gloss import SceneGloss
+    from ..light.environment import Environment
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenScene:
+    """A scene, what it was made from, and what lights it beside an environment.
+
+    splats: (Splats, paths of their files), None where no result needs them. binding: returns the Binding of the splats;
+    called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo
+    splat as captured, else it is hidden. seed: of all that is sampled. lamps: function of a light and its exposure:
+    what was put in beside it. gloss: None where gloss stays as captured.
+    """
+
+    relighter: "Relighter"
+    appearance: "Appearance"
+    splats: tuple[Splats, list[Path]] | None = None
+    binding: Callable[[], Any] = lambda: None
+    sky: str = "new"
+    seed: int = 0
+    lamps: Callable[["Environment", float], PlacedLamps] = lambda light, exposure: NO_LAMPS
+    gloss: "SceneGloss | None" = None

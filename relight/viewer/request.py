@@ -1,0 +1,120 @@
+"""What a session shows, and what a film of a turntable is, each as one frozen value. Imports nothing heavy."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..options import LightingOptions
+
+if TYPE_CHECKING:
+    from splat2mesh.scene.foreign import AnyScene
+
+    from ..light.environment import Environment
+    from ..transfer.store import Cache
+    from .lamp_source import LampSource
+    from .mixture import SessionMixture
+    from .object_source import ObjectSource
+    from .splats import SplatSource
+
+
+@dataclass(frozen=True, eq=False)
+class SessionRequest:
+    """A scene and its lights, as a session shows them.
+
+    Parameters
+    ----------
+    scene : scene, mesh or path
+        As of Relighter.
+    environment : Environment, path or name, or dict of them
+        The light that is shown first, or what `Environment.load` takes; a dict holds all that can be chosen, by name.
+    lighting : LightingOptions
+        How accurately the light is computed. A session has a tolerance and no budget.
+    albedos : dict of str to (V, 3) linear or None, optional
+        Albedos to choose from, None for white; the first is shown first. Default: captured and white.
+    environments_folder : path, optional
+        Its `.exr` and `.hdr` files can be chosen too.
+    exposure : float, optional
+        Display value per unit of radiance. Default: by the brightest vertices, for each light.
+    state : dict, optional
+        Fields of `state.State` to start with.
+    cache : Cache, optional
+        As of Relighter.
+    lamps : dict of str to (V, 3), optional
+        Name of an albedo -> radiance of what the lamps of a room light, beside every environment.
+    lamps_known : bool
+        Whether those can be told from other light, and dimmed.
+    mixture : SessionMixture, optional
+        What is shown beside the environment: captured light and placed lamps.
+    lamp_source : LampSource, optional
+        What lights lamps that are put in; without it none can be.
+    object_source : ObjectSource, optional
+        What lights objects that are put in.
+    splats : SplatSource, optional
+        What the scene was made of: shown, relit, in place of the mesh.
+    """
+
+    scene: "AnyScene"
+    environment: "Environment | str | os.PathLike[str] | Mapping[str, Any]" = "studio"
+    lighting: LightingOptions = field(default_factory=LightingOptions)
+    albedos: Mapping[str, NDArray[np.floating] | None] | None = None
+    environments_folder: str | os.PathLike[str] | None = None
+    exposure: float | None = None
+    state: Mapping[str, Any] | None = None
+    cache: "Cache | None" = None
+    lamps: Mapping[str, NDArray[np.floating]] | None = None
+    lamps_known: bool = True
+    mixture: "SessionMixture | None" = None
+    lamp_source: "LampSource | None" = None
+    object_source: "ObjectSource | None" = None
+    splats: "SplatSource | None" = None
+
+    @classmethod
+    def of(
+        cls,
+        scene: "AnyScene | SessionRequest",
+        environment: "Environment | str | os.PathLike[str] | Mapping[str, Any]" = "studio",
+        lighting: LightingOptions | str | None = None,
+        **changes: Any,
+    ) -> "SessionRequest":
+        """Return a request of loose arguments.
+
+        lighting: LightingOptions or the name of a method. changes: fields of the request and of its LightingOptions,
+        side by side. A request is returned with its fields changed.
+        """
+        own, finer = _split(cls, changes)
+        if isinstance(scene, SessionRequest):
+            lighting = scene.lighting if lighting is None else lighting
+            return replace(scene, lighting=LightingOptions.of(lighting, **finer), **own)
+        return cls(scene, environment, LightingOptions.of(lighting, **finer), **own)
+
+
+@dataclass(frozen=True)
+class Turntable:
+    """A film of one full turn.
+
+    frames: pictures in it. what: "light" or "camera", which turns. panel: whether the panel is in the film. overwrite:
+    replace a film of that name. size: width and height in pixels.
+    """
+
+    frames: int = 72
+    what: str = "light"
+    panel: bool = False
+    overwrite: bool = False
+    size: tuple[int, int] = (960, 720)
+
+    @classmethod
+    def of(cls, turn: "Turntable | None", changes: dict[str, Any]) -> tuple["Turntable", dict[str, Any]]:
+        """Return the turntable with those changes that are fields of it, and the other changes."""
+        own, others = _split(cls, changes)
+        return replace(turn or cls(), **own), others
+
+
+def _split(kind: Any, changes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The changes that are fields of a dataclass, and the others."""
+    names = {each.name for each in fields(kind)}
+    own = {name: value for name, value in changes.items() if name in names}
+    return own, {name: value for name, value in changes.items() if name not in names}

@@ -1,0 +1,118 @@
+"""The nodes of a glTF 2.0 file: how they hang together, and where they stand before anything moves."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.errors import InputError
+from .gltf import GltfData
+
+
+def initial_transforms(data: GltfData) -> list[dict]:
+    """Tell where every node stands before anything moves.
+
+    Returns
+    -------
+    list of dict of str to ndarray of float64
+        translation, rotation (x y z w) and scale, or matrix.
+    """
+    transforms = []
+    for node in data.document.nodes or []:
+        if node.matrix is not None and node.translation is None and node.rotation is None and node.scale is None:
+            transforms.append({"matrix": np.reshape(np.array(node.matrix, np.float64), (4, 4)).T})
+            continue
+        transforms.append(
+            {
+                "translation": np.array(node.translation or [0.0, 0.0, 0.0], np.float64),
+                "rotation": np.array(node.rotation or [0.0, 0.0, 0.0, 1.0], np.float64),
+                "scale": np.array([1.0, 1.0, 1.0] if node.scale is None else node.scale, np.float64),
+            }
+        )
+    return transforms
+
+
+def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
+    """Tell how nodes hang together.
+
+    Returns
+    -------
+    order : list of int
+        All nodes, parents first.
+    parent : ndarray of integers
+        Of every node, -1 without one.
+    shown : ndarray of bool
+        Whether each is in the shown scene.
+
+    Raises
+    ------
+    InputError
+        Where they do not form trees.
+    """
+    nodes = data.document.nodes or []
+    parent = np.full(len(nodes), -1)
+    for index, node in enumerate(nodes):
+        for child in node.children or []:
+            if not 0 <= child < len(nodes) or parent[child] != -1:
+                raise InputError(f"{data.path}: its nodes do not form a tree; export it again")
+            parent[child] = index
+    order = np.flatnonzero(parent == -1).tolist()
+    for index in order:
+        order += nodes[index].children or []
+    if len(order) < len(nodes):
+        raise InputError(f"{data.path}: its nodes do not form a tree; export it again")
+    scenes, shown = data.document.scenes, np.ones(len(nodes), bool)
+    if scenes:
+        shown[:] = False
+        shown[scenes[data.document.scene or 0].nodes or []] = True
+        for index in order:
+            shown[index] |= parent[index] >= 0 and shown[parent[index]]
+    return order, parent, shown
+
+
+def global_matrices(transforms: list[dict], order: list[int], parent: NDArray) -> NDArray:
+    """Return the world-from-node matrices, also of joints outside the shown scene.
+
+    Parameters
+    ----------
+    transforms : list of dict
+        As `initial_transforms` returns them.
+    order : list of int
+        Parents first.
+    parent : ndarray of integers, (nodes,)
+
+    Returns
+    -------
+    ndarray of float64, (nodes, 4, 4)
+    """
+    result = np.zeros((len(transforms), 4, 4))
+    for index in order:
+        own = transforms[index]
+        local = own["matrix"] if "matrix" in own else matrix_from_trs(*own.values())
+        result[index] = local if parent[index] < 0 else result[parent[index]] @ local
+    return result
+
+
+def matrix_from_trs(translation: NDArray, quat_xyzw: NDArray, scale: NDArray) -> NDArray:
+    """Return the matrix that scales, then rotates, then moves.
+
+    Parameters
+    ----------
+    translation : ndarray, (3,)
+    quat_xyzw : ndarray, (4,)
+        Of any length.
+    scale : ndarray, (3,)
+
+    Returns
+    -------
+    ndarray of float64, (4, 4)
+    """
+    x, y, z, w = np.asarray(quat_xyzw, np.float64) / max(float(np.linalg.norm(quat_xyzw)), 1e-300)
+    # fmt: off
+    rotation = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
+    # fmt: on
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = rotation * np.asarray(scale, np.float64), translation
+    return matrix
