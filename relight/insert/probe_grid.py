@@ -3,12 +3,11 @@
 import math
 import re
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splat2mesh.base.arrays import Booleans, Points
+from splat2mesh.base.arrays import Mask, Points
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.scene.scene import Scene
@@ -25,15 +24,7 @@ LOOKS = 256
 """Directions in which a place looks for the backs of faces."""
 
 BACKS = 0.25
-"""Share of directions that meet backs, and more backs than fronts, from which on a place is in a wall or below ground."""
-
-
-class Places(NamedTuple):
-    """positions: (N, 3) float64, scene frame, x running fastest, then y. step: (3,) between them, 0 along an axis that has
-    one; None for places that form no grid."""
-
-    positions: NDArray[np.float64]
-    step: NDArray[np.float64] | None
+"""Share of directions that meet backs, and more backs than fronts, from which on a place is in a wall or the ground."""
 
 
 @dataclass(frozen=True)
@@ -59,21 +50,21 @@ class ProbeGrid:
             return cls(None, spacing)
         raise InputError(f"`probes` {text}: expected counts along x, y and z, such as 4x3x4, or a spacing above 0")
 
-    def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> Places:
-        """The places in a box, (3,) each, from corner to corner; a single one along an axis in its middle.
+    def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The places (N, 3) in a box, from corner to corner, (3,) each; a single one along an axis in its middle.
+        x runs fastest, then y.
 
         Raises InputError for more than MOST."""
         size = high - low
         counts = np.array(self.counts) if self.counts else np.ceil(size / self.spacing - 1e-9) + 1
         if counts.prod() > MOST:
-            raise InputError(
-                f"`probes` {self.spacing:g}: {counts.prod():,.0f} probes; expected at most {MOST:,}, so a larger spacing"
-            )
+            found = f"`probes` {self.spacing:g}: {counts.prod():,.0f} probes"
+            raise InputError(f"{found}; expected at most {MOST:,}, so a larger spacing")
         counts = counts.astype(np.int64)
         step = np.where(counts > 1, size / np.maximum(counts - 1, 1), 0.0)
         first = np.where(counts > 1, low, (low + high) / 2)
         z, y, x = np.meshgrid(*(np.arange(each) for each in counts[::-1]), indexing="ij")
-        return Places(first + np.stack([x, y, z], axis=-1).reshape(-1, 3) * step, step)
+        return np.asarray(first + np.stack([x, y, z], axis=-1).reshape(-1, 3) * step)
 
 
 def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -82,7 +73,7 @@ def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return low, high
 
 
-def free(scene: Scene, occluder: Occluder, positions: Points) -> Booleans:
+def free(scene: Scene, occluder: Occluder, positions: Points) -> Mask:
     """Whether each position, (N, 3) in the scene frame, is outside of walls, bodies and the ground: (N,) bool."""
     directions = fibonacci_sphere(LOOKS)
     frame = Frame.around(scene.vertices, scene.faces)
