@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.foreign import as_scene
 
+from ..lamps.shapes import Vector
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, SHADOWS
@@ -163,23 +164,16 @@ class Session(LampEditing, Answers):
             self.objects.close()
 
     def move_object(
-        self,
-        number: int,
-        at: tuple[float, float, float],
-        turn_deg: float | None = None,
-        lifted: bool = False,
-        merge: Hashable = None,
+        self, number: int, at: Vector, turn_deg: float | None = None, lifted: bool = False, merge: Hashable = None
     ) -> None:
         """Put an object, counted from 0, at a position in the frame of the splat, turned about the vertical.
 
-        lifted: off the floor that it was let down on. merge: moves in a row that share it are undone as one. Raises
-        InputError for numbers that are none, and in a session without objects.
-        """
+        lifted: off the floor. merge: moves in a row that share it are undone as one. Raises InputError for numbers that
+        are none, and in a session without objects."""
         if self.objects is None:
             raise InputError("no object to move: open the session with --insert FILE")
         self.objects.put(number, at, turn_deg, lifted, merge)
-        self.revision += 1
-        self._objects_moved = self.clock()
+        self.revision, self._objects_moved = self.revision + 1, self.clock()
 
     @property
     def name(self) -> str:
