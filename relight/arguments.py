@@ -165,6 +165,9 @@ def parser() -> argparse.ArgumentParser:
     space = "of --format passes: srgb or acescg, linear both; their --cameras are as those of meshing, one file each "
     space += f"(default: {RelightRequest.color_space})"
     add("--color-space", metavar="NAME", help=space)
+    probes = "of --format probe: a grid of light probes for engines, as counts along x, y, z (4x2x4) or as the largest "
+    probes += "distance between two, in the box of two --at or all over the scene"
+    add("--probes", metavar="GRID", help=probes)
     add("--sheet", action="store_true", help="also sheet.png: capture, albedo and all lights side by side")
     live = "with --format glb: also live.glb, whose light turns in shaders (docs/engines.md)"
     add("--live", dest="live_mesh", action="store_true", help=live)

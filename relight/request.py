@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from splat2mesh.scene.foreign import AnyScene
 
+    from .insert.probe_grid import ProbeGrid
     from .light.environment import Environment
 
 AnyLight: TypeAlias = "Environment | DaylightRequest | str | os.PathLike[str]"
@@ -96,6 +97,9 @@ class RelightRequest:
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
         Positions of the probes, in the frame of the splat. Default: one where the capture stood.
+    probes : str
+        A grid of probes for engines: counts along x, y, z such as "4x2x4", or the largest distance between two, in the
+        box about `probe_at`, or about the scene without its far background.
     cameras : path, optional
         Cameras of the passes, as `splat2mesh` takes those of a capture. Default: the camera of the preview.
     color_space : {"srgb", "acescg"}
@@ -146,6 +150,7 @@ class RelightRequest:
     sky: str = "new"
     lights: Sequence[AnyLight] = ()
     probe_at: Sequence[Any] = ()
+    probes: str = ""
     cameras: str | os.PathLike[str] | None = None
     color_space: str = "srgb"
     live_mesh: bool = False
@@ -175,6 +180,12 @@ class RelightRequest:
         self._check_tint()
         if self.probe_at and "probe" not in (self.formats or ()):
             raise InputError("`probe_at`: it belongs to the format probe; give that too")
+        if self.probes:
+            if "probe" not in (self.formats or ()):
+                raise InputError("`probes`: it belongs to the format probe; give that too")
+            if len(self.probe_at) == 1:
+                raise InputError("`probes`: a box has two corners; give another `probe_at`, or none")
+            _ = self.probe_grid  # or an InputError
         if "catcher" in (self.formats or ()) and not self.inserted:
             raise InputError("`formats` catcher: it holds what objects change; name one that is put in, as `inserted`")
         for name in ("cameras", "color_space"):
@@ -239,6 +250,13 @@ class RelightRequest:
             return []
         asked = DaylightRequest.parse(self.sun, self.at, self.north_deg)
         return [asked.at_time(time) for time in day_times(self.day, asked.time)]
+
+    @property
+    def probe_grid(self) -> "ProbeGrid | None":
+        """The grid of `probes`; None without. Raises InputError for other words."""
+        from .insert.probe_grid import ProbeGrid
+
+        return ProbeGrid.parse(self.probes) if self.probes else None
 
     def _check_words(self) -> None:
         check_choice("sky", self.sky, SKIES)

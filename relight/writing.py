@@ -177,7 +177,8 @@ class Writer:
         around = None
         if {*AROUND} & {*formats}:
             source = splats[1][0] if splats is not None and len(splats[1]) == 1 else None
-            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, asked.probe_at, source)
+            places = asked.probe_at, source, asked.probe_grid
+            around = AroundFiles(job.scene, relighter.occluder, formats, job.light_around, *places)
         clean = None
         if splats is not None and {*WITHOUT_LIGHT} & {*formats}:
             clean = CleanFiles(job.scene, *splats, job.stages)

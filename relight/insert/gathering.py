@@ -33,6 +33,9 @@ NEAR_RAYS = 4
 NEAR = 1.05
 """Radii of that sphere up to which they do: its cone would be nearly half of all directions."""
 
+BOX = 1.001
+"""Times the reach of an object: half the side of its box, with room for rounding."""
+
 LEAST_CONE = 1.0 / 400.0
 """Part of a hemisphere that the sphere of an object must fill: less changes no light that is seen."""
 
@@ -120,6 +123,22 @@ def change_at(
         change[before] += _direct(around, Together(around.occluder, places, standing.caster), places)
         change[before] -= _direct(around, Together(around.occluder, places), places)
     return change
+
+
+def within(around: Surroundings, standing: Standing, at: Receiving, least: float) -> Indices:
+    """Rows of the places in the boxes that hold what objects may change by `in_reach`; all where suns or lamps throw
+    shadows, which reach farther."""
+    if len(around.suns) or around.lamps is not None:
+        return np.arange(len(at.origins))
+    found = np.zeros(len(at.origins), bool)
+    for middle, radius in standing.spheres:
+        reach = BOX * radius / np.sqrt(least)
+        low, high = ((middle + side * reach).astype(np.float32) for side in (-1.0, 1.0))
+        inside = (at.origins[:, 0] > low[0]) & (at.origins[:, 0] < high[0])
+        for axis in (1, 2):
+            inside &= (at.origins[:, axis] > low[axis]) & (at.origins[:, axis] < high[axis])
+        found |= inside
+    return np.flatnonzero(found)
 
 
 def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: float = LEAST_CONE) -> Mask:

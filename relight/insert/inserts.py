@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
-from .gathering import change_at, light_on
+from .gathering import change_at, light_on, within
 from .objects import InsertedObject, read_object
 from .placing import placed_by
 from .standing import Standing
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 RAYS = 32
 """From each vertex to each object, where it is first asked what that changes."""
 
-GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 64.0
+GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 16.0
 """Rays of a glimpse, and what part of a hemisphere an object must fill to be looked at."""
 
 LATER_BOUNCES = 4
@@ -74,7 +74,7 @@ class Inserts:
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
         """The same objects elsewhere; nothing is read again."""
         other = Inserts(asked, self.relighter, self._look, self._read)
-        other.__dict__.update(objects=self.objects, _frame=self._frame)
+        other.__dict__.update(objects=self.objects, _frame=self._frame, _diagonal=self._diagonal)
         return other
 
     def posed(self, objects: list[InsertedObject]) -> "Inserts":
@@ -99,10 +99,15 @@ class Inserts:
         return Frame.around(self.relighter.scene.vertices, self.relighter.scene.faces)
 
     @cached_property
+    def _diagonal(self) -> float:
+        return self.relighter.scene.diagonal
+
+    @cached_property
     def _placed(self) -> list[NDArray[np.float64]]:
         scene, occluder = self.relighter.scene, self.relighter.occluder
         objects = zip(self.asked, self.objects, strict=True)
-        return [placed_by(asked, each.joined("vertices"), scene, occluder) for asked, each in objects]
+        where = scene, occluder, self._diagonal
+        return [placed_by(asked, each.joined("vertices"), *where) for asked, each in objects]
 
     @cached_property
     def standing(self) -> Standing:
@@ -138,12 +143,15 @@ class Inserts:
         objects elsewhere, whose light they keep."""
         around = before.around
         at = Receiving(around.occluder.origins, around.occluder.normals)
-        direct = change_at(
-            around, self.standing, before.radiance, GLIMPSE_RAYS, at, self.relighter.seed, least=GLIMPSE_CONE
+        direct, rows = np.zeros(at.origins.shape, np.float32), within(around, self.standing, at, GLIMPSE_CONE)
+        direct[rows] = change_at(
+            around, self.standing, before.radiance, GLIMPSE_RAYS, at.of(rows), self.relighter.seed, least=GLIMPSE_CONE
         )
-        return InsertedLight(
+        found = InsertedLight(
             self, around, before.received, before.light, before.radiance, direct, np.zeros_like(direct)
         )
+        found.__dict__["softness"] = before.softness  # of what is received, which is the same
+        return found
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
         """What surfaces send to each other less, or more, for a change of light (V, 3) on them."""
@@ -202,10 +210,13 @@ class InsertedLight:
 
     def compared(self, received: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
         """The ratio of light (V, 3) that changes by so much to that before."""
-        before = np.asarray(received, np.float64) + max(self.softness, 1e-12)
-        logs = np.log(np.maximum((before + change) / before, LEAST_RATIO))
+        ratio = np.ones(change.shape, np.float32)
+        rows = np.flatnonzero(change.any(axis=1))
+        before = np.asarray(received[rows], np.float64) + max(self.softness, 1e-12)
+        logs = np.log(np.maximum((before + change[rows]) / before, LEAST_RATIO))
         shrunk = np.sign(logs) * np.maximum(np.abs(logs) - LEAST_CHANGE, 0.0)
-        return np.exp(shrunk).astype(np.float32)
+        ratio[rows] = np.exp(shrunk)
+        return ratio
 
     def splats_put_in(self, exposure: float) -> "Splats | None":
         """The splats among the objects, lit, in the frame of the place's splat; None without. exposure: units of the

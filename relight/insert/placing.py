@@ -27,6 +27,7 @@ def placed_by(
     vertices: NDArray[np.float32],  # (V, 3) of the object, y up
     scene: Scene,
     occluder: Occluder,  # of that scene
+    diagonal: float | None = None,  # of the scene, where it is known
 ) -> NDArray[np.float64]:
     """Return scene_from_object, (4, 4). Warns with a DataWarning of an object of another unit than the scene's.
 
@@ -35,13 +36,13 @@ def placed_by(
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     unit = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or 1.0
     size = float(np.linalg.norm(np.ptp(vertices.astype(np.float64), axis=0))) * unit
-    scale = asked.scale
+    scale, diagonal = asked.scale, scene.diagonal if diagonal is None else diagonal
     if scale is None:
-        scale = _guessed_scale(asked.name, size, scene.diagonal)
-    elif size * scale > scene.diagonal:
-        _warn(f"{asked.name} is {size * scale / scene.diagonal:.3g} times as large as the scene: give a smaller scale")
-    if size * scale < LEAST_OF_SCENE * scene.diagonal:
-        _warn(f"{asked.name} is too small to be seen, {size * scale / scene.diagonal:.1g} of the scene: scale it up")
+        scale = _guessed_scale(asked.name, size, diagonal)
+    elif size * scale > diagonal:
+        _warn(f"{asked.name} is {size * scale / diagonal:.3g} times as large as the scene: give a smaller scale")
+    if size * scale < LEAST_OF_SCENE * diagonal:
+        _warn(f"{asked.name} is too small to be seen, {size * scale / diagonal:.1g} of the scene: scale it up")
     angle = np.radians(asked.turn_deg)
     cos, sin = np.cos(angle), np.sin(angle)
     placed = np.eye(4)

@@ -26,7 +26,7 @@ HEIGHT = 256
 """Rows of the picture, half its columns: texels of .7 degrees."""
 
 FACE = 320
-"""Side of a face of the cube that is rendered, in pixels."""
+"""Side of a face of the cube that is rendered, in pixels, for HEIGHT rows."""
 
 FIELD_DEG = 92.0
 """Angle of a face: a little over a quarter turn, so that they overlap."""
@@ -56,9 +56,10 @@ def probe(
     light: Light,
     exposure: float,  # units of the picture per unit of the radiance
     place: Vector,  # (3,) in the frame of the splats
+    height: int = HEIGHT,
 ) -> NDArray[np.float32]:
-    """Return the lat-long picture (HEIGHT, 2 HEIGHT, 3) float32 of the light, scene frame, units of the picture."""
-    directions = texel_directions(HEIGHT, 2 * HEIGHT).reshape(-1, 3)
+    """Return the lat-long picture (height, 2 height, 3) float32 of the light, scene frame, units of the picture."""
+    directions = texel_directions(height, 2 * height).reshape(-1, 3)
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     frame = Frame.around(scene.vertices, scene.faces)
     at = matrix[:3, :3] @ np.asarray(place, np.float64) + matrix[:3, 3]
@@ -66,7 +67,7 @@ def probe(
     rays[:, :3], rays[:, 3:] = frame.unit(at[None]), directions
     hits = occluder.first_hits(rays)
     _check_free(scene, hits.faces, directions, place)
-    shown, alpha = _shown(splats, scene, np.asarray(place, np.float64), directions)
+    shown, alpha = _shown(splats, scene, np.asarray(place, np.float64), directions, FACE * height // HEIGHT)
     sky = np.zeros_like(shown)
     for each in light.skies:
         sky += np.float32(each.factor * exposure) * each.environment.lookup(directions)
@@ -80,7 +81,7 @@ def probe(
         corners = occluder.faces[hits.faces[met]]
         glow = np.einsum("nk,nkc->nc", weights_of(hits.uv[met]), light.glow[corners]) * np.float32(exposure)
         found[met] = np.maximum(found[met], glow)
-    return found.reshape(HEIGHT, 2 * HEIGHT, 3)
+    return found.reshape(height, 2 * height, 3)
 
 
 def _check_free(scene: Scene, faces: Integers, directions: NDArray, place: Vector) -> None:
@@ -111,9 +112,11 @@ def usual_place(scene: Scene, occluder: Occluder) -> Vector:
 
 
 def _shown(
-    splats: Splats, scene: Scene, place: NDArray[np.float64], directions: NDArray
+    splats: Splats, scene: Scene, place: NDArray[np.float64], directions: NDArray, face: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Display values (N, 3), premultiplied, in [0, 1], and alpha (N,), of splats in unit directions of the scene."""
+    """Display values (N, 3), premultiplied, in [0, 1], and alpha (N,), of splats in unit directions of the scene.
+
+    face: side of the cube's faces in pixels."""
     matrix = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
     scale = float(np.cbrt(abs(np.linalg.det(matrix))))
     turned = directions @ (matrix / scale)  # into the frame of the splats
@@ -125,7 +128,7 @@ def _shown(
         forward[number // 2] = 1.0 - 2.0 * (number % 2)
         rows = np.flatnonzero((axis == number // 2) & (side == forward[number // 2]))
         up = np.roll(np.abs(forward), 1)
-        view = View.look_at(place, place + forward, up, FIELD_DEG, FACE, FACE)
+        view = View.look_at(place, place + forward, up, FIELD_DEG, face, face)
         seen = rasterize(splats, view, NEAR * scene.diagonal / scale)
         x, y, z = view.camera_from_world[:3, :3] @ turned[rows].T
         column, row = view.fx * x / z + view.cx - 0.5, view.fy * y / z + view.cy - 0.5

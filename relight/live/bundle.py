@@ -10,6 +10,8 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
 
 from .lights import IMAGE, rgbe
+from .objects import FILE as OBJECTS_FILE
+from .objects import MESH
 from .proxy import write_proxy
 from .response import BANDS, SPREAD_BANDS
 from .shine import FILE as GLOSS_FILE
@@ -40,6 +42,9 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
         contents["terms.bin"] = b"".join(term.tobytes() for term in live.terms)
     if live.gloss is not None:
         contents[GLOSS_FILE] = live.gloss.tobytes()
+    if live.objects is not None:
+        contents[OBJECTS_FILE] = live.objects.tobytes()
+        contents.update({MESH: live.objects.glb} if live.objects.glb else {})
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
@@ -96,6 +101,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         "lamps": live.lamps,
         **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
         **({} if live.gloss is None else {"gloss": live.gloss.described()}),
+        **({} if live.objects is None else {"objects": live.objects.described()}),
         "lights": [
             {
                 "name": light.name,

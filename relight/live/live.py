@@ -23,6 +23,7 @@ from .basis import Basis, Packed, packed, reduced, usual_moment
 from .compression import Compressed, choices_for, cluster_centers, compress
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
+from .objects import LiveObjects
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, light_vector, response_of
 from .shine import Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
@@ -67,7 +68,7 @@ class Live(NamedTuple):
     the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
     degrees, where to look from first, scene frame; of an object, bounds too, the box of what was captured, which the
     page fits into its window. lamps: factor on the lamps of a room, None where there are none. terms: list of Term.
-    gloss: Shine of what is glossy, None where nothing is.
+    gloss: Shine of what is glossy, None where nothing is. objects: those that were inserted, None without.
     """
 
     splats: Splats
@@ -87,6 +88,7 @@ class Live(NamedTuple):
     lamps: float | None = None
     terms: Sequence[Term] = ()
     gloss: Shine | None = None
+    objects: LiveObjects | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,7 +107,20 @@ def _script() -> str:
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
         viewer = viewer.replace(theirs, ours)
-    library = [_text(name) for name in ("light.js", "piz.js", "splats.js", "shadow.js", "framing.js", "gloss.js", "exr.js", "indicator.js", "live.js")]
+    library = [
+        _text(name)
+        for name in (
+            "light.js",
+            "piz.js",
+            "splats.js",
+            "shadow.js",
+            "framing.js",
+            "gloss.js",
+            "exr.js",
+            "indicator.js",
+            "live.js",
+        )
+    ]
     names = [
         name
         for part in library

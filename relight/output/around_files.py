@@ -13,13 +13,14 @@ from ..transfer.occluder import Occluder
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded
     from ..insert.probe import Light
+    from ..insert.probe_grid import ProbeGrid
 
 
 class AroundFiles:
     """Writes these files of a scene, light after light.
 
     kinds: words of `kinds.AROUND`, and others. light: returns the Light of one of the lights. places: of probes, in the
-    frame of the splats. source: the file that these were read from, where it is one.
+    frame of the splats; with a grid, what it lies about. source: the file that these were read from, where it is one.
     """
 
     def __init__(
@@ -30,9 +31,10 @@ class AroundFiles:
         light: "Callable[[Shaded], Light]",
         places: "Sequence[Vector]" = (),
         source: Path | None = None,
+        grid: "ProbeGrid | None" = None,
     ) -> None:
         self._scene, self._occluder, self._kinds = scene, occluder, kinds
-        self._light, self._places = light, list(places)
+        self._light, self._places, self._grid = light, list(places), grid
         self._source = source
 
     def write(
@@ -52,7 +54,8 @@ class AroundFiles:
             from .probe_files import write_probes
 
             light = self._light(shaded)
-            names += write_probes(folder, relit, self._scene, self._occluder, light, shaded.exposure, self._places)
+            how = light, shaded.exposure, self._places, self._grid
+            names += write_probes(folder, relit, self._scene, self._occluder, *how)
         if "catcher" in self._kinds and shaded.inserted is not None:
             from .catcher_files import write_catcher
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Relighter
     from ..engine.relit_room import RelitRoom
     from ..light.environment import Environment
+    from ..live.objects import LiveObjects
 
 
 class LiveFiles:
@@ -48,17 +49,24 @@ class LiveFiles:
         self._live: dict[bool, Any] = {}
 
     def write(
-        self, folder: Path, light: "Environment", exposure: float, kinds: Sequence[str]
+        self,
+        folder: Path,
+        light: "Environment",
+        exposure: float,
+        kinds: Sequence[str],
+        objects: "LiveObjects | None" = None,
     ) -> tuple[list[str], dict[str, Any]]:
         """Write the files of `kinds` into a folder that exists: their names, and what the report should tell.
 
-        light: the one shown first, at its angle. exposure: of it.
+        light: the one shown first, at its angle. exposure: of it. objects: inserted ones in it, by rows of the splats.
         """
         from ..live.bundle import write_bundle
         from ..live.page import write_page
 
         live = self._prepared(light)
         live = live._replace(lights=[self._shown(light, exposure), *live.lights])
+        if objects is not None:
+            live = live._replace(objects=objects.in_order(live.order))
         names = []
         with self._relighter.stages.stage("write"):
             if "live" in kinds:

@@ -13,17 +13,22 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
 from ..insert.probe import Light, probe, usual_place
+from ..insert.probe_grid import ProbeGrid
 from ..light.environment import Environment
 from ..light.tonemap import compress_highlights
 from ..sh import harmonics
 from ..transfer.occluder import Occluder
 from . import mesh_files
+from .probe_set import places_of, write_probe_set
 
 BALL = 360
 """Side of the picture of a ball, in pixels."""
 
 GREY = 0.5
 """Albedo of the grey ball."""
+
+ROWS_OF_GRID = 64
+"""Of the pictures of a grid's probes: nine harmonics of them need no more."""
 
 
 def write_probes(
@@ -34,16 +39,26 @@ def write_probes(
     light: Light,
     exposure: float,
     places: "list[Vector]",  # frame of the splats; the usual one without any
+    grid: ProbeGrid | None = None,  # in the box about the places
 ) -> list[str]:
-    """Write a probe for each place: probe.exr, probe_2.exr ..., and pictures of their balls. Returns the names."""
-    names = []
-    for number, place in enumerate(places or [usual_place(scene, occluder)], 1):
+    """Write a probe for each place: probe.exr, probe_2.exr ..., and pictures of their balls; of several places, and
+    of a grid, the light for engines. Returns the names."""
+    names, images = [], []
+    own = [] if grid is not None else places
+    for number, place in enumerate(own or [usual_place(scene, occluder)], 1):
         image = probe(splats, scene, occluder, light, exposure, place)
+        images.append(image)
         stem = "probe" if number == 1 else f"probe_{number}"
         write_exr(folder / f"{stem}.exr", {"RGB": image})
         mesh_files.write_png(folder / f"{stem}.png", balls(image))
         names += [f"{stem}.exr", f"{stem}.png"]
-    return names
+
+    def light_at(number: int, place: Vector) -> NDArray[np.float32]:
+        if grid is None:
+            return images[number]
+        return probe(splats, scene, occluder, light, exposure, place, ROWS_OF_GRID)
+
+    return names + write_probe_set(folder, scene, occluder, places_of(grid, places, scene), light_at)
 
 
 def write_exr(path: Path, channels: dict[str, NDArray], more: dict[str, Any] | None = None) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from .subject import WrittenScene
 if TYPE_CHECKING:
     from ..engine.relighter import Shaded
     from ..insert.inserts import InsertedLight
+    from ..live.objects import LiveObjects
 
 PICTURE_SIZE = 960, 720
 
@@ -121,7 +123,8 @@ class Results:
             names += self._clean.write(folder)
             told["clean_splat"] = self._clean.told
         if self._live is not None:
-            written, told["live"] = self._live.write(folder, light, exposure, self._kinds)
+            objects = self._live_objects(relit, shaded)
+            written, told["live"] = self._live.write(folder, light, exposure, self._kinds, objects)
             names += written
         if pictured:
             with self._stages.stage("preview"):
@@ -166,6 +169,21 @@ class Results:
             picture = RelitPicture(self._scene, camera_of(shaded.inserted, self._scene), *PICTURE_SIZE)
             mesh_files.write_png(folder / INSERTED[1], self._of_splats(picture, relit, shaded))
         return [*names, INSERTED[1]]
+
+    def _live_objects(self, relit: Splats | None, shaded: "Shaded") -> "LiveObjects | None":
+        """The objects that were put in, as the page and the bundle have them; None without."""
+        if shaded.inserted is None:
+            return None
+        from ..live.objects import objects_of
+        from .inserted_glb import write_inserted_glb
+
+        content = b""
+        if any(each.splat is None for each in shaded.inserted.standing.objects):
+            with TemporaryDirectory() as staging:
+                write_inserted_glb(Path(staging) / INSERTED[0], shaded.inserted, shaded.exposure)
+                content = (Path(staging) / INSERTED[0]).read_bytes()
+        relit = self._relit.relit(shaded) if relit is None else relit
+        return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg)
 
     def object_painter(
         self, shaded: "Shaded", poses: "list[InsertedLight]"

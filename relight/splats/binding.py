@@ -18,7 +18,7 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
-from .light_ratio import Usual, log_gain, relit_sh
+from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh
 from .looks import Looks
 from .wide import Neighborhoods
 
@@ -190,6 +190,27 @@ class Binding:
     def spread(self, of_vertices: NDArray[np.float32]) -> NDArray[np.float32]:
         """Values (V, C) float32 of the scene's vertices as values (N, C) of the splats that are lit."""
         return self.places.interpolate(self._wide.shared(self.surface.of_vertices(of_vertices)))
+
+    def shaded(self, relit: Splats, ratio: Radiance) -> Splats:
+        """Splats of this binding with the light of some vertices multiplied once more, at once: without the fit, what
+        volumes share and what is far from the surface. ratio: (V, 3), 1 where nothing changes.
+
+        Costs the splats that change, and one look at which these are."""
+        of_nodes = np.zeros((len(self.surface.points), 3), np.float32)
+        changed = np.flatnonzero((ratio != 1.0).any(axis=1))
+        if not len(changed):
+            return relit
+        of_nodes[self.surface.node[changed]] = np.log(np.maximum(ratio[changed], LEAST)) / CURVE_POWER
+        touched = np.zeros(len(of_nodes), bool)
+        touched[self.surface.node[changed]] = True
+        places = self.places
+        rows = np.flatnonzero(touched[places.columns].any(axis=1))
+        logs = np.einsum("nk,nkc->nc", places.weights[rows], of_nodes[places.columns[rows]])
+        logs *= 1.0 - places.far[rows, None]
+        lit = rows if self.lit.all() else np.flatnonzero(self.lit)[rows]
+        sh = relit.sh.copy()
+        sh[lit] = relit_sh(relit.sh[lit], logs, np.zeros(3, np.float32))
+        return Splats(relit.means, relit.scales, relit.quats_wxyz, relit.opacities, sh)
 
     def _chosen(self, sketch: Splats, scene: Scene, seed: int) -> Sequence[View]:
         """Views from where the capture of a place stood, of an object from all around."""

@@ -129,6 +129,10 @@ def _has_splats(session: "Session") -> bool:
     return session.splats is not None
 
 
+def _can_undo(session: "Session") -> bool:
+    return session.timeline.kept
+
+
 def _can_place(session: "Session") -> bool:
     return session.board is not None
 
@@ -176,9 +180,9 @@ CONTROLS = (
             there=_can_place),
     Control("bracketright", "brighter captured light", lambda window: window.mouse.lamps.dim(CAPTURED_STEP),
             there=_can_place),
-    Control("z", "undo a change of lamps or captured light", lambda window: window.mouse.lamps.step_back(),
-            there=_can_place),
-    Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_place),
+    Control("z", "undo a change of lamps, captured light or objects", lambda window: window.mouse.lamps.step_back(),
+            there=_can_undo),
+    Control("y", "redo", lambda window: window.mouse.lamps.step_back(again=True), there=_can_undo),
     Control("j", "save the lamps as lamps.json", lambda window: window.mouse.lamps.save(), there=_can_place),
     Control("6", "objects: drag moves one, with shift up and down", lambda window: window.mouse.objects.toggle(),
             lambda s: "move objects", "choices", lambda s: s.state.arranging, _has_objects),

@@ -16,6 +16,7 @@ from ..lamps.photometry import axis_intensity
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import write_lamps
 from ..lamps.shapes import Vector
+from .history import Timeline
 from .lamp_bench import LampBench, without_color
 from .lamp_board import BoardState, LampBoard
 from .lamp_source import LampSource
@@ -32,11 +33,11 @@ class LampEditing:
     """
 
     def __init__(self, source: LampSource | None, mixture: SessionMixture | None) -> None:
-        self._mixture = mixture
+        self._mixture, self.timeline = mixture, Timeline()
         self.board: LampBoard | None = None
         self.bench: LampBench | None = None
         if source is not None:
-            self.board = LampBoard(source.asked, source.captured)
+            self.board = LampBoard(source.asked, source.captured, self.timeline)
             self.bench = LampBench(source, self.board, mixture)
 
     @property
@@ -109,14 +110,14 @@ class LampEditing:
         self._edited()
 
     def undo(self) -> bool:
-        """Take the last change of lamps or captured light back; whether there was one."""
-        done = self._board.undo()
+        """Take the last change of lamps, captured light or objects back; whether there was one."""
+        done = self._kept.undo()
         self._edited()
         return done
 
     def redo(self) -> bool:
         """Do it again; whether there was one."""
-        done = self._board.redo()
+        done = self._kept.redo()
         self._edited()
         return done
 
@@ -159,6 +160,12 @@ class LampEditing:
         for each in (asked, without_color(asked)):
             resolve(each, bench.source.scale())
         return asked
+
+    @property
+    def _kept(self) -> Timeline:
+        if not self.timeline.kept:
+            raise InputError(_NOT_HERE)
+        return self.timeline
 
     @property
     def _board(self) -> LampBoard:

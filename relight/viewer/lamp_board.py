@@ -10,12 +10,10 @@ from splat2mesh.base.errors import InputError
 
 from ..lamps.asked import AskedLamp, moved
 from ..lamps.shapes import MeshLamp, RectangleLamp, TubeLamp, Vector, checked_vector
+from .history import History, Timeline
 
 MOST_CAPTURED = 10.0
 """Largest factor on the captured light."""
-
-MOST_CHANGES = 1000
-"""Changes that are kept to be undone."""
 
 
 class BoardLamp(NamedTuple):
@@ -43,17 +41,19 @@ class LampBoard:
     state: the present BoardState. start: the first one. selected: the number of the lamp that keys act on, or None.
     """
 
-    def __init__(self, lamps: Sequence[AskedLamp] = (), captured: float = 1.0) -> None:
+    def __init__(
+        self, lamps: Sequence[AskedLamp] = (), captured: float = 1.0, timeline: Timeline | None = None
+    ) -> None:
         self.start = BoardState(tuple(BoardLamp(place, each) for place, each in enumerate(lamps, 1)), float(captured))
-        self._states, self._at, self._saved = [self.start], 0, self.start
-        self._merging: Hashable = None
+        self._timeline = timeline or Timeline()
+        self._history, self._saved = History(self.start, self._timeline), self.start
         self._selected: int | None = None
         self._next = len(lamps) + 1
 
     @property
     def state(self) -> BoardState:
         """The present state; never changed itself."""
-        return self._states[self._at]
+        return self._history.present
 
     @property
     def selected(self) -> int | None:
@@ -69,12 +69,12 @@ class LampBoard:
     @property
     def undoable(self) -> int:
         """How many changes can be undone."""
-        return self._at
+        return self._history.undoable
 
     @property
     def redoable(self) -> int:
         """How many changes can be done again."""
-        return len(self._states) - 1 - self._at
+        return self._history.redoable
 
     def select(self, number: int | None) -> None:
         """Choose a lamp, or none. Raises InputError for one that is not there."""
@@ -94,7 +94,7 @@ class LampBoard:
         """Put a lamp in, and select it; returns its number."""
         number = self._next
         self._next += 1
-        self._to(replace(self.state, lamps=(*self.state.lamps, BoardLamp(number, asked))))
+        self._history.to(replace(self.state, lamps=(*self.state.lamps, BoardLamp(number, asked))))
         self._selected = number
         return number
 
@@ -102,7 +102,7 @@ class LampBoard:
         """Put another lamp in the place of one. merge: changes in a row that share it are undone as one."""
         if asked is not self.asked(number):
             lamps = (lamp if lamp.number != number else BoardLamp(number, asked) for lamp in self.state.lamps)
-            self._to(replace(self.state, lamps=tuple(lamps)), merge)
+            self._history.to(replace(self.state, lamps=tuple(lamps)), merge)
 
     def move(self, number: int, position: Vector, merge: Hashable = None) -> None:
         """Put the place of a lamp, as of `place_of`, at a position."""
@@ -115,7 +115,7 @@ class LampBoard:
     def remove(self, number: int) -> None:
         """Take a lamp away."""
         self.asked(number)
-        self._to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
+        self._history.to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
 
     def dim(self, captured: float, merge: Hashable = None) -> None:
         """Set the factor on the captured light, from 0 to `MOST_CAPTURED`. Raises InputError for no number."""
@@ -123,44 +123,28 @@ class LampBoard:
             raise InputError(f"captured must be a finite number, found {captured}")
         captured = float(min(max(captured, 0.0), MOST_CAPTURED))
         if captured != self.state.captured:
-            self._to(replace(self.state, captured=captured), merge)
+            self._history.to(replace(self.state, captured=captured), merge)
 
     def reset(self) -> None:
         """Everything as at the start; a change as others."""
         if self.state != self.start:
-            self._to(self.start)
+            self._history.to(self.start)
 
     def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
-        return self._step(-1)
+        """Take the last change back, of lamps or of what shares the timeline; whether there was one."""
+        return self._timeline.undo()
 
     def redo(self) -> bool:
         """Do the change again that was taken back last; whether there was one."""
-        return self._step(1)
+        return self._timeline.redo()
 
     def end_merge(self) -> None:
         """What follows is a change of its own."""
-        self._merging = None
+        self._history.end_merge()
 
     def saved(self) -> None:
         """The present lamps have been saved."""
         self._saved = self.state
-
-    def _step(self, by: int) -> bool:
-        self._merging = None
-        there = 0 <= self._at + by < len(self._states)
-        self._at += by if there else 0
-        return there
-
-    def _to(self, state: BoardState, merge: Hashable = None) -> None:
-        del self._states[self._at + 1 :]
-        if merge is not None and merge == self._merging:
-            self._states[self._at] = state
-        else:
-            self._states.append(state)
-            del self._states[: -MOST_CHANGES - 1]
-            self._at = len(self._states) - 1
-        self._merging = merge
 
 
 def place_of(asked: AskedLamp) -> Vector:

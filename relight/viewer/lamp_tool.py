@@ -171,7 +171,7 @@ class LampTool:
     def step_back(self, again: bool = False) -> None:
         """Undo or redo; where there is nothing, say so."""
         session = self._window.session
-        if session.board is None:
+        if not session.timeline.kept:
             return
         if not (session.redo() if again else session.undo()):
             self._window.note = f"nothing to {'redo' if again else 'undo'}"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from splat2mesh.base.errors import InputError
 
 from ..insert.asked import AskedInsert
+from .history import History, Timeline
 from .object_source import ObjectSource, ObjectsUnder
 from .worker import Superseded
 
@@ -35,14 +36,15 @@ class ShownObjects(NamedTuple):
 class ObjectBench:
     """The objects of a session. `poll` it often.
 
-    source: the ObjectSource. placed: the objects where they are to stand. shown: what is there of their light, or None.
-    failure: why it cannot be found, or "".
+    source: the ObjectSource. shown: what is there of their light, or None. history: where they stood. timeline: that of
+    the session's other changes.
     """
 
-    def __init__(self, source: ObjectSource) -> None:
+    def __init__(self, source: ObjectSource, timeline: Timeline | None = None) -> None:
         self.source = source
         self.start: Placed = tuple(source.asked)
-        self.placed, self.failure = self.start, ""
+        self.history: History[Placed] = History(self.start, timeline or Timeline())
+        self._failed: tuple[Placed, str] | None = None
         self.shown: ShownObjects | None = None
         self._key: Hashable = None
         self._quick = ThreadPoolExecutor(1, thread_name_prefix="objects")
@@ -50,6 +52,16 @@ class ObjectBench:
         self._glimpse: tuple[Placed, Hashable, Future] | None = None
         self._exact: tuple[Placed, Hashable, Future] | None = None
         self._closed = False
+
+    @property
+    def placed(self) -> Placed:
+        """The objects where they are to stand."""
+        return self.history.present
+
+    @property
+    def failure(self) -> str:
+        """Why their light cannot be found there, or ""."""
+        return self._failed[1] if self._failed is not None and self._failed[0] is self.placed else ""
 
     @property
     def settled(self) -> bool:
@@ -63,21 +75,27 @@ class ObjectBench:
         return self.failure or (WAITING if self.shown is None else "")
 
     def put(
-        self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
+        self,
+        number: int,
+        at: tuple[float, float, float],
+        turn_deg: float | None = None,
+        lifted: bool = False,
+        merge: Hashable = None,
     ) -> None:
         """Put the origin of an object at a position in the frame of the splat, and turn it. It stays on the floor if
-        it was let down on it and is not lifted."""
+        it was let down on it and is not lifted. merge: changes in a row that share it are undone as one."""
         if not 0 <= number < len(self.placed):
             raise InputError(f"object {number}: expected a number from 0 to {len(self.placed) - 1}")
         old = self.placed[number]
         new = replace(old, at=at, turn_deg=old.turn_deg if turn_deg is None else turn_deg)
         new = replace(new, on=None) if lifted else new
-        self.placed = (*self.placed[:number], new, *self.placed[number + 1 :])
-        self.failure = ""
+        if new != old:
+            self.history.to((*self.placed[:number], new, *self.placed[number + 1 :]), merge)
 
     def reset(self) -> None:
-        """All objects where they stood at the start."""
-        self.placed, self.failure = self.start, ""
+        """All objects where they stood at the start; a change as others."""
+        if self.placed != self.start:
+            self.history.to(self.start)
 
     def poll(self, under: Callable[[], ObjectsUnder] | None, key: Hashable, rests: bool) -> bool:
         """Take in what the threads have found, and give them work; whether the picture may differ.
@@ -120,7 +138,7 @@ class ObjectBench:
             return False
         if error is not None:
             text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
-            self.failure = f"the objects cannot be lit: {text}"
+            self._failed = self.placed, f"the objects cannot be lit: {text}"
             return True
         if not exact and self.shown is not None and self.shown.exact and self.shown.placed == self.placed:
             return False  # the exact one was faster

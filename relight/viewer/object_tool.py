@@ -94,6 +94,8 @@ class ObjectTool:
         """Hold no object."""
         if self._grip is not None:
             self._tell(self._grip.number)
+            assert self._bench is not None
+            self._bench.history.end_merge()
         self._grip = None
 
     def turn(self, angle_deg: float) -> None:
@@ -111,8 +113,9 @@ class ObjectTool:
     def _put(
         self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
     ) -> None:
+        merge = ("drag", number) if self.holds else None
         try:
-            self._window.session.move_object(number, at, turn_deg, lifted)
+            self._window.session.move_object(number, at, turn_deg, lifted, merge)
         except InputError as error:
             self._window.note = str(error)
 

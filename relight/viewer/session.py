@@ -7,7 +7,7 @@ is added in few bands. Suns and bounces in full, errors and references follow fr
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.foreign import as_scene
 
+from ..lamps.shapes import Vector
 from ..light.environment import turned_about_y
 from ..light.tonemap import auto_exposure
 from ..planning.effects import BOUNCES, SHADOWS
@@ -71,7 +72,7 @@ class Session(LampEditing, Answers):
         self.albedos = check_albedos(scene, captured if asked.albedos is None else asked.albedos)
         self.lamps, self._lamps_known = dict(asked.lamps or {}), bool(asked.lamps) and asked.lamps_known
         LampEditing.__init__(self, asked.lamp_source, asked.mixture)
-        self.objects = None if asked.object_source is None else ObjectBench(asked.object_source)
+        self.objects = None if asked.object_source is None else ObjectBench(asked.object_source, self.timeline)
         self.splats = None if asked.splats is None else RelitSplats(asked.splats)
         self.choices = {"environment": list(self.environments), "albedo": list(self.albedos), "mode": list(MODES)}
         self.available = options.chosen_effects
@@ -111,11 +112,12 @@ class Session(LampEditing, Answers):
     def reset(self) -> None:
         """Everything as at the start."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
-        if self.board is not None:
-            self.reset_lamps()
-        if self.objects is not None:
-            self.objects.reset()
-            self._edited()
+        with self.timeline.together():
+            if self.board is not None:
+                self.reset_lamps()
+            if self.objects is not None:
+                self.objects.reset()
+                self._edited()
 
     def poll(self) -> None:
         """Take in the results of the worker, without waiting. Call it often."""
@@ -162,18 +164,16 @@ class Session(LampEditing, Answers):
             self.objects.close()
 
     def move_object(
-        self, number: int, at: tuple[float, float, float], turn_deg: float | None = None, lifted: bool = False
+        self, number: int, at: Vector, turn_deg: float | None = None, lifted: bool = False, merge: Hashable = None
     ) -> None:
         """Put an object, counted from 0, at a position in the frame of the splat, turned about the vertical.
 
-        lifted: off the floor that it was let down on. Raises InputError for numbers that are none, and in a session
-        without objects.
-        """
+        lifted: off the floor. merge: moves in a row that share it are undone as one. Raises InputError for numbers that
+        are none, and in a session without objects."""
         if self.objects is None:
             raise InputError("no object to move: open the session with --insert FILE")
-        self.objects.put(number, at, turn_deg, lifted)
-        self.revision += 1
-        self._objects_moved = self.clock()
+        self.objects.put(number, at, turn_deg, lifted, merge)
+        self.revision, self._objects_moved = self.revision + 1, self.clock()
 
     @property
     def name(self) -> str:

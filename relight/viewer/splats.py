@@ -89,6 +89,7 @@ class RelitSplats:
         self._pending: tuple[_Wanted, Future] | None = None
         self._exact: tuple[_Wanted, Splats] | None = None
         self._quick: tuple[_Wanted, Splats] | None = None
+        self._plain: tuple[_Wanted, Splats] | None = None  # the quick one without objects
 
     @property
     def waiting(self) -> bool:
@@ -137,8 +138,6 @@ class RelitSplats:
             after = received(wanted.radiance, wanted.exposure)
             more = {} if rounds is None else {"rounds": rounds}
             inserted, objects = wanted.inserted, session.objects
-            if inserted is not None and rounds is not None:  # at the vertices, without edges
-                after = after * inserted.ratio
             found = binding.relit(look.before, after, wanted.exposure, **more)
             if look.gloss is not None and mixture is None and rounds is None and light is not None:
                 shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
@@ -162,7 +161,13 @@ class RelitSplats:
             if rests and session.objects_settled and self._pending is None:
                 self._pending = wanted, self._thread.submit(relit, None)
             if self._quick is None or not wanted.same(self._quick[0]):
-                self._quick = wanted, relit(0)
+                plain = wanted._replace(inserted=None)
+                if self._plain is None or not plain.same(self._plain[0]):
+                    self._plain = plain, relit(0)
+                inserted = wanted.inserted
+                # At the vertices, without edges: only what objects change is coloured anew while they move.
+                found = self._plain[1] if inserted is None else binding.shaded(self._plain[1], inserted.ratio)
+                self._quick = wanted, found
         except InputError as error:
             self.failure = f"the splats stay as captured: {error}"
             return self.source.captured

@@ -10,9 +10,11 @@ import pytest
 from engine_shaders import compiled_hlsl, kernel_values
 from lit_ball import ball_scene
 from live_bundles import gain, make_bundle, reader, soft_suns
+from probe_lights import LOBE_ERROR, lobe, lobe_irradiance, picture, write_probes_in
 
 from relight import Environment
 from relight.output.live_glb import write_live_glb
+from splat2mesh.base.sphere import fibonacci_sphere
 from splat2mesh.splats.splats import SH_C0
 
 ROOT = Path(__file__).parents[2]
@@ -116,6 +118,56 @@ def test_the_mesh_is_read_and_mirrored(program, tmp_path):
     (tmp_path / "other.glb").write_bytes(b"no glTF at all, but long enough")
     done = ran(program, "mesh", tmp_path, "other.glb", 0)
     assert done.returncode == 2 and done.stderr == "Relight: other.glb: not a binary glTF\n"
+
+
+def shade_sh9(sh, normals):
+    """Unity's own shading by a probe, of UnityCG.cginc, with the packing of SphericalHarmonicsL2 [rgb, 9] into
+    unity_SHAr to unity_SHC (Sloan, "Stupid Spherical Harmonics Tricks", appendix A10)."""
+    x, y, z = normals.T
+    a = np.stack([sh[:, 3], sh[:, 1], sh[:, 2], sh[:, 0] - sh[:, 6]], axis=1)
+    b = np.stack([sh[:, 4], sh[:, 5], 3 * sh[:, 6], sh[:, 7]], axis=1)
+    first = a @ np.stack([x, y, z, np.ones_like(x)])
+    return (first + b @ np.stack([x * y, y * z, z * z, z * x]) + sh[:, 8:] * (x * x - y * y)).T
+
+
+def test_unity_shades_by_the_probes_as_the_closed_form(program, tmp_path):
+    even = np.full((16, 32, 3), 0.7, np.float32)
+    write_probes_in(tmp_path / "probes.json", [picture(lobe), even], [(1, 2, 3), (5, 2, 3)])
+    normals = fibonacci_sphere(100)
+    mirrored = normals * [-1, 1, 1]  # of the scene into Unity
+    for at, known, atol in (((-1, 2, 3), lobe_irradiance(normals), LOBE_ERROR), ((-5, 2, 3), 0.7, 1e-5)):
+        done = ran(program, "probes", tmp_path, "probes.json", 1, *at)
+        assert done.returncode == 0, done.stderr
+        lit, baked = (rows(line, 9) for line in done.stdout.strip().split("\n"))
+        np.testing.assert_allclose(shade_sh9(lit, mirrored), known * np.ones((100, 3)), atol=atol)
+        np.testing.assert_array_equal(lit, baked)
+    done = ran(program, "probes", tmp_path, "probes.json", 3, -3, 2, 3)  # halfway, three times as bright
+    lit = rows(done.stdout.split("\n")[0], 9)
+    known = 1.5 * (lobe_irradiance(normals) + 0.7)
+    np.testing.assert_allclose(shade_sh9(lit, mirrored), known, atol=1.5 * LOBE_ERROR)
+
+
+def test_between_many_probes_the_nearest_count(program, tmp_path):
+    rng = np.random.default_rng(3)
+    positions, values = rng.uniform(-2, 2, (30, 3)), rng.uniform(0, 1, 30)
+    write_probes_in(tmp_path / "probes.json", [np.full((4, 8, 3), v, np.float32) for v in values], positions)
+    for place in (np.zeros(3), positions[4]):
+        done = ran(program, "probes", tmp_path, "probes.json", 1, *(place * [-1, 1, 1]))
+        distance = np.maximum(np.sort(np.linalg.norm(positions - place, axis=1)), 1e-6)
+        order = np.argsort(np.linalg.norm(positions - place, axis=1))
+        weights = (1 / distance[:8] - 1 / distance[8]) ** 2
+        known = weights @ values[order[:8]] / weights.sum()
+        assert rows(done.stdout.split("\n")[0], 9)[0, 0] == pytest.approx(known, abs=1e-4)  # positions are float32
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", '{"format": "relight-live", "version": 1}', '{"format": 3}', "no"])
+def test_a_file_that_holds_no_probes_is_refused_in_one_line(program, tmp_path, text):
+    (tmp_path / "probes.json").write_text(text)
+    done = ran(program, "probes", tmp_path, "probes.json", 1, 0, 0, 0)
+    assert done.returncode == 2 and done.stderr.startswith("Relight: probes.json: ") and done.stderr.count("\n") == 1
+    newer = '{"format": "relight-probes", "version": 2, "probes": []}'
+    (tmp_path / "probes.json").write_text(newer)
+    assert "version 2, this loader reads 1" in ran(program, "probes", tmp_path, "probes.json", 1, 0, 0, 0).stderr
 
 
 def test_the_shader_compiles_and_its_kernel_is_ours(tmp_path):

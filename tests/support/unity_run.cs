@@ -1,6 +1,6 @@
 // Runs the loaders on a bundle and a live.glb and prints numbers. Arguments: folder, light, angle, exposure, harmonics a
 // splat, and stops of lamps; or
-// "mesh", folder, file, angle; or "harmonics", x, y, z.
+// "mesh", folder, file, angle; or "probes", folder, file, exposure, x, y, z of a renderer.
 
 using System;
 using System.Globalization;
@@ -23,6 +23,7 @@ public static class Run
     public static int Main(string[] arguments)
     {
         if (arguments[0] == "mesh") return Mesh(arguments);
+        if (arguments[0] == "probes") return Probes(arguments);
         Application.streamingAssetsPath = arguments[0];
         try
         {
@@ -49,6 +50,25 @@ public static class Run
             Console.Error.WriteLine(error.Message);
             return 2;
         }
+    }
+
+    static int Probes(string[] arguments)
+    {
+        Application.streamingAssetsPath = arguments[1];
+        var at = arguments.Skip(4).Select(each => (float)Number(each)).ToArray();
+        var lit = new Renderer { bounds = new Bounds { center = new Vector3(at[0], at[1], at[2]) } };
+        var probes = new RelightProbes { File = arguments[2], Exposure = (float)Number(arguments[3]), Lit = new[] { lit } };
+        Call(probes, "OnEnable");
+        if (Debug.Said != null) { Console.Error.WriteLine(Debug.Said); return 2; }
+        Call(probes, "LateUpdate");
+        LightmapSettings.lightProbes = new LightProbes
+        {
+            bakedProbes = new UnityEngine.Rendering.SphericalHarmonicsL2[1], positions = new[] { lit.bounds.center },
+        };
+        probes.FillBaked();
+        foreach (var light in new[] { lit.Block.Light[0], LightmapSettings.lightProbes.bakedProbes[0] })
+            Print(Enumerable.Range(0, 27).Select(i => (double)light[i / 9, i % 9]));
+        return (int)lit.lightProbeUsage == 4 ? 0 : 1;
     }
 
     static int Mesh(string[] arguments)

@@ -7,7 +7,28 @@ using System.Collections.Generic;
 namespace UnityEngine
 {
     public class Object { public static implicit operator bool(Object thing) => thing != null; }
-    public class Component : Object { public T GetComponent<T>() where T : class, new() => new T(); }
+    public class Transform { public Vector3 InverseTransformPoint(Vector3 world) => world; }
+    public class Component : Object
+    {
+        public Transform transform = new Transform();
+        public T GetComponent<T>() where T : class, new() => new T();
+    }
+    public struct Bounds { public Vector3 center; }
+    public class Renderer : Component
+    {
+        public Bounds bounds;
+        public Rendering.LightProbeUsage lightProbeUsage;
+        public MaterialPropertyBlock Block = new MaterialPropertyBlock();
+        public void GetPropertyBlock(MaterialPropertyBlock block) { block.Light = Block.Light; }
+        public void SetPropertyBlock(MaterialPropertyBlock block) { Block = block; }
+    }
+    public class MaterialPropertyBlock
+    {
+        public Rendering.SphericalHarmonicsL2[] Light;
+        public void CopySHCoefficientArraysFrom(Rendering.SphericalHarmonicsL2[] light) { Light = (Rendering.SphericalHarmonicsL2[])light.Clone(); }
+    }
+    public class LightProbes : Object { public Rendering.SphericalHarmonicsL2[] bakedProbes; public Vector3[] positions; }
+    public static class LightmapSettings { public static LightProbes lightProbes; }
     public class MonoBehaviour : Component { public bool enabled; }
     public class Shader : Object { }
     public class Material : Object
@@ -17,7 +38,7 @@ namespace UnityEngine
         public void SetFloat(string name, float value) { }
     }
     public class MeshFilter : Component { public Mesh sharedMesh; }
-    public class MeshRenderer : Component { public Material sharedMaterial; }
+    public class MeshRenderer : Renderer { public Material sharedMaterial; }
     public class Mesh : Object
     {
         public static Mesh Latest;
@@ -57,6 +78,7 @@ namespace UnityEngine
         public void SetData(Array data) { Data = (Array)data.Clone(); }
     }
     public class TooltipAttribute : Attribute { public TooltipAttribute(string text) { } }
+    public class ContextMenu : Attribute { public ContextMenu(string text) { } }
     public class RangeAttribute : Attribute { public RangeAttribute(float low, float high) { } }
     public class RequireComponentAttribute : Attribute
     {
@@ -65,7 +87,29 @@ namespace UnityEngine
     }
 }
 
-namespace UnityEngine.Rendering { public enum IndexFormat { UInt16, UInt32 } }
+namespace UnityEngine.Rendering
+{
+    public enum IndexFormat { UInt16, UInt32 }
+    public enum LightProbeUsage { Off, BlendProbes, UseProxyVolume, CustomProvided = 4 }
+    public struct SphericalHarmonicsL2
+    {
+        float[] values;  // red, then green, then blue
+        public float this[int rgb, int i]
+        {
+            get => values == null ? 0 : values[9 * rgb + i];
+            set { values = values == null ? new float[27] : (float[])values.Clone(); values[9 * rgb + i] = value; }
+        }
+        static SphericalHarmonicsL2 Each(Func<int, int, float> value)
+        {
+            var made = new SphericalHarmonicsL2();
+            for (int c = 0; c < 3; c++) for (int i = 0; i < 9; i++) made[c, i] = value(c, i);
+            return made;
+        }
+        public static SphericalHarmonicsL2 operator +(SphericalHarmonicsL2 a, SphericalHarmonicsL2 b) => Each((c, i) => a[c, i] + b[c, i]);
+        public static SphericalHarmonicsL2 operator *(SphericalHarmonicsL2 a, float f) => Each((c, i) => a[c, i] * f);
+        public static SphericalHarmonicsL2 operator *(float f, SphericalHarmonicsL2 a) => a * f;
+    }
+}
 
 namespace Gsplat
 {

@@ -174,7 +174,33 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   gsplat.setWorkBufferModifier(modifierOf(options.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  return { viewer, app, entity, camera, show, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+  const objects = options.objects ? await meshOf(app, options.objects) : () => {};
+  return { viewer, app, entity, camera, show, objects, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+}
+
+// A function that shows a mesh among the splats, so many times as bright, or hides it. bytes: a binary glTF, unlit.
+function meshOf(app, bytes) {
+  const contents = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
+  const asset = new Asset("inserted", "container", { url: "inserted.glb", filename: "inserted.glb", contents });
+  return new Promise((resolve, reject) => {
+    asset.once("error", (error) => reject(new Error(`inserted.glb: ${error}`)));
+    asset.ready(() => {
+      const entity = asset.resource.instantiateRenderEntity();
+      entity.name = "inserted";
+      app.root.addChild(entity);
+      const materials = new Set(entity.findComponents("render").flatMap(({ meshInstances }) => meshInstances.map(({ material }) => material)));
+      resolve((factor) => {
+        entity.enabled = factor > 0;
+        for (const material of factor > 0 ? materials : []) {
+          material.diffuse.set(0, 0, 0); // the viewer's ambient light shines on unlit materials too
+          material.emissiveIntensity = factor;
+          material.update();
+        }
+      });
+    });
+    app.assets.add(asset);
+    app.assets.load(asset);
+  });
 }
 
 // A function that shows what is mirrored: {texture, hidden}, of `mirrorTexture` and how much brighter the scene is, or null

@@ -12,6 +12,7 @@ const PANEL = `
 <label>Captured <input id="r-tint" type="range" min="-1" max="1" step="0.02" title="Whether the captured light was cooler or warmer than estimated"><output></output></label>
 <label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
 <div id="r-terms"></div>
+<small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
 <div class="row"><button id="r-load">Load light</button><button id="r-save">Save relit .ply</button></div>
@@ -38,7 +39,7 @@ async function start() {
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss });
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects?.mesh });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, tell);
     window.relight.begin(query);
@@ -84,10 +85,14 @@ class Session {
     this.plain = new Uint16Array(bundle.count * 4).map((_, i) => i % 4 === 3 ? 0 : Live.GAIN_UNIT);
     this.most = [1, 1, 1];
     this.shadows = new Map();
-    this.compare = comparison(stage.app, stage.canvas, (captured) => captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored));
+    this.compare = comparison(stage.app, stage.canvas, (captured) => {
+      stage.objects(captured ? 0 : this.objects());
+      return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
+    });
     this.strip = Live.indicator(element("r-strip"));
     this.mirrored = null; // what is glossy mirrors, where it does
     this.busy = null;
+    this.written = bundle.objects && this.lightText(); // the light at the start
   }
 
   begin(query) {
@@ -132,6 +137,20 @@ class Session {
     }).filter(({ weight }) => weight.some((value) => value > 0));
   }
 
+  // How bright inserted objects are: 0 in any other light than the one that they were inserted in, at another exposure as
+  // much as that.
+  objects() {
+    const { state, bundle: { objects } } = this;
+    if (!objects || state.view !== "relit" || this.written !== this.lightText()) return 0;
+    return 2 ** state.exposure;
+  }
+
+  // What the light depends on, but for the exposure.
+  lightText() {
+    const { light, turn, tint, sun, azimuth, height, lamps, terms, captured } = this.state;
+    return JSON.stringify({ light, turn: (turn % 360 + 360) % 360, tint, sun, azimuth, height, lamps, terms, captured });
+  }
+
   draw() {
     const { bundle, ratio, gains, stage, state } = this, light = this.lights[state.light], turn = state.turn * RADIANS;
     const exposure = light.exposure * 2 ** state.exposure, lamps = this.lamps(light) * 2 ** state.exposure, balance = Live.balanceOf(state.tint), factors = this.factors(light, balance), began = performance.now();
@@ -148,6 +167,7 @@ class Session {
         Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
+      if (this.objects()) Live.besideObjects(bundle.objects, gains);
       if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
@@ -278,6 +298,7 @@ class Session {
     element("r-lamps").parentElement.style.display = captured || this.bundle.meta.lamps === null ? "none" : "";
     for (const key of ["turn", "sky", "strip"]) element(`r-${key}`).closest("label, button, canvas").style.display = captured ? "none" : "";
     for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
+    element("r-objects").hidden = !this.bundle.objects || state.view !== "relit" || this.objects() > 0;
     element("r-compare").setAttribute("aria-pressed", state.compare);
     element("r-sky").setAttribute("aria-pressed", state.sky);
   }

@@ -187,3 +187,20 @@ def test_light_between_the_inner_sides_of_a_sphere_grows_by_its_albedo():
     light = light_on(around, standing)
     wanted = sum(0.5**k for k in range(4))
     np.testing.assert_allclose(np.median(light), wanted, rtol=0.02)
+
+
+def test_the_box_of_a_glimpse_holds_all_that_is_in_reach():
+    from types import SimpleNamespace
+
+    from relight.insert.gathering import in_reach, within
+    from relight.insert.surroundings import Receiving
+
+    rng = np.random.default_rng(2)
+    at = Receiving(rng.uniform(-1, 1, (5000, 3)).astype(np.float32), np.tile(np.float32([0, 1, 0]), (5000, 1)))
+    spheres = [(np.array([0.2, -0.1, 0.3]), 0.05), (np.array([-0.5, 0.0, 0.0]), 0.1)]
+    standing, plain = SimpleNamespace(spheres=spheres), SimpleNamespace(suns=[], lamps=None)
+    rows = within(plain, standing, at, 1 / 16)
+    for middle, radius in spheres:
+        assert np.isin(np.flatnonzero(in_reach(middle, radius, at, 1 / 16)), rows).all()
+    assert len(rows) < 1000
+    assert len(within(SimpleNamespace(suns=[1], lamps=None), standing, at, 1 / 16)) == 5000  # their shadows are long

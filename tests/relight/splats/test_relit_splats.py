@@ -419,3 +419,18 @@ def test_a_kept_binding_relights_to_the_same_bits(ball, tmp_path):
         counts.append(len(looked))
     np.testing.assert_array_equal(results[0], results[1])
     assert 0 < counts[0] == counts[1] < counts[2]  # the second time nothing is looked at; other splats are bound anew
+
+
+def test_shading_once_more_is_relighting_in_the_product_of_both(ball):
+    scene, _, binding = ball
+    before, after = irradiances(scene)
+    after = 0.6 * after  # nothing runs into 1
+    base = binding.relit(before, after, rounds=0)
+    np.testing.assert_array_equal(binding.shaded(base, np.ones_like(after)).sh, base.sh)
+    ratio = np.where(scene.vertices[:, :1] > 0.3, np.float32([0.5, 0.6, 0.7]), np.float32(1.0))
+    found, known = binding.shaded(base, ratio), binding.relit(before, ratio * after, rounds=0)
+    changed = known.sh[:, 0] - base.sh[:, 0]
+    # The softness of a light ratio, .01 of it, is not multiplied, and the mean gain caps what depends on the view.
+    np.testing.assert_allclose(found.sh[:, 0], known.sh[:, 0], atol=0.03 * np.abs(changed).max())
+    same = (found.sh == base.sh).all(axis=(1, 2))
+    assert 0.2 < same.mean() < 0.9

@@ -98,6 +98,30 @@ def test_reset_and_bad_numbers(session):
     np.testing.assert_array_equal(session.inserted.ratio, start)
 
 
+def test_undo_takes_moves_back_one_by_one_and_gives_the_light_back_to_the_bit(session):
+    places = [session.objects.placed[0].at]
+    lights = [session.inserted.ratio.copy()]
+    for at in ((0.9, 0.0, -1.0), (-1.1, TOP + 0.15, 0.4)):
+        session.move_object(0, at)
+        places.append(at)
+    session.finish()
+    lights.append(session.inserted.ratio.copy())
+    assert session.undo() and session.objects.placed[0].at == places[1]
+    assert session.undo() and session.objects.placed[0].at == places[0]
+    session.finish()
+    np.testing.assert_array_equal(session.inserted.ratio, lights[0])
+    assert not session.undo()
+    assert session.redo() and session.redo() and not session.redo()
+    session.finish()
+    np.testing.assert_array_equal(session.inserted.ratio, lights[1])
+    session.reset()
+    assert session.objects.placed[0].at == places[0]
+    assert session.undo() and session.objects.placed[0].at == places[2]
+    session.undo()
+    session.move_object(0, (1.0, 0.0, 1.0))
+    assert not session.redo()  # another way was taken
+
+
 def mouse(window, *steps):
     for event, x, y in steps:
         window._interactor.SetEventInformation(int(x), int(y), 0, 0, "\0", 0, None)

@@ -1,0 +1,91 @@
+"""Where the probes of a grid stand, and which of them have air around them."""
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Mask, Points
+from splat2mesh.base.errors import InputError
+from splat2mesh.base.sphere import fibonacci_sphere
+from splat2mesh.scene.scene import Scene
+
+from ..transfer.occluder import Frame, Occluder
+
+MOST = 4096
+"""Probes of a grid at most: each takes a picture."""
+
+MIDDLE = 0.05, 0.95
+"""Quantiles of the vertices between which a grid lies that nobody bounds: far background is beyond."""
+
+LOOKS = 256
+"""Directions in which a place looks for the backs of faces."""
+
+BACKS = 0.25
+"""Share of directions that meet backs, and more backs than fronts, from which on a place is in a wall or the ground."""
+
+
+@dataclass(frozen=True)
+class ProbeGrid:
+    """How many probes stand along x, y, z of the scene frame, or, where counts is None, how far apart at most."""
+
+    counts: tuple[int, int, int] | None
+    spacing: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> "ProbeGrid":
+        """Of 4x3x4, or a spacing in units of the scene. Raises InputError for anything else."""
+        if re.fullmatch(r"\d{1,4}x\d{1,4}x\d{1,4}", text):
+            x, y, z = (int(each) for each in text.split("x"))
+            if 1 <= x * y * z <= MOST:
+                return cls((x, y, z))
+            raise InputError(f"`probes` {text}: {x * y * z:,} probes; expected 1 to {MOST:,}")
+        try:
+            spacing = float(text)
+        except ValueError:
+            spacing = math.nan
+        if math.isfinite(spacing) and spacing > 0.0:
+            return cls(None, spacing)
+        raise InputError(f"`probes` {text}: expected counts along x, y and z, such as 4x3x4, or a spacing above 0")
+
+    def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The places (N, 3) in a box, from corner to corner, (3,) each; a single one along an axis in its middle.
+        x runs fastest, then y.
+
+        Raises InputError for more than MOST."""
+        size = high - low
+        counts = np.array(self.counts) if self.counts else np.ceil(size / self.spacing - 1e-9) + 1
+        if counts.prod() > MOST:
+            found = f"`probes` {self.spacing:g}: {counts.prod():,.0f} probes"
+            raise InputError(f"{found}; expected at most {MOST:,}, so a larger spacing")
+        counts = counts.astype(np.int64)
+        step = np.where(counts > 1, size / np.maximum(counts - 1, 1), 0.0)
+        first = np.where(counts > 1, low, (low + high) / 2)
+        z, y, x = np.meshgrid(*(np.arange(each) for each in counts[::-1]), indexing="ij")
+        return np.asarray(first + np.stack([x, y, z], axis=-1).reshape(-1, 3) * step)
+
+
+def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest corner, (3,) each, of the box of a grid that nobody bounds, scene frame."""
+    low, high = np.quantile(scene.vertices.astype(np.float64), MIDDLE, axis=0)
+    return low, high
+
+
+def free(scene: Scene, occluder: Occluder, positions: Points) -> Mask:
+    """Whether each position, (N, 3) in the scene frame, is outside of walls, bodies and the ground: (N,) bool."""
+    directions = fibonacci_sphere(LOOKS)
+    frame = Frame.around(scene.vertices, scene.faces)
+    a, b, c = np.moveaxis(scene.vertices[scene.faces].astype(np.float64), 1, 0)
+    normals = np.cross(b - a, c - a)
+    result = np.empty(len(positions), bool)
+    rays = np.empty((LOOKS, 6), np.float32)
+    rays[:, 3:] = directions
+    for number, at in enumerate(np.asarray(positions, np.float64)):
+        rays[:, :3] = frame.unit(at[None])
+        faces = occluder.first_hits(rays).faces
+        met = np.flatnonzero(faces >= 0)
+        backs = int(((normals[faces[met]] * directions[met]).sum(axis=1) > 0.0).sum())
+        result[number] = not (backs > BACKS * LOOKS and 2 * backs > len(met))
+    return result

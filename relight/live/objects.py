@@ -1,0 +1,55 @@
+"""Inserted objects of the bundle, in its first light: a lit mesh, and what it does to the splats about it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splat2mesh.base.arrays import Indices
+from splat2mesh.splats.splats import SH_C0, Splats
+
+FILE, MESH = "objects.bin", "inserted.glb"
+
+UNIT = 1024
+"""Of a gain that takes 16 bits, as the page has them."""
+
+LIFT, LEAST = 0.055, 0.01
+"""A gain acts on a display colour and .055 (docs/live.md); a colour with less than LEAST of both has none."""
+
+
+class LiveObjects(NamedTuple):
+    """glb: bytes of the lit mesh, scene frame; none where all objects are splats. angle_deg: of the light that they are
+    in, the first of the bundle. rows: (M,) uint32 of the splats that they change, rising. gains: (M, 3) uint16."""
+
+    glb: bytes
+    angle_deg: float
+    rows: NDArray[np.uint32]
+    gains: NDArray[np.uint16]
+
+    def in_order(self, order: Indices) -> "LiveObjects":
+        """The same for splats in another order. order: (N,) their rows now."""
+        back = np.full(int(order.max()) + 1, -1, np.int64)
+        back[order] = np.arange(len(order))
+        known = self.rows <= order.max()
+        rows = np.where(known, back[np.where(known, self.rows, 0)], -1)
+        kept = np.flatnonzero(rows >= 0)
+        kept = kept[np.argsort(rows[kept])]
+        return self._replace(rows=rows[kept].astype(np.uint32), gains=self.gains[kept])
+
+    def tobytes(self) -> bytes:
+        """What FILE holds: rows, then gains."""
+        return self.rows.astype("<u4").tobytes() + self.gains.astype("<u2").tobytes()
+
+    def described(self) -> dict[str, Any]:
+        """What live.json says of it."""
+        mesh = {"mesh": MESH} if self.glb else {}
+        return {"file": FILE, "rows": len(self.rows), "unit": UNIT, "light": 0, "angle_deg": self.angle_deg, **mesh}
+
+
+def objects_of(without: Splats, shadowed: Splats, glb: bytes, angle_deg: float) -> LiveObjects:
+    """The LiveObjects of splats in their first light, without and with what objects do to them, in the same order."""
+    before, after = (SH_C0 * np.asarray(each.sh[:, 0], np.float64) + 0.5 + LIFT for each in (without, shadowed))
+    gain = np.where(before > LEAST, np.maximum(after, 0.0) / np.maximum(before, LEAST), 1.0)
+    packed = np.minimum(np.rint(gain * UNIT), 2**16 - 1).astype(np.uint16)
+    rows = np.flatnonzero((packed != UNIT).any(axis=1))
+    return LiveObjects(glb, float(angle_deg), rows.astype(np.uint32), packed[rows])
