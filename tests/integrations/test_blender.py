@@ -40,11 +40,11 @@ def written(tmp_path_factory):
     grey, tint = nine_coefficients(relighter, albedo)
     path = tmp_path_factory.mktemp("blender") / "live.glb"
     write_live_glb(path, scene, albedo, (grey, tint), light.rotated(ANGLES_DEG[0]), EXPOSURE)
-    return path, scene, albedo, (grey, tint), light, relighter
+    return path, scene, albedo, grey, tint, light, relighter
 
 
 def test_the_file_is_read_and_the_light_turns(written):
-    path, scene, albedo, (grey, tint), light, _ = written
+    path, scene, albedo, grey, tint, light, _ = written
     reader = addon()
     live, parts = reader.read(path)
     assert live["light"]["angle_deg"] == ANGLES_DEG[0]
@@ -76,7 +76,7 @@ def test_blender_renders_what_the_preview_shows_under_two_angles(written, tmp_pa
     python = os.environ.get("RELIGHT_BPY") or (sys.executable if find_spec("bpy") else None)
     if python is None:
         pytest.skip("Blender as a module is not installed (bpy; RELIGHT_BPY names a Python that has it)")
-    path, scene, albedo, (grey, tint), light, relighter = written
+    path, scene, albedo, grey, tint, light, relighter = written
     camera = default_camera(scene, WIDTH / HEIGHT)
     preview = Preview(scene, camera, WIDTH, HEIGHT, 16)
     backward = np.array(camera["eye"]) - camera["target"]
