@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .request import AnyLight, RelightRequest
 
 REPORT = "report.json"
-"""In every folder of results, which is how they are told from other folders."""
+"""In every folder of results; it distinguishes them from other folders."""
 
 _SCENE = "scene.json"  # as of `splat2mesh.scene.folder`
 
@@ -91,8 +91,8 @@ def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
     shape = {each.name: getattr(lamp.shape, each.name) for each in fields(lamp.shape)}
     plain = {name: _digest([value]) if isinstance(value, np.ndarray) else value for name, value in shape.items()}
     bright = lamp.brightness
-    told = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
-    return {**told, "shape": plain}
+    described = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
+    return {**described, "shape": plain}
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
@@ -137,8 +137,8 @@ class Earlier:
         differing = _differences(known, settings) if isinstance(known, dict) else ["its report names none"]
         self._same = bool(self._report) and not differing
         if is_results(folder) and differing and not overwrite:
-            told = f"{folder} holds results of other settings ({'; '.join(differing)})"
-            raise InputError(f"{told}: choose another `output`, or replace them with `overwrite`")
+            problem = f"{folder} holds results of other settings ({'; '.join(differing)})"
+            raise InputError(f"{problem}: choose another `output`, or replace them with `overwrite`")
 
     def joined(self, report: dict[str, Any]) -> dict[str, Any]:
         """Return a report of new results together with those that stay, its `files` those of both.

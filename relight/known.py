@@ -67,7 +67,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":
-        """What is glossy, where the light of the capture is estimated and splats tell of it."""
+        """The gloss of the scene, where the light of the capture is estimated and splats show it."""
         if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
             return None
         from .gloss import SceneGloss
@@ -138,8 +138,8 @@ class KnownScene(Loaded):
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
-            told = "`lamps`: found no lamp of known strength, so none is changed"
-            warnings.warn(told, DataWarning, stacklevel=4)
+            message = "`lamps`: found no lamp of known strength, so none is changed"
+            warnings.warn(message, DataWarning, stacklevel=4)
         return room
 
     @property
@@ -149,8 +149,8 @@ class KnownScene(Loaded):
 
     @property
     def assumed(self) -> dict[str, Any] | None:
-        """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
-        light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
+        """The assumptions on an environment whose way into the room is unknown, JSON-clean: the share of the captured
+        light that comes from outside, and its factor, RGB; None where nothing is assumed."""
         beside = self.keeps_captured or self.options.captured is not None or bool(self.asked_lamps)
         if not self.room or not self.appearance.kept or beside:
             return None
@@ -176,7 +176,7 @@ class KnownScene(Loaded):
 
     @property
     def lamps_found(self) -> list[dict[str, Any]]:
-        """What the report tells of the captured lamps of a closed room, by number."""
+        """The entries of the report on the captured lamps of a closed room, by number."""
         room = self.appearance.room
         return [] if room is None else list(room.told["lamps"])
 

@@ -171,8 +171,8 @@ class LightingOptions:
                     there = "expected a closed room that was captured from inside, with its albedo estimated"
                 raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {there}")
             if chosen.setdefault(number, factor) != factor:
-                told = f"this is lamp {number}, which has the factor {chosen[number]:g} already"
-                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {told}")
+                problem = f"this is lamp {number}, which has the factor {chosen[number]:g} already"
+                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {problem}")
         return [chosen.get(number, 1.0) for number in range(1, count + 1)]
 
     @property

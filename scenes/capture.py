@@ -33,7 +33,7 @@ COARSER_VOLUME = 1.7
 """Of the spacing on soil and in the depth of crowns, which leaves cover."""
 
 LOOKS = 28
-"""Views that tell how near a face was seen."""
+"""Views that show how near a face was seen."""
 
 CANDIDATES, DETAIL_RANGE = 3, (0.5, 2.0)
 """Points tried for each splat, and how far detail moves their density from the mean's: training splits splats where

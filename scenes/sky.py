@@ -18,7 +18,7 @@ FAR, FAR_SPREAD = 2.2, 0.25
 """Distance of the sky's splats in the place's radius. Training leaves them at all distances: spread of the log."""
 
 PILOT, EYES = 6000, 24
-"""Directions that tell how much of the sky is seen, and the most views that are asked."""
+"""Directions that sample how much of the sky is seen, and the most views that are used."""
 
 
 def capture_sky(name):

@@ -44,5 +44,5 @@ def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
         bodies, voxel = convex_parts(scene.vertices, scene.faces, eyes, seed=seed)
     scene.proxy = proxy_glb(bodies, NODES[kind])
     faces = sum(len(face) for _, face in bodies)
-    told = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
-    scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | told
+    statistics = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
+    scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | statistics

@@ -149,7 +149,7 @@ def fit(kind, examples, judges, seconds, seed, tell):
 
 
 def predicted(network, inputs):
-    """Transfer (V, 9) float32 that a network tells, the mean of its three colours."""
+    """Transfer (V, 9) float32 that a network predicts, the mean of its three colours."""
     network.eval()
     with torch.no_grad():
         rows = [network(part) for part in torch.from_numpy(inputs).split(BATCH)]

@@ -141,8 +141,8 @@ def _moments(patches: ColorPatches, log_received: NDArray[np.float64]) -> tuple[
 
 
 class _Within:
-    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
-    whatever the light. own: their weighted square."""
+    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches show under
+    any light. own: their weighted square."""
 
     def __init__(self, patches: ColorPatches) -> None:
         self.weight, self._groups = patches.weight, patches.material

@@ -139,7 +139,7 @@ class LampLight:
         with self._relighter.stages.stage("bounces"):
             radiance, bounces = with_bounces(direct, albedo, self._interreflection)
         received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
-        dark = albedo < LEAST_ALBEDO  # what is thrown on to black is not told by what black sends on
+        dark = albedo < LEAST_ALBEDO  # the light that falls on black does not show in the light that black reflects
         received[dark] = np.maximum(received, direct)[dark]
         return Placed(radiance, received.astype(np.float32), direct, bounces)
 

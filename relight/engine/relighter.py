@@ -43,10 +43,9 @@ for afterwards, which then find them there."""
 class Shading(NamedTuple):
     """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
 
-    sun_count: how many directions were traced. bounces: relative contribution of each bounce, a list.
-    settings: the Settings by which it was made; more rays than were asked for, where they were there.
-    received: (V, 3) float32 irradiance over pi, unit of `radiance`, where it is known beside it; None where the albedo
-    tells it.
+    sun_count: how many directions were traced. bounces: relative contribution of each bounce, a list. settings: the
+    Settings by which it was made; more rays than were asked for, where they were there. received: (V, 3) float32
+    irradiance over pi, unit of `radiance`, where it is known separately; None where it follows from the albedo.
     """
 
     radiance: NDArray[np.float32]
@@ -163,7 +162,7 @@ class Relighter:
 
     @property
     def leaves(self) -> str:
-        """Short text that tells which leaves and grass are taken for volumes, if any; for keys."""
+        """Short text, for keys, that identifies the leaves and grass treated as volumes, if any."""
         foliage = self.precomputed.foliage
         return "" if foliage is None or not self._everything.volume else foliage.key
 

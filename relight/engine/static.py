@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class StaticGeometry:
-    """What a Precomputed tells `direct.DirectLight`; `dynamic.DynamicGeometry` is its counterpart in motion.
+    """The view that `direct.DirectLight` has of a Precomputed; `dynamic.DynamicGeometry` is its counterpart in motion.
 
     To the bit a DynamicGeometry of one body, but its visibility is kept for more bands, more rays and the next run.
     """

@@ -1,8 +1,8 @@
-"""What depends on the view, patch by patch: sums of squares that tell any light's fit to the mirrored directions.
+"""The view-dependent part, patch by patch: sums of squares that give any light's fit to the mirrored directions.
 
 In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is what a place sends everywhere, and
 falls out of differences from the place's mean over its views. What is left is linear in F a_l L_lm, so that sums over
-pixels, taken once, tell how well any light and any roughness explain them.
+pixels, taken once, show how well any light and any roughness explain them.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ from .ggx import fresnel_rise
 from .pixels import SurfacePixels
 
 BANDS = 5
-"""Of the reflected light that is told apart. Harmonics of degree 3 in every Gaussian, turned differently over a curved
+"""Of the reflected light that is resolved. Harmonics of degree 3 in every Gaussian, turned differently over a curved
 surface, show a little more together than each alone."""
 
 PATCHES = 60
@@ -159,7 +159,7 @@ def _sums(
     size = BANDS**2 - 1
     gram, moments = np.zeros((2, KINDS, size, size)), np.zeros((2, KINDS, size, 3))
     power = np.zeros((2, 3))
-    # What changes with the angle alone, as at grazing angles where the splat shows what lies behind, tells nothing.
+    # A change with the angle alone, as at grazing angles where the splat shows what lies behind, is no evidence.
     angle = _less_mean(np.stack([cosine, cosine**2, (1.0 - cosine) ** 5], axis=1), place)
     basis = harmonics.evaluate(mirrored, BANDS)[:, 1:]
     own = _less_mean(color, place)

@@ -14,7 +14,7 @@ from .fits import BANDS, PatchFits
 from .ggx import zonal_factors
 
 ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
-"""GGX roughness that is told apart. Degree 3 shows little between the first two; a noisy normal looks rough."""
+"""GGX roughness that is distinguished. Degree 3 shows little between the first two; a noisy normal looks rough."""
 
 DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
 FACTORS = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])

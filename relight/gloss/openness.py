@@ -17,8 +17,8 @@ DIRECTIONS = 192
 """Over the whole sphere, of which half is above a surface."""
 
 RIDGE = 0.02
-"""Of the directions above a surface, on all coefficients but the constant one: half a sphere tells them apart
-badly. Where nothing is hidden the fit stays exact."""
+"""Of the directions above a surface, on all coefficients but the constant one: half a sphere separates them badly.
+Where nothing is hidden the fit stays exact."""
 
 _BATCH = 1 << 12
 
@@ -53,8 +53,8 @@ def openness(
         square = np.einsum("nd,di,dj->nij", above.astype(np.float64), basis, basis, optimize=True)
         count = above.sum(axis=1)
         # A coefficient of a function that is 1 everywhere is sqrt(4 pi) in the constant one: then all others stay 0.
-        told = seen @ basis
-        visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, told[:, :, None])[:, :, 0]
+        moments = seen @ basis
+        visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, moments[:, :, None])[:, :, 0]
         second, third = hits.uv[met].T
         shares = np.stack([1.0 - second - third, second, third], axis=1)
         sent = np.einsum("nk,nkc->nc", shares, colors[surface.faces[hits.faces[met]]])

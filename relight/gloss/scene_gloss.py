@@ -90,8 +90,8 @@ class SceneGloss:
 
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under the light that it was captured in, or None where nothing is glossy."""
-        told = look.capture is None or bool(look.capture["separable"])
-        if look.environment is None or look.room is not None or look.kept or not told or self.fits is None:
+        separable = look.capture is None or bool(look.capture["separable"])
+        if look.environment is None or look.room is not None or look.kept or not separable or self.fits is None:
             return None
         return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
 
@@ -102,7 +102,7 @@ class SceneGloss:
         """
         if look.environment is None or self.of(look) is None:
             return relit
-        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of what is told in units of the picture
+        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of values in units of the picture
         own = look.environment.sh(harmonics.MAX_BANDS)
         light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
         return self.under(relit, look, light, shaded.shading.radiance, received, exposure, beside)
@@ -166,7 +166,7 @@ class SceneGloss:
         return found
 
     def as_dict(self, look: "Appearance") -> dict[str, Any] | None:
-        """What the report tells, JSON-clean; None where nothing is glossy."""
+        """The entry of the report, JSON-clean; None where nothing is glossy."""
         gloss = self.of(look)
         if gloss is None:
             return None

@@ -120,8 +120,8 @@ def _parsed(text: str) -> list[AskedInsert]:
             raise InputError(f"{next(iter(given))}: a layout sets the positions of its objects")
         return layout
     except InputError as error:
-        told = " ".join(str(error).split()).replace("`", "")
-        raise InputError(f"`inserted` {_clip(text)}: {told}") from None
+        problem = " ".join(str(error).split()).replace("`", "")
+        raise InputError(f"`inserted` {_clip(text)}: {problem}") from None
 
 
 def _layout(path: Path) -> list[AskedInsert] | None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .splat_object import SplatObject
 
 FINENESS = 48
-"""Edges along the diagonal of an object at least: light is told at its vertices."""
+"""Edges along the diagonal of an object at least: light is computed at its vertices."""
 
 MOST_FACES = 100_000
 """From which an object is not made finer."""

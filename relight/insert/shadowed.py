@@ -2,7 +2,7 @@
 
 A mesh of a place has vertices a hand apart, and a shadow that touches its object has an edge. So the triangles that
 change are cut until they are fine beside the object, their vertices traced, and the splats bound to them; views from
-where the capture stood, all towards the objects, tell which splats show what.
+the places of the capture, all towards the objects, show which splats show what.
 """
 
 from dataclasses import replace

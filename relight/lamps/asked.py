@@ -171,10 +171,10 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     if intensity == 0.0:
         return "dark"
     distance_m = math.sqrt(intensity / scale.irradiance) / scale.metre
-    told = f"as bright as the {place} at {_two_digits(distance_m)} m"
+    text = f"as bright as the {place} at {_two_digits(distance_m)} m"
     if scale.candela is not None:
-        told += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
-    return told
+        text += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
+    return text
 
 
 def moved(shape: Lamp, offset: Vector) -> Lamp:

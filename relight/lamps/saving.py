@@ -37,7 +37,7 @@ def write_lamps(
     lamps : sequence of AskedLamp
         At least one.
     scale : LampScale, optional
-        Of the scene: asked for by lamps that the file cannot tell in their own terms.
+        Of the scene: required by lamps whose units the file cannot express.
     about : str
         A line for people.
 

@@ -1,10 +1,10 @@
 """The light of lamps on white vertices, with soft shadows: rays where lamps can contribute, more in half-shadows.
 
-Each pair of vertex and emitter has a closed form for what arrives where nothing hides it (`unoccluded`); rays only tell
-which part of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in
-the half-shadow, and takes all. Of many emitters each vertex takes the brightest by themselves, and of the others a few
-by chance, as likely as they are bright where its neighbourhood is: so the cost of a vertex does not grow with the
-number of lamps, and its light is right on average.
+Each pair of vertex and emitter has a closed form for the unoccluded light (`unoccluded`); rays only measure which part
+of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in the
+half-shadow, and takes all. Of many emitters each vertex takes the brightest by themselves, and of the others a few by
+chance, as likely as they are bright where its neighbourhood is: so the cost of a vertex does not grow with the number
+of lamps, and its light is right on average.
 """
 
 from collections.abc import Callable
@@ -214,7 +214,7 @@ def _free(
     light: NDArray,
 ) -> None:
     """What each chosen emitter gives each vertex where nothing hides it, for radiance 1, times its weight; 0 for less
-    than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays tell it."""
+    than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays give it."""
     for v in range(begin, end):
         px, py, pz = np.float64(origins[v, 0]), np.float64(origins[v, 1]), np.float64(origins[v, 2])
         nx, ny, nz = np.float64(normals[v, 0]), np.float64(normals[v, 1]), np.float64(normals[v, 2])

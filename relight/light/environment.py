@@ -227,7 +227,7 @@ def _reduced(angle_deg: float) -> float:
 def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[str, int]]:
     """A float32 copy of the image without NaN, infinite or negative values, and how many pixels had each.
 
-    Raises InputError when no pixel is finite. One DataWarning tells the counts.
+    Raises InputError when no pixel is finite. One DataWarning states the counts.
     """
     with np.errstate(over="ignore"):
         image = np.array(image, np.float32)

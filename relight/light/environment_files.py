@@ -25,7 +25,7 @@ LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 
 
 
 def read_light(path: Path) -> Radiance:
-    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
+    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, distinguished by their first bytes."""
     try:
         exists = os.path.lexists(path)
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Responses as a few numbers each: what usual lights tell apart, and nothing else.
+"""Responses as a few numbers each: only what usual lights distinguish.
 
 Rows are weighed by the second moment of usual lights, turned by all angles about the vertical: light comes from above
 and from the horizon, and varies slowly. Part of it is even in all directions of a band, for lights that are not usual.

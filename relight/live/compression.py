@@ -183,7 +183,7 @@ def _nearest(
     """The nearest centres, (N, k), nearest first."""
     score = np.zeros(centers.shape[1], np.float32)
     for n in range(begin, end):
-        for c in range(len(score)):  # a slice would have Numba compile how shapes are told, which takes seconds
+        for c in range(len(score)):  # a slice would have Numba compile the printing of shapes, which takes seconds
             score[c] = half[c]
         for d in range(centers.shape[0]):
             x = rows[n, d]

@@ -15,7 +15,7 @@ COARSE = 2.0
 """Pixels that a texel may cover before it shows as a square: wider ones are shown out of focus."""
 
 DEFOCUS = 1.2
-"""Standard deviation of the blur of such an image, in texels: the grain is gone, what it is of can still be told."""
+"""Standard deviation of the blur of such an image, in texels: the grain is gone, its subject is still recognisable."""
 
 PADDING = 8  # texels repeated across the seam, more than a cubic spline or the blur's centre reaches
 

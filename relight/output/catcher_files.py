@@ -29,7 +29,8 @@ RATIOS = ("ratio_r", "ratio_g", "ratio_b")
 """Properties of catcher.ply beyond those of any splat."""
 
 BLACK = 1e-4
-"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it tells nothing, and is 1."""
+"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it carries no information, and is
+1."""
 
 
 def write_catcher(

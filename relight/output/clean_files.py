@@ -35,7 +35,7 @@ class CleanFiles:
 
     @property
     def told(self) -> dict[str, int]:
-        """What the report tells of them."""
+        """Their entry in the report."""
         return {"splats": len(self.keep), "floaters": int(np.count_nonzero(~self.keep))}
 
     def write(self, folder: Path) -> list[str]:

@@ -98,10 +98,10 @@ class EngineFiles:
         from .live_glb import FILE, write_live_glb
 
         if placed.lamps or isinstance(light, CapturedLight):
-            told = (
+            message = (
                 "live.glb shows the light of an environment alone, neither captured light nor placed lamps on its mesh"
             )
-            warnings.warn(f"{told}; lamps are in the file as lights, for other objects", DataWarning, stacklevel=2)
+            warnings.warn(f"{message}; lamps are in the file as lights, for other objects", DataWarning, stacklevel=2)
         if self._nine is None:
             with self._stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)

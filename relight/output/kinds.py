@@ -21,13 +21,13 @@ FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 """Those that `engine_files.EngineFiles` writes."""
 
 AROUND = ("probe", "catcher")
-"""Those that tell of the light around, and of what objects change in it, which `around_files.AroundFiles` writes."""
+"""Those that hold the light around and the changes that objects make in it; `around_files.AroundFiles` writes them."""
 
 WITHOUT_LIGHT = ("clean-splat",)
 """Those that no light changes, which `clean_files.CleanFiles` writes."""
 
 APART = ("live", "web", "passes", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
-"""Those that have a writer of their own, which tells the names of its files."""
+"""Those with a separate writer, which names its files."""
 
 OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
 """Those that need the splats that the scene was made from."""

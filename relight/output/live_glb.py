@@ -1,6 +1,6 @@
 """The mesh with live light: albedo and transfer at its vertices, so that a shader of any engine can light it.
 
-The format is told in docs/engines.md, loaders stand in integrations/.
+docs/engines.md describes the format; the loaders are in integrations/.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The picture of a relit scene: what was relit, on the ground, before the light, with an inset that tells the light."""
+"""The picture of a relit scene: the relit mesh on the ground, before the light, with an inset that shows the light."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING

@@ -181,8 +181,10 @@ class Choice:
             left = measured.open_truncation(settings.bands, **self.rest(settings))
             rows.append(("bands", left, f"{settings.bands} kept"))
         if self._leaves is not None:
-            told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
-            rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
+            leaves = (
+                f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
+            )
+            rows.append((VOLUME, self._leaves.error, leaves if settings.volume else "skipped"))
         if measured.bounced is None:
             rows.append((BOUNCES, None, "skipped: the surface is white, or they were not requested"))
         else:

@@ -14,12 +14,12 @@ class Plan:
     """What a scene and a light call for.
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
-    seconds: predicted, for the scene and as many lights as asked for. sun_count: how many.
-    tolerance, budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample.
-    contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
-    quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
-    choice: what it was chosen from, which tells that error for Settings and a transfer (S, K) of the sample's `rows`,
-    and what they contribute; None in a plan kept from before.
+    seconds: predicted, for the scene and as many lights as asked for. sun_count: how many. tolerance, budget_s: as
+    asked, of LightingOptions; None for the other. vertices, rays: size of the sample. contributions: [(effect, error
+    without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing quicker beats. planning_s: what the
+    plan took. checked: the error as measured on the sample after the work. choice: the candidates, which give that
+    error for Settings and a transfer (S, K) of the sample's `rows`, and their contributions; None in a plan kept from
+    before.
     """
 
     settings: Settings

@@ -28,7 +28,7 @@ from .pointing import lamps_at
 from .seen import seen_from
 
 LEAST_EVIDENCE = 0.5
-"""Evidence below which an emitter cannot be told from the colours of what it lights."""
+"""Evidence below which an emitter cannot be separated from the colours of the surfaces it lights."""
 
 LEAST_OF_WINDOWS = 0.8
 """The same for windows, whose sky has more freedom: colours at random have 0.73, rooms 0.91 to 0.98."""
@@ -116,7 +116,7 @@ def room_of(
     Returns
     -------
     room : Room or None
-        None where its light cannot be told.
+        None where its light cannot be estimated.
     reason : str
         Why not; empty with a Room.
 
@@ -162,7 +162,7 @@ def room_of(
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
-        if reason:  # nobody was told their numbers
+        if reason:  # their numbers were never reported
             found, lights = [], []
         bounce = interreflection.bounce(captured)
         at = frame.unit(pointed.places)
@@ -190,9 +190,9 @@ def room_of(
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     emitters = list(zip(found, lights, solved.radiance, strict=False))
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
-    told = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
-    told |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
-    return Room(**lit, environment=environment, brightness=brightness, told=told), ""
+    report = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
+    report |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
+    return Room(**lit, environment=environment, brightness=brightness, told=report), ""
 
 
 def _rows_of_lamps(
@@ -203,7 +203,7 @@ def _rows_of_lamps(
     captured: Radiance,
     areas: Floats,
 ) -> list[int]:
-    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room tells."""
+    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room shows."""
     bounce, kept = interreflection.bounce(captured), []
     for k, lamp in enumerate(found):
         weight = areas[lamp.rows] / areas[lamp.rows].sum()
@@ -297,7 +297,7 @@ def _report(
 ) -> dict[str, Any]:
     """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained.
 
-    assumed_albedo: the median that how bright all of them are together was taken from; the room does not tell it.
+    assumed_albedo: the median albedo that their total brightness was derived from; the room does not determine it.
     """
     lamp_facts = [
         {

@@ -1,4 +1,4 @@
-"""How bright the lamps of a room are, and the clipped sky in its windows, told by the shadows and the falloff of light.
+"""Brightness of the lamps of a room and of the clipped sky in its windows, from the shadows and the falloff of light.
 
 C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows of the sky that was seen
 unclipped, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
@@ -93,7 +93,7 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
     Returns
     -------
     Strengths or None
-        None where the places tell nothing.
+        None where the places show nothing.
     """
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 

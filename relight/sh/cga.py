@@ -148,7 +148,7 @@ def to_matrix(motors: Floats) -> NDArray[np.float64]:
 
 
 def move(motors: Floats, points: Points) -> NDArray[np.float64]:
-    """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss told in `up`."""
+    """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss described in `up`."""
     rotor, shift = rotor_and_translation(motors)
     return _turned(rotor, _vectors(points)) + shift
 

@@ -2,8 +2,8 @@
 
 Training leaves them before its cameras, where they explain a photograph or two. Three things must come together: the
 mesh is far, so that no surface holds it; few other splats are near, so that it is no leaf, twig or wire that the mesh
-lacks; and what lies behind is covered without it, so that no hole opens. Near and far are told as angles, as seen from
-the nearest place where people stand.
+lacks; and what lies behind is covered without it, so that no hole opens. Near and far are angles, as seen from the
+nearest place where people stand.
 """
 
 from typing import NamedTuple
@@ -88,7 +88,7 @@ def floaters(splats: Splats, scene: Scene) -> Indices:
 
     splats: every row of the source, in its frame. Sky and far background are none, nor is what nobody sees: behind a
     wall, invisible, or damaged. Of an object only splats in the box of its mesh are looked at: farther out nothing
-    tells floaters from a sky.
+    distinguishes floaters from a sky.
     """
     possible = sound(splats) & (splats.opacities >= INVISIBLE_OPACITY)
     possible[scene.background_splats] = False

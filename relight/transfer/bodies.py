@@ -185,7 +185,7 @@ def _stand_off(
 ) -> None:
     """Ray origins off the surface: as `occluder._origins`, for known places (V,) and one vertex for each normal there.
 
-    least: offset that the coordinates need to be told apart. rounding: of the coordinates as they came.
+    least: offset that the coordinates need to be distinct. rounding: of the coordinates as they came.
     """
     count = place.max() + 1 if len(place) else 0
     common, shortest = np.zeros((count, 3), np.float32), np.full(count, np.inf)

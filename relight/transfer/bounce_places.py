@@ -62,8 +62,8 @@ class BouncePlaces(NamedTuple):
             part = rows[start : start + batch]
             some, shot, met = used[start : start + batch], buffer[: len(part)], np.zeros(len(part), np.int32)
             sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
-            told = occluder.first_hits(shot)[1:]
-            in_slices(_meet, len(part), shot, *told, occluder.faces, occluder.normals, places, some, met)
+            first = occluder.first_hits(shot)[1:]
+            in_slices(_meet, len(part), shot, *first, occluder.faces, occluder.normals, places, some, met)
             hits[part] = met
             found.append(places[: len(part)][np.arange(rays) < some[:, None]].astype(kind))
             advance(len(part))

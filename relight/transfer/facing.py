@@ -19,7 +19,7 @@ def met_in_front(occluder: Occluder, hits: Hits, directions: Directions) -> Mask
     occluder : Occluder
         What the rays were shot at.
     hits : Hits
-        Of N rays, as `Occluder.first_hits` tells them.
+        Of N rays, as `Occluder.first_hits` returns them.
     directions : ndarray, (N, 3)
         Of the rays, unit frame.
 

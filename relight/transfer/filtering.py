@@ -30,7 +30,7 @@ STRICT_RAYS = 20
 to 20 B rays, then falling with the square root of the rays: for a coarse mesh in low bands their bias is too much."""
 
 FLOOR = np.float32(0.01)
-"""Least f (1 - f) assumed: a shadow of less than a ray or two is not to be told from none."""
+"""Least f (1 - f) assumed: a shadow of less than a ray or two cannot be distinguished from none."""
 
 GUIDE_BANDS = 3
 """Degrees below this are compared; more cost time, and find the same shadows."""

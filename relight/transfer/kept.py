@@ -31,7 +31,7 @@ _BATCH = 1 << 14  # rows
 
 
 Key: TypeAlias = tuple[str, int, int, str, int, str]
-"""What a transfer is told apart by: method, bands, rays, chunks with shadows, seed, leaves."""
+"""What identifies a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
 
 
 def key_of(settings: tuple[Any, ...]) -> Key | None:

@@ -1,9 +1,9 @@
 """Transfer predicted from position and normal alone: the network of the Neural-GASh paper.
 
-Each vertex becomes a motor, 32 numbers, from which a multilayer perceptron tells the transfer of three bands. It knows
-the vertex, and not what stands around it, so that shadows are a guess by the average of what it was trained on. Its
-error is three quarters of that without shadows, four times that of 25 rays (`relight/models/neural-gash.md`).
-Source: Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
+Each vertex becomes a motor, 32 numbers, from which a multilayer perceptron predicts the transfer of three bands. It
+knows the vertex but not its surroundings, so shadows are a guess from the average of its training data. Its error is
+three quarters of that without shadows, four times that of 25 rays (`relight/models/neural-gash.md`). Source:
+Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
 import numpy as np

@@ -310,15 +310,15 @@ class Precomputed:
         return visibility
 
     def _leaves(self, settings: Settings) -> str:
-        """Text for a file's name that tells volumes apart."""
+        """Text for a file's name that identifies the volumes."""
         leaves = f"{self._volumes.key}x{settings.volume}" if settings.volume else SURFACES
         return self._with_receivers(leaves) if settings.rays else leaves
 
     def _with_receivers(self, text: str) -> str:
-        """Text for a file's name, with that which tells the traced vertices apart unless they are all."""
+        """Text for a file's name, with the key of the traced vertices unless they are all."""
         return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
     def _key(self, settings: Settings, rays: int) -> Key:
-        """What a transfer is told apart by, as its file says."""
+        """What identifies a transfer, as in its file."""
         method, chunks = settings.method.replace("-", "_"), chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)

@@ -34,7 +34,7 @@ Ring: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32],
 class Receivers:
     """The vertices of a scene that light is traced for.
 
-    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that tells them from others, "every" for all.
+    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that identifies them, "every" for all.
     """
 
     def __init__(self, traced: Mask, rings: Iterable[Ring] = ()) -> None:

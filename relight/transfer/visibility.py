@@ -114,7 +114,7 @@ class Visibility:
     def gathered(
         self, bands: int, rest: NDArray[np.float32] | None = None, rows: Indices | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """What the rays of every node say, as `sampling.gather` tells it apart: model (N, 4), rest (N, K) float32.
+        """The visibility of every node from its rays, split as in `sampling.gather`: model (N, 4), rest (N, K) float32.
 
         Given a `rest` and `rows`, (N,) indices into it, it is filled there: no node needs memory of its own.
         """

@@ -1,10 +1,10 @@
 """Leaves and grass: light that reaches them through one another, and that they send on to all sides alike.
 
-A leaf's own normal, as a splat tells it, is noise. So what is a volume has a phase that does not depend on direction:
-its exit radiance is albedo times the mean over the sphere of the light that gets there, and of that in a direction d
-the part exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep
-their clamped cosine and their rays; what is in between takes a share of both.
-Under a constant sky of radiance 1 what nothing hides gives exactly 1, as a surface does.
+A leaf's normal, as a splat gives it, is noise. So a volume has a phase that does not depend on direction: its exit
+radiance is albedo times the mean over the sphere of the light that reaches it; from a direction d, the part
+exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep their
+clamped cosine and their rays; what is in between takes a share of both. Under a constant sky of radiance 1 what nothing
+hides gives exactly 1, as a surface does.
 
 A grid has no detail, and its light none: it is marched from probes among the vertices, between which they interpolate.
 """

@@ -25,7 +25,7 @@ class LightWorker(Protocol):
 class Answers:
     """The wishes of a session and what came of them. A Session says what its wish is.
 
-    progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
+    progress: (label, fraction or None) of the work under way, or None. message: the text to show, or "".
     """
 
     available: frozenset[str]

@@ -65,7 +65,7 @@ class LampSum(NamedTuple):
 class LampBench:
     """The light of a LampBoard on a LampSource. `poll` it often.
 
-    ready: whether glimpses can be taken. message: what there is to tell of the present lamps, or "".
+    ready: whether glimpses can be taken. message: the text to show on the present lamps, or "".
     """
 
     def __init__(self, source: LampSource, board: LampBoard, first: SessionMixture | None) -> None:
@@ -98,7 +98,7 @@ class LampBench:
 
     @property
     def message(self) -> str:
-        """What there is to tell of the present lamps, or ""."""
+        """The text to show on the present lamps, or ""."""
         return self.failure or (DARK if self.board.state in self._dark else "")
 
     def prepare(self) -> None:
@@ -262,7 +262,7 @@ class LampBench:
         axis, white = np.zeros(3), np.zeros(3)
         if len(state.lamps) == 1:
             axis, white = self._axis(state.lamps), self._axis(state.lamps, white=True)
-        alone = bool((axis > 0.0).all())  # then the whole tells the term
+        alone = bool((axis > 0.0).all())  # then the whole determines the term
         if not alone:
             self._trace(state, check)
         elif _key(state.lamps) not in self._terms:  # soft shadows before a plan is made

@@ -35,7 +35,7 @@ def show_widget(window: "Window") -> Any:
 
 
 def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lambda url: None) -> None:
-    """Serve a Window to browsers until it is closed; `announce` is told the address, which holds a token.
+    """Serve a Window to browsers until it is closed; `announce` receives the address, which holds a token.
 
     Only this machine can reach it. port: 0 for any free one. Raises InputError where trame is missing, and for a port
     that is taken.

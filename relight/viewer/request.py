@@ -46,7 +46,7 @@ class SessionRequest:
     lamps : dict of str to (V, 3), optional
         Name of an albedo -> radiance of what the lamps of a room light, beside every environment.
     lamps_known : bool
-        Whether those can be told from other light, and dimmed.
+        Whether those can be separated from other light, and dimmed.
     mixture : SessionMixture, optional
         What is shown beside the environment: captured light and placed lamps.
     lamp_source : LampSource, optional

@@ -16,7 +16,7 @@ CARD_SHARE = 0.6
 """Of a place's vertices go into leaves and blades where it has any; the rest into solids."""
 
 THICKNESS = 4e-3
-"""Between the two sides of a leaf, as a share of its size: rays must tell them apart, nobody else."""
+"""Between the two sides of a leaf, as a share of its size: only rays must distinguish them."""
 
 PLACES = {
     "garden": garden.garden,

@@ -90,7 +90,7 @@ def _attacked(kind, whole, count, seed, folder, keep):
 
 
 class Reader:
-    """A process that reads what it is told to, one input after another; a new one where it died."""
+    """A process that reads one input after another; a new one after a crash."""
 
     def __init__(self):
         self._process = None

@@ -19,7 +19,7 @@ import asyncio, sys
 import dask
 from distributed import Worker
 
-dask.config.set({"distributed.worker.profile.enabled": False})  # what workers take is not told
+dask.config.set({"distributed.worker.profile.enabled": False})  # no profile of the workers
 
 async def main(address, count):
     workers = [await Worker(address, nthreads=1, dashboard=False, silence_logs=50) for _ in range(count)]

@@ -26,12 +26,12 @@ class Listener(event.Listener):
     def on_start(self, _):
         self.here.stack = [*getattr(self.here, "stack", []), [time.thread_time(), 0.0]]
 
-    def on_end(self, told):
+    def on_end(self, event):
         begun, within = self.here.stack.pop()
         seconds = time.thread_time() - begun
         if self.here.stack:
             self.here.stack[-1][1] += seconds
-        kernel = told.data["dispatcher"].py_func
+        kernel = event.data["dispatcher"].py_func
         self.rows.append((f"{kernel.__module__}.{kernel.__name__}", seconds - within))
 
 listener = Listener()

@@ -93,5 +93,5 @@ def _race(server, name, place, options, report):
         wrong += bool(faults)
         for fault in faults:
             report.note(f"  {name} raced: {fault}")
-    told = ", ".join(f"{a} and {b}: {count}" for (a, b), count in sorted(codes.items()))
-    report.note(f"{name}: {sum(codes.values())} pairs at once, exit codes {told}; {wrong} wrong")
+    listed = ", ".join(f"{a} and {b}: {count}" for (a, b), count in sorted(codes.items()))
+    report.note(f"{name}: {sum(codes.values())} pairs at once, exit codes {listed}; {wrong} wrong")

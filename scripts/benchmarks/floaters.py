@@ -1,8 +1,8 @@
 """Floaters: how many of those that are there are found, and how much that is real goes with them.
 
-Of generated gardens, meshed in draft, every splat is known for what it is. SCENE is a folder that splat2mesh made of a
-trained place: blobs are put into the air that its eyes see, --blobs of them, and counted; of a capture with gt_mesh.ply
-beside its splat it is told how many of the real ones that go lie more than 10 cm from it.
+In generated gardens, meshed in draft, the kind of every splat is known. SCENE is a folder that splat2mesh made from a
+trained place: --blobs blobs are added to the air that its eyes see, and counted. For a capture with gt_mesh.ply beside
+its splat, it prints how many of the real splats that are removed lie more than 10 cm from that mesh.
 """
 
 import subprocess

@@ -82,7 +82,7 @@ def run(options, report):
         for case in options.cases:
             table = Table(case, options, Path(folder) / case.replace(":", "-"))
             looked = look(table.job(table.lights[0], f"{EFFECTS},gloss"))
-            patches.add(**told(case, looked, table.glossy_patches(looked), table.light_error(looked)))
+            patches.add(**patch_row(case, looked, table.glossy_patches(looked), table.light_error(looked)))
             for row in table.things(looked):
                 things.add(case=case, **row)
             for number, name in enumerate(table.names):
@@ -92,7 +92,7 @@ def run(options, report):
             scene = Path(folder) / name
             convert(source, up="+y").save(scene)
             looked = look(Job(RelightRequest.of(scene, "captured", effects=f"{EFFECTS},gloss")))
-            patches.add(**told(name, looked, np.zeros(len(looked[2]), bool), None))
+            patches.add(**patch_row(name, looked, np.zeros(len(looked[2]), bool), None))
 
 
 def look(job):
@@ -109,7 +109,7 @@ def look(job):
     return gloss, appearance, *(np.array([each[i] for each in found]) for i in range(3))
 
 
-def told(case, looked, glossy, light):
+def patch_row(case, looked, glossy, light):
     """A row of the table of patches. glossy: (P,) bool, those that truly are."""
     gloss, appearance, explained, _, _ = looked
     if not len(explained):

@@ -89,9 +89,9 @@ def measure(folder, options, report):
             }
         found = psnr(scene, pictures, shades, options.pictures and options.pictures / f"{name}_{count}")
         texels = {"texels": baked.atlas.size, "unseen": baked.unseen / len(baked.captured), "cpu_s": seconds}
-        for way, told in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
+        for way, figures in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
             row = {"scene": name, "faces": len(scene.faces), "colours": way, "psnr": found[way]}
-            table.add(**row, **told, truth=albedos.get(way))
+            table.add(**row, **figures, truth=albedos.get(way))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         wall = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.seconds.items())
         report.note(f"  wall: {wall}; peak so far {peak:.0f} MiB")

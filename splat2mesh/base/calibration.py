@@ -9,7 +9,7 @@ class Provenance(NamedTuple):
     """How the numbers of a calibration came about.
 
     script: the command that fitted or checks them. fitted_on: scenes. held_out: the error on scenes that they were not
-    fitted on. Each is NOT_RECORDED where nothing tells.
+    fitted on. Each is NOT_RECORDED where unknown.
     """
 
     script: str

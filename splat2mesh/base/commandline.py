@@ -55,9 +55,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str] = ()) -> list[str]:
-    """Arguments with the value of a signed option that begins with a minus put to it: --up -y -> --up=-y.
+    """Arguments in which a value that begins with a minus is joined to its signed option: --up -y -> --up=-y.
 
-    words: options of several words; the first gets a space before it, which tells it from an option.
+    words: options of several words; the first gets a space before it, which distinguishes it from an option.
     """
     result: list[str] = []
     names, several = set(signed), set(words)

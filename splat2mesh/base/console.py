@@ -40,7 +40,7 @@ class Display:
 
     @property
     def progress(self) -> bool:
-        """Whether progress bars belong on stderr: only on a terminal, and only when not told to be quiet."""
+        """Whether progress bars belong on stderr: only on a terminal, and only without --quiet."""
         return sys.stderr.isatty() and not self.quiet
 
 
@@ -59,12 +59,12 @@ def run(
     display, names = display or Display(), names or {}
     os.environ.update(ONE_BLAS_THREAD)
     with warnings.catch_warnings():
-        told: set[str] = set()
+        shown: set[str] = set()
 
         def show(message: Any, *_: Any, **__: Any) -> None:
             text = f"warning: {with_options(str(message), names)}"
-            if text not in told:  # once is enough
-                told.add(text)
+            if text not in shown:  # once is enough
+                shown.add(text)
                 print(printable(text), file=sys.stderr)
 
         warnings.showwarning = show
@@ -90,7 +90,7 @@ def run(
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read along has seen enough
         _drop_stdout()
-    except OSError as error:  # the results are there, but nobody was told
+    except OSError as error:  # the results are written, but could not be reported
         _drop_stdout()
         return _fail(f"cannot write to the standard output: {error.strerror}", EXIT_FAILED, display)
     return EXIT_DONE
@@ -143,7 +143,7 @@ def recorded_warnings() -> Iterator[list[str]]:
 
 
 def tell(message: str) -> None:
-    """Say something on stderr while the work goes on."""
+    """Print a line on stderr while the work goes on."""
     print(printable(message), file=sys.stderr, flush=True)
 
 

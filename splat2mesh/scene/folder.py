@@ -263,12 +263,12 @@ def _digest(file: Any) -> str:
 def _sum(meta: dict[str, Any]) -> str:
     """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
     they may be mended by hand, and what they lead to has a checksum of its own."""
-    told = {name: meta.get(name) for name in SUMMED}
-    source = dict(told["source"] or {})
+    fields = {name: meta.get(name) for name in SUMMED}
+    source = dict(fields["source"] or {})
     source.pop("path", None)
     if "objects" in source:
         source["objects"] = [{key: each[key] for key in each if key != "path"} for each in source["objects"]]
-    return hashlib.sha256(json.dumps(told | {"source": source}, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(fields | {"source": source}, sort_keys=True).encode()).hexdigest()
 
 
 def _check_sums(path: Path, meta: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, told apart without importing any of them."""
+"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, distinguished without importing any of them."""
 
 import os
 from typing import TYPE_CHECKING, Any, TypeAlias

@@ -1,4 +1,4 @@
-"""What splats tell beyond their surface: the sky that was captured, and what is a volume rather than a surface.
+"""What splats show beyond their surface: the captured sky, and which parts are a volume rather than a surface.
 
 Kept beside scene.json in one compressed file, `measured.npz`.
 """

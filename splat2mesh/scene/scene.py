@@ -45,8 +45,8 @@ class Scene:
     background_splats : ndarray of int64, (M,)
         Rows of the source's splats that are far background; of a layout none are kept.
     capture : dict
-        What the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes` ((3,) places
-        in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
+        What the splat shows about its capture, kept in scene.json: `from` (inside, outside or both), `eyes` ((3,)
+        places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
     measured : Measured or None
         What was measured on the splats beyond the surface.
     picture : ndarray of uint8, (H, W, 3), or None

@@ -18,7 +18,7 @@ from .folder import absolute
 from .scene import Scene
 
 _SOG_METAS = ("meta.json", "lod-meta.json")
-"""Names that every SOG has, so that they tell none from another."""
+"""Names that every SOG has, so they identify none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def _in_folder(entry: dict[str, Any], folder: Path, layout: dict[str, Any]) -> l
 
 
 def _own_name(entry: dict[str, Any]) -> Path:
-    """A relative path that tells the file from others: with its folder where every SOG has the same name."""
+    """A relative path that identifies the file: with its folder where every SOG has the same name."""
     if entry["file"] in _SOG_METAS and "path" in entry:
         return Path(Path(entry["path"]).parent.name, entry["file"])
     return Path(entry["file"])

@@ -66,9 +66,11 @@ def _binary(path: str | os.PathLike[str], head: bytes, count: int) -> UncheckedM
 def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
     data = Path(path).read_bytes()
     found = _FACET_TEXT.findall(data)
-    told = len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
-    if len(found) != told:
-        raise InputError(f"{path}: broken or cut short: {len(found)} of its {told} facets make sense; export it again")
+    facets = len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
+    if len(found) != facets:
+        raise InputError(
+            f"{path}: broken or cut short: {len(found)} of its {facets} facets make sense; export it again"
+        )
     try:
         numbers = np.array(found, "S32").astype(np.float64).reshape(-1, 4, 3)
     except ValueError as error:

@@ -19,8 +19,8 @@ ABSURD_LENGTH = 1e15
 # A scale of exactly zero is an underflow of exp. Raised to this share of the splat's largest scale it still
 # looks flat, and the covariance can be inverted.
 FLATTEST = 1e-4
-# A splat covers one flat patch. The coarsest closed surface, a tetrahedron, has four; about twice as many are
-# the least from which a surface can be told from noise.
+# A splat covers one flat patch. The coarsest closed surface, a tetrahedron, has four; about twice as many are the least
+# that distinguishes a surface from noise.
 MIN_SPLATS = 10
 
 NUMBERS = ("means", "scales", "quats_wxyz", "opacities", "sh")
@@ -47,7 +47,7 @@ class Splats:
         Colour coefficients, K in 1, 4, 9, 16, display-referred sRGB, basis of `sh_basis_3dgs`.
     environment : ndarray of bool, (N,), or None
         Which splats the capture itself keeps apart as its surroundings (the sky and the far distance of a streamed
-        SOG), or None where it does not tell.
+        SOG), or None where it does not say.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The pictures of a place, all in one, and what they tell of points on its surface: colour, thickness, pixel.
+"""The pictures of a place, all in one, and what they show of points on its surface: colour, thickness, pixel.
 
 As `color` does for objects; but how near a point must lie to the rendered surface goes by its distance and by how thick
 that surface is, and who looked from near counts far more than who looked from afar.

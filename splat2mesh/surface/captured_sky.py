@@ -31,7 +31,7 @@ CLIPPED_SRGB = 0.97
 """Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
 
 MIN_COVERAGE = 0.01
-"""Of the sphere: a smaller sky tells nothing of the light."""
+"""Of the sphere: a smaller sky says nothing about the light."""
 
 
 def captured_sky(

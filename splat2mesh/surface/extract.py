@@ -81,7 +81,7 @@ EFFORTS = {
 def training_pixel(splats: Splats) -> float:
     """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
 
-    Trained cameras would tell it directly, but the surface comes out no better for it (docs/surface.md).
+    Trained cameras would give it directly, but the surface is no better for it (docs/surface.md).
     """
     solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
@@ -104,7 +104,7 @@ class Trained(NamedTuple):
 
 
 def as_trained(splats: Splats) -> Trained:
-    """The splats of a file, dilated for the pixel that they tell of themselves: a Trained."""
+    """The splats of a file, dilated for the pixel estimated from them: a Trained."""
     pixel = training_pixel(splats)
     return Trained(dilated(splats, pixel), pixel)
 

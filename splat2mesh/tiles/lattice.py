@@ -1,7 +1,7 @@
 """The raw surface of a tile and its ring on the lattice of the whole city, equal to the bit in all tiles that hold it.
 
-A cell's vertex depends on the cells around it and on the views that tell of them. All tiles read the same views, in
-the same order, and find the same cells; so on either side of a border the surface comes out the same.
+A cell's vertex depends on the cells around it and on the views that show them. All tiles read the same views, in the
+same order, and find the same cells; so on either side of a border the surface comes out the same.
 """
 
 from typing import NamedTuple

@@ -102,9 +102,9 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
 
 
 def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
-    """The views that tell of what lies in a tile and its ring, in an order that all tiles share.
+    """The views that show a tile and its ring, in an order that all tiles share.
 
-    A view counts where a surface point of it lies near enough to tell anything: all others leave no trace there.
+    A view counts if one of its surface points lies near enough to matter: all others leave no trace there.
     """
     low, high = _range(plan, tile)
     for other in plan.seers(tile):
@@ -152,7 +152,7 @@ def sight_of(face: Face, plan: CityPlan, tile: int) -> FusionSight:
 
 
 def _range(plan: CityPlan, tile: int) -> Floats:
-    """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
+    """Lowest and highest x and z of the surface points that affect a tile's ring: (2, 2)."""
     return grown(plan.core(tile), (RING + INFLUENCE) * plan.block)
 
 

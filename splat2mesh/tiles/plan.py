@@ -33,7 +33,7 @@ FINEST_CELL = 0.7
 
 LEAST_PIXEL = 0.36
 """Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
-training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
+training pixels far below, which would call for cells and stations that no splat supports."""
 
 PER_CUBE, LEAST_PER_CUBE, CUBE_ROUNDS = 30, 3, 5
 """Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
@@ -54,8 +54,8 @@ RING = 6
 lies within five."""
 
 INFLUENCE = 11
-"""Blocks from the surface point of a pixel within which it tells of space: marks reach 3, truncation and free space 6
-along z, which is 10.4 along the ray in the corner of a view."""
+"""Blocks from the surface point of a pixel within which it gives evidence of space: marks reach 3, truncation and free
+space 6 along z, which is 10.4 along the ray in the corner of a view."""
 
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
@@ -65,17 +65,17 @@ GB_PER_SPLAT = 5.0e-6
 3.6e-6 in a trained plaza whose trees are fog, with eleven vertices of the raw surface for each splat."""
 
 USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
-"""Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
-at least, since what has less is mostly halo."""
+"""Of a tile with its halo: where no memory is given, since more tiles can share more machines; at most, whatever the
+memory; and at least, since a smaller tile is mostly halo."""
 
 
 @dataclass
 class CityPlan:
     """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
 
-    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
-    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,)
-    box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
+    scene_from_splat: 4 x 4, rows first. up_from: what decided up. pixel: size of a training pixel, or what counts as
+    one where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high:
+    (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
     fog, level: of the surfaces, by a sample. pixels: side of the views.
     """
 

@@ -60,7 +60,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
 
 
 def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple[Mesh, dict[str, Any]]:
-    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and what is told of it."""
+    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and its statistics."""
     seam = seam_of(raw, tile)
     soft = smoothed(raw)
     normals = normals_of(soft, raw.faces)

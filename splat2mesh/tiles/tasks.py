@@ -153,7 +153,7 @@ def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...],
 
 @contextmanager
 def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
-    """What runs the tasks of a city, made of its TilingOptions; tells the address of its dashboard, if it has one."""
+    """The engine that runs the tasks of a city, from its TilingOptions; prints the address of its dashboard, if any."""
     with engine(tiling.scheduler, tiling.workers, tiling.memory) as running:
         if running.dashboard:
             stages.tell(f"dashboard: {running.dashboard}")

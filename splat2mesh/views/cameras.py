@@ -36,7 +36,7 @@ JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
 
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
-around places and a table, but around a single object nothing tells them apart."""
+around places and a table, but around a single object nothing distinguishes them."""
 
 SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
@@ -84,8 +84,8 @@ def trained_views(
 def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[View | None]]:
     """The cameras of a path, in every frame that the splat may be in: a list of lists of View or None (no finite pose).
 
-    path: a file or folder, its kind told from what it holds. splat_path: of the splat that they belong to.
-    Raises InputError for any other, and for one without cameras.
+    path: a file or folder, recognised by its content. splat_path: of the splat that they belong to. Raises InputError
+    for any other, and for one without cameras.
     """
     path = Path(path)
     if path.is_dir():

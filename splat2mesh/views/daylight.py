@@ -1,4 +1,4 @@
-"""Which side of a thing is the brighter one: a hint of what is up where nothing else tells."""
+"""Which side of an object is brighter: a hint at the up direction where there is no other."""
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def brightness_from_above(splats: Splats, up: Vector) -> float:
 
 
 def describe_brightness(splats: Splats, up: Vector) -> str:
-    """The same in words that follow what was taken for up; "" where it tells nothing."""
+    """The same in words, to follow the chosen up direction; "" where it is no hint."""
     ratio = brightness_from_above(splats, up)
     if ratio >= CLEAR:
         return f", and {ratio:.2g} times brighter from above"

@@ -1,7 +1,7 @@
 """Up from the place itself: the floor that a capture stands on, where a splat clearly has one.
 
 The largest plane of a place is its floor or its ceiling: of what was tried (normals of splats, walls about the upright,
-weight near the floor, brightness) the area of planes alone told it in every capture, real and trained. Walls have half
+weight near the floor, brightness) only the area of planes found it in every capture, real and trained. Walls have half
 of its area, objects no plane that stands out. Which of its sides is up shows where things stand on one side alone;
 between a floor and a ceiling it does not show, and the usual frame of trained files decides. It decides of a table,
 too, unless its pictures from below are much blurred: there no camera stood.
@@ -33,12 +33,12 @@ DIRECTIONS, SAMPLE = 2400, 25_000
 
 
 LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
-"""Radii to the eyes, and the side and least alpha of the pictures, whose detail tells from where cameras looked."""
+"""Radii to the eyes, and the side and least alpha of the pictures, whose detail shows from where cameras looked."""
 
 
 @dataclass(frozen=True)
 class FloorCalibration:
-    """What tells a floor from other planes. Radii hold half of the detail each.
+    """What distinguishes a floor from other planes. Radii hold half of the detail each.
 
     radii: that are looked at. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
     least_cover: share of its outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an

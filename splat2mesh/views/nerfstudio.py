@@ -26,7 +26,7 @@ from .poses import view_of
 TRAINING_FRAME = "dataparser_transforms.json"
 
 UNKNOWN_SIDE = 800
-"""Pixels of a picture whose size is told by nobody: Blender's synthetic scenes are square and this large."""
+"""Pixels along a picture whose size is given nowhere: Blender's synthetic scenes are square and this large."""
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -84,8 +84,8 @@ def _frames(path: Path, content: dict[str, Any], splat_path: str | os.PathLike[s
         file = folder / TRAINING_FRAME
         if file.is_file():
             try:
-                told = read_json(file)
-                found.append((float(told["scale"]), _rigid(told["transform"])))
+                fields = read_json(file)
+                found.append((float(fields["scale"]), _rigid(fields["transform"])))
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(f"{file} holds no transform and scale ({type(error).__name__}: {error})") from error
     found.append((1.0, np.eye(4)))

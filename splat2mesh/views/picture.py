@@ -13,7 +13,7 @@ ASPECT, FOV_DEG = 4 / 3, 70.0
 """Width over height of the picture, and its horizontal angle."""
 
 COLUMNS, ROWS = 32, 24
-"""Rays of a candidate: enough to tell a wall from a garden."""
+"""Rays of a candidate: enough to distinguish a wall from a garden."""
 
 TURNS, TILTS_DEG = 12, (-6.0, -18.0)
 """Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""

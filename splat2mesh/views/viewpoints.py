@@ -1,8 +1,8 @@
 """Virtual cameras: views chosen so that together they see every visible part of a splat, from outside or inside.
 
-Nobody tells where the capture's cameras stood, but the splat itself does: surfaces that training saw are sharp, what
-no photo constrained is fuzzy. Candidates all around and inside free space are rendered small, those that look
-at fuzz are dropped, and a greedy cover picks, one after the other, the view that shows most of what was seen least.
+The file does not say where the capture's cameras stood, but the splat shows it: surfaces that training saw are sharp,
+the rest is fuzzy. Candidates all around and inside free space are rendered small, those that look at fuzz are dropped,
+and a greedy cover picks, one after the other, the view that shows most of what was seen least.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from ..splats.splats import Splats
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
-"""Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
+"""Side of a candidate's picture: enough to show what it sees, a fraction of the cost of a real view."""
 
 PICTURE_ASPECT = 4 / 3
 """Shape of the picture that a scene is shown with."""
