@@ -233,7 +233,7 @@ def _assumed(job: "Job") -> list[str]:
 
 
 def _lamps(job: "Job") -> list[str]:
-    """What the summary says of lamps that were put in, and of what their brightness is measured by."""
+    """The lines of the summary on added lamps and on the scale of their brightness."""
     if not job.mixes:
         return []
     lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.beside.in_words, 1)]

@@ -87,7 +87,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
 
 
 def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
-    """What a lamp is asked to be; large arrays by their content."""
+    """The request for a lamp; large arrays by their content."""
     shape = {each.name: getattr(lamp.shape, each.name) for each in fields(lamp.shape)}
     plain = {name: _digest([value]) if isinstance(value, np.ndarray) else value for name, value in shape.items()}
     bright = lamp.brightness
@@ -96,7 +96,7 @@ def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
-    """What is put in and where; its file by its content."""
+    """An inserted object and its place; its file by its content."""
     source = asked.source
     if isinstance(source, (str, os.PathLike)):
         return {**described(asked), "file": _described_scene(source)}

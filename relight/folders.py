@@ -38,10 +38,10 @@ LIGHTS = (".exr", ".hdr")
 
 @dataclass(frozen=True, eq=False)
 class RelitFiles:
-    """What `relight_files` wrote.
+    """The results of `relight_files`.
 
     folders : one for each light and angle. reports : of each, JSON-clean. sheet : path of the sheet of several lights.
-    notes : lines on what was done before, and on what is missing. job : the last Job; None for a city. film : of a day.
+    notes : lines on earlier results and on what is missing. job : the last Job; None for a city. film : of a day.
     """
 
     folders: list[Path]

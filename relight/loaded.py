@@ -1,4 +1,4 @@
-"""What a request names, read when it is asked for: the scene, the splats it was made of, the light, what is put in."""
+"""The inputs of a request, read on first use: the scene, its source splats, the light, the inserted objects."""
 
 import os
 import warnings
@@ -61,7 +61,7 @@ class Loaded:
 
     @property
     def plays(self) -> bool:
-        """Whether the scene itself is an animation; with objects put in, these are."""
+        """Whether the scene itself is an animation; with inserted objects, these are."""
         return self.request.animated and not self.request.inserted
 
     @cached_property
@@ -105,14 +105,14 @@ class Loaded:
 
     @cached_property
     def asked_lamps(self) -> "list[AskedLamp]":
-        """The lamps that are put in, as they are asked for."""
+        """The added lamps as requested."""
         from .lamps.placing import asked_lamps
 
         return asked_lamps(self.request.lighting.placed)
 
     @cached_property
     def asked_inserts(self) -> "list[AskedInsert]":
-        """The objects that are put in, as they are asked for."""
+        """The inserted objects as requested."""
         from .insert.asked import asked_inserts
 
         return asked_inserts(self.request.inserted)

@@ -1,4 +1,4 @@
-"""The length of a metre in a scene and the brightness of its captured light: units for the size and power of lamps."""
+"""The length of a metre in a scene and the brightness of its captured light: units for lamps."""
 
 import numpy as np
 

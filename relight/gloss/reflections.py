@@ -1,7 +1,7 @@
 """New reflections for relit splats: harmonics of degree 3, fitted to pictures whose pixels mirror the new light.
 
 A single Gaussian's harmonics are noise; together, in a picture, they show the reflection. So the old reflection is
-taken out of pictures and the new one put in, and the harmonics of glossy Gaussians follow by least squares.
+removed from pictures and the new one added, and the harmonics of glossy Gaussians follow by least squares.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a person asks to have put in: a file, where it goes, which way it faces, how large it is, on what it stands.
+"""A request to insert an object: its file, position, heading and size, and the surface that it stands on.
 
     statue.glb at=1.55,0,-.6
     statue.glb at=1.55,0,-.6 turn=30 scale=.5 on=floor
@@ -38,7 +38,7 @@ _KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
 
 @dataclass(frozen=True, eq=False)
 class AskedInsert:
-    """An object to be put in.
+    """An object to insert.
 
     source: a mesh file, a splat, or a Mesh whose y points up. at: where its origin goes, in the frame of the splat that
     the scene was made of. turn_deg: about the vertical, counter-clockwise from above. scale: its own units times this
@@ -90,7 +90,7 @@ def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
 
 
 def described(asked: AskedInsert) -> dict[str, Any]:
-    """Where and how an object is put in, JSON-clean; what it is, its file says."""
+    """Position and pose of an inserted object, JSON-clean; its file describes the object."""
     place = {"at": list(asked.at), "turn_deg": asked.turn_deg, "scale": asked.scale, "on": asked.on}
     return {"name": asked.name, **place, "albedo": asked.albedo and list(asked.albedo)}
 

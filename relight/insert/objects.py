@@ -1,4 +1,4 @@
-"""Objects that are put in, as arrays: triangles fine enough to carry light, albedo, and what their files show."""
+"""Inserted objects as arrays: triangles fine enough to carry light, albedo, and the pictures of their files."""
 
 import io
 import os
@@ -84,7 +84,7 @@ class InsertedObject:
 
 
 def read_object(asked: AskedInsert) -> InsertedObject:
-    """Read what is to be put in. Raises InputError for a file that is missing, broken, or without triangles."""
+    """Read the objects to insert. Raises InputError for a file that is missing, broken, or without triangles."""
     tint = np.ones(3) if asked.albedo is None else np.array(asked.albedo)
     source = asked.source
     if isinstance(source, Mesh):

@@ -173,7 +173,7 @@ class Environment:
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key: Hashable, compute: Callable[[], Any]) -> Any:
-        """Return what `compute` gives, computed once under this key for the image and all its rotated copies."""
+        """Return the result of `compute`, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
         return self._derived[key]

@@ -1,4 +1,4 @@
-"""What a request has beside its environment, as terms of what is live: captured light, and lamps that were put in."""
+"""The light of a request beside its environment, as terms of the live light: captured light and added lamps."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple

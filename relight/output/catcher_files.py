@@ -1,4 +1,4 @@
-"""catcher.ply and catcher.exr: what objects that were put in do to the place, as factors on its light."""
+"""catcher.ply and catcher.exr: the effect of inserted objects on the place, as factors on its light."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Splats of objects behind those of the place they are put in, in one file, whose first rows stay as they are."""
+"""Splats of objects after those of the place they are inserted into, in one file whose first rows stay unchanged."""
 
 import os
 import tempfile

@@ -11,7 +11,7 @@ from ..transfer.settings import Settings
 
 @dataclass
 class Plan:
-    """What a scene and a light call for.
+    """The settings that a scene and a light need, with predicted error and time.
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
     seconds: predicted, for the scene and as many lights as asked for. sun_count: how many. tolerance, budget_s: as
@@ -60,7 +60,7 @@ class Plan:
 
     @classmethod
     def from_dict(cls, kept: dict[str, Any]) -> "Plan":
-        """A plan that was kept. Raises KeyError or TypeError for what is none."""
+        """A plan from its dict. Raises KeyError or TypeError for anything else."""
         return cls(
             settings=_settings_from(kept["settings"]),
             error=kept["predicted_error"],

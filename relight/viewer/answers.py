@@ -50,7 +50,7 @@ class Answers:
 
     @property
     def lamps_settled(self) -> bool:
-        """Whether the light of lamps that were put in is complete."""
+        """Whether the light of added lamps is complete."""
         return True
 
     @property
@@ -60,7 +60,7 @@ class Answers:
 
     @property
     def objects_settled(self) -> bool:
-        """Whether the light of objects that were put in is complete."""
+        """Whether the light of inserted objects is complete."""
         return True
 
     @property

@@ -50,9 +50,9 @@ class SessionRequest:
     mixture : SessionMixture, optional
         What is shown beside the environment: captured light and placed lamps.
     lamp_source : LampSource, optional
-        What lights lamps that are put in; without it none can be.
+        Lights added lamps; without it none can be added.
     object_source : ObjectSource, optional
-        What lights objects that are put in.
+        Lights inserted objects.
     splats : SplatSource, optional
         What the scene was made of: shown, relit, in place of the mesh.
     """

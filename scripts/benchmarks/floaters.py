@@ -32,13 +32,13 @@ def arguments(parser):
     parser.add_argument("folders", nargs="*", type=Path, metavar="SCENE")
     parser.add_argument("--seeds", type=int, default=6, metavar="N", help="gardens that are generated")
     parser.add_argument("--splats", type=int, default=40_000, metavar="N", help="of each")
-    parser.add_argument("--blobs", type=int, default=600, metavar="N", help="put into each SCENE")
+    parser.add_argument("--blobs", type=int, default=600, metavar="N", help="blobs to add to each SCENE")
 
 
 def run(options, report):
     if options.folders:
         columns = {"scene": "<12", "splats": ",d", "taken": ",d", "off_surface": ",d", "found": ".3f", "beyond": ".3f"}
-        table = report.table("trained places, and blobs put into them", **columns)
+        table = report.table("trained places with added blobs", **columns)
         for folder in options.folders:
             table.add(**trained(folder, options.blobs))
         return

@@ -47,7 +47,7 @@ def stopping_in_order() -> Iterator[None]:
 def shielded() -> Iterator[None]:
     """Within it, signals wait; one that arrived is raised when it ends. Keep it short: clean-up, a rename.
 
-    Where the library is used without a command, Ctrl-C is put off in the main thread, and nothing in others.
+    Where the library is used without a command, Ctrl-C is deferred in the main thread only.
     """
     global _shields
     main = threading.current_thread() is threading.main_thread()

@@ -142,7 +142,7 @@ def sweep(folder: Path) -> None:
 
 
 def _ours(workspace: Path) -> bool:
-    """Whether it is a folder that holds nothing but what this module puts there. Raises OSError where it is gone."""
+    """Whether it is a folder that holds only what this module writes there. Raises OSError where it is gone."""
     if workspace.is_symlink():
         return False
     try:

@@ -56,7 +56,7 @@ class Splats:
 
     Notes
     -----
-    Arrays are stored contiguous and in these types, whatever they come in.
+    Arrays are stored contiguous and converted to these types.
     """
 
     means: np.ndarray
@@ -118,7 +118,7 @@ class Splats:
         return read_splats(path, lod)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the splats in the kind that the name ends in; the file appears only once it is complete.
+        """Write the splats in the format of the name's suffix; the file appears only once it is complete.
 
         Parameters
         ----------
@@ -130,12 +130,12 @@ class Splats:
         Raises
         ------
         InputError
-            For another ending, for a folder, and for a file that exists and may not be replaced.
+            For another suffix, for a folder, and for a file that exists and may not be replaced.
 
         Warns
         -----
         DataWarning
-            About what the format cannot hold.
+            About data that the format cannot hold.
 
         Examples
         --------
