@@ -1,7 +1,7 @@
-"""What an earlier call left in the folder that a call writes: the same settings add to it, others ask.
+"""Earlier results in the folder of a call: the same settings add to them, others need permission.
 
-A report keeps the settings that its results depend on. Formats are none of them: a second call with another format
-finds the same settings, and its files join those that are there.
+A report keeps the settings that its results depend on. Formats are not among them: a second call with another format
+finds the same settings and adds its files.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""What is known of a scene before it is lit anew: its surfaces, the light of its capture, what stays of that."""
+"""A scene before relighting: its surfaces, the light of its capture, and the part of that light that stays."""
 
 import warnings
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""Options of the light: they go from a command line or a caller unchanged to the planner. Imports nothing heavy."""
+"""Options of the light, passed unchanged from a command line or a caller to the planner. Imports nothing heavy."""
 
 import math
 import os

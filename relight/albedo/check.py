@@ -1,7 +1,7 @@
 """The check of an estimate of the capture's light: the scene relit by that very light must look as it was captured.
 
-Where it does not, the estimate explains the place wrongly, and a change of light would be wrong there too: so the
-change is drawn towards none, by region.
+Where it does not, the estimate is wrong, and a change of light would be wrong there too. So the check reduces the
+change there, region by region.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Albedo from captured colour and irradiance: a division that stays tame where next to nothing was received."""
+"""Albedo from captured colour and irradiance: a division that stays stable where almost no light was received."""
 
 from typing import NamedTuple
 

@@ -1,8 +1,8 @@
 """The capture light that makes albedos agree: robust least squares over pairs of places, IRLS Gauss-Newton.
 
-log C = log a + log S. Neighbours mostly are of one material, so that under the right light log C - log S mostly
-agrees between them, and where it does not, it is far apart. Geman and McClure's function of the difference counts what
-is far apart as an edge of the albedo, whatever its height.
+log C = log a + log S. Neighbours mostly share a material, so under the right light log C - log S mostly agrees
+between them, and where it does not, it differs widely. Geman and McClure's function counts a wide difference as an
+edge of the albedo, whatever its height.
 """
 
 import math

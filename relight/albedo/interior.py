@@ -1,4 +1,4 @@
-"""Closed rooms seen from within: how much of any environment reaches what is seen there.
+"""Closed rooms seen from within: how much of an environment reaches the surfaces seen there.
 
 In a room, light comes from lamps and surfaces, and light from outside enters through windows and through the holes of
 the mesh alike. Where almost none enters, the colours do not show the light of the capture, and a new environment

@@ -1,6 +1,6 @@
 """Patches of surfaces as the capture saw them, and what a light explains of their colours within each material.
 
-Whatever adds noise to the irradiance of a place leaves its correlation with the colours to the right light.
+Noise in the irradiance of a place does not change which light its colours correlate with.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Places on a scene's surface at which its capture light is read, what each sees of the sky, and who is beside whom."""
+"""Places on a scene's surface that sample its capture light, the sky that each sees, and their neighbours."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
-"""What a place shows to those who stand where it was captured: looks from there, and how large every vertex is in them.
+"""Views of a place from where it was captured, and the size of every vertex in them.
 
 A mesh of a place has parts that no camera saw: the underside of a lawn, the backs of hedges. Their colours are invented
-and their area is half of the whole, so that neither an estimate of light nor its check may count them by area.
+and their area is half of the whole, so neither an estimate of light nor its check may count them by area.
 """
 
 from typing import NamedTuple

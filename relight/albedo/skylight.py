@@ -1,8 +1,8 @@
-"""A capture light of which a part was photographed: what a captured sky binds, what it bounds, and what is free.
+"""A partly photographed capture light: the part that a captured sky fixes, the part that it bounds, and the free part.
 
-Of every direction's light one part is the sky's own radiance, one was clipped and is 1 or more, one was not seen. The
-clipped and the unseen are the exponentials of spherical harmonics of their own: a clipped sky is far brighter than
-what lies beside it, and no few harmonics would hold the step.
+Of every direction's light one part is the sky's radiance, one was clipped and is 1 or more, one was not seen. The
+clipped and the unseen part are exponentials of separate spherical harmonics: a clipped sky is far brighter than its
+surroundings, and a few harmonics cannot hold the step.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Objects of animated files: the same triangles in the pose of any time."""
+"""Objects of animated files: the same triangles, posed at any time."""
 
 from dataclasses import replace
 from pathlib import Path

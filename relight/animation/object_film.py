@@ -1,4 +1,4 @@
-"""The film of animated objects in a place that stands still: only what they reach is traced from frame to frame."""
+"""The film of animated objects in a static place: each frame retraces only what they reach."""
 
 from collections.abc import Callable
 from pathlib import Path

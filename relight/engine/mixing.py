@@ -1,4 +1,4 @@
-"""New light made of several: an environment, what stays of the captured light, and lamps that people placed."""
+"""A mix of lights: an environment, the part of the captured light that stays, and placed lamps."""
 
 from typing import NamedTuple
 

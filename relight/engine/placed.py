@@ -1,4 +1,4 @@
-"""The light of lamps that people placed, on a scene: direct, and thrown on by its surfaces."""
+"""The light of placed lamps on a scene: direct, and reflected by its surfaces."""
 
 import copy
 import warnings

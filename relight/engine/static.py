@@ -1,4 +1,4 @@
-"""A geometry at rest: its transfer, of any settings and kept between runs, and the shadows of suns on it."""
+"""A static geometry: its transfer under any settings, kept between runs, and the shadows of suns on it."""
 
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,6 @@
-"""The colour of the captured light, where a person knows it better than the estimate does.
+"""The colour of the captured light, if the user knows it better than the estimate.
 
-Light from outside is multiplied in each colour; light between surfaces is as it was seen. Its luminance stays.
+Each colour of the light from outside gets a factor; light between surfaces stays as seen. The luminance stays.
 """
 
 from collections.abc import Sequence

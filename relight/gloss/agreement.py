@@ -1,7 +1,7 @@
 """The light that glossy patches agree on: their reflections are the same light, blurred by each roughness.
 
 Patches of one place see one light. So the coefficients of patch k are F_k a_l(alpha_k) L_lm: one light L for all, found
-by turns with the strength and roughness of each patch, up to its scale.
+in turn with the strength and roughness of each patch, up to its scale.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """The view-dependent part, patch by patch: sums of squares that give any light's fit to the mirrored directions.
 
-In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is what a place sends everywhere, and
-falls out of differences from the place's mean over its views. What is left is linear in F a_l L_lm, so that sums over
-pixels, taken once, show how well any light and any roughness explain them.
+In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is the light that a place sends
+everywhere; it cancels in differences from the place's mean over its views. The rest is linear in F a_l L_lm, so sums
+over pixels, taken once, show how well any light and any roughness explain them.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""What gloss contributes and costs, for a plan: measured on the scene, but for the fit, which is timed by one pass."""
+"""Contribution and cost of gloss, for a plan: measured on the scene; the fit is timed by one pass."""
 
 import time
 from collections.abc import Callable

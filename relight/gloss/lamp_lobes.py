@@ -1,7 +1,8 @@
-"""Highlights of placed lamps: the lobe towards each emitter, as wide as the emitter is seen, behind a shadow ray.
+"""Highlights of placed lamps: the lobe towards each emitter, widened by the emitter's apparent size, behind a shadow
+ray.
 
-Source: Karis, "Real shading in Unreal Engine 4" (SIGGRAPH 2013): a lamp of some size is a point under a lobe that is
-rougher by half the angle it is seen at.
+Source: Karis, "Real shading in Unreal Engine 4" (SIGGRAPH 2013): an extended lamp is a point under a lobe that is
+rougher by half the angle it subtends.
 """
 
 import math

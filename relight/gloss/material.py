@@ -1,4 +1,4 @@
-"""Reflectance and roughness of each patch: what of the captured light's reflection its pixels show."""
+"""Reflectance and roughness of each patch: the share of the captured light's reflection that its pixels show."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple

@@ -1,4 +1,4 @@
-"""Which way a place of the surface sees the light, and the colour of what hides it elsewhere, in a few numbers."""
+"""The directions in which a surface point sees the light, and the colour of its occluders, in a few numbers."""
 
 import numpy as np
 from numpy.typing import NDArray

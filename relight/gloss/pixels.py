@@ -1,4 +1,4 @@
-"""What pixels of a picture of the splat see of its surface: where, under which angle, and which way it mirrors."""
+"""The surface that pixels of a splat's picture show: position, angle and mirrored direction."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The gloss of one scene: observed once, kept with the scene, and shown anew in every light."""
+"""The gloss of one scene: observed once, kept with the scene, and redrawn in every light."""
 
 from collections.abc import Callable
 from functools import cached_property, partial

@@ -1,4 +1,4 @@
-"""Pictures from where a capture is likely to have stood: elsewhere harmonics mean nothing, and show false gloss."""
+"""Pictures from likely positions of the capture: elsewhere harmonics are meaningless and show false gloss."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How much of a scene objects change, and what that costs, found on a few of its vertices."""
+"""The share of a scene that objects change and its cost, measured on a few of its vertices."""
 
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple

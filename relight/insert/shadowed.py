@@ -1,8 +1,8 @@
-"""Splats in the shadow of objects: the change of light is found anew on finer triangles about them.
+"""Splats in the shadow of objects: the change of light is recomputed on finer triangles around the objects.
 
-A mesh of a place has vertices a hand apart, and a shadow that touches its object has an edge. So the triangles that
-change are cut until they are fine beside the object, their vertices traced, and the splats bound to them; views from
-the places of the capture, all towards the objects, show which splats show what.
+A mesh of a place has vertices a hand apart, but a contact shadow has an edge. So the triangles that change are
+subdivided until they are fine near the object, their vertices traced, and the splats bound to them; views from the
+positions of the capture towards the objects show which splats show which triangles.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The light that stands around an object: what surfaces send, the sky behind them, suns and lamps."""
+"""The light around an object: the radiance of surfaces, the sky behind them, suns and lamps."""
 
 import copy
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a person asks for: a lamp, its colour, and how bright it shall be, in the scene's terms or in a maker's.
+"""A requested lamp: its shape, colour and brightness, in units of the scene or of a manufacturer.
 
 lamp = resolve(asked, scale)  # in units of the picture
 in_words(lamp, scale)         # "as bright as the room at 1.3 m"

@@ -1,4 +1,4 @@
-"""Lamps for engines and renderers: lights of glTF and of USD, so that their own objects are lit as the splat is.
+"""Lamps for engines and renderers: lights of glTF and of USD, to light their objects like the splat.
 
 Both are in units of the picture: where radiance 1 shows as white, so does a white surface in a light of irradiance pi.
 """

@@ -2,9 +2,9 @@
 
 Each pair of vertex and emitter has a closed form for the unoccluded light (`unoccluded`); rays only measure which part
 of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in the
-half-shadow, and takes all. Of many emitters each vertex takes the brightest by themselves, and of the others a few by
-chance, as likely as they are bright where its neighbourhood is: so the cost of a vertex does not grow with the number
-of lamps, and its light is right on average.
+half-shadow, and takes all. Of many emitters each vertex samples the brightest for certain, and a random few of the
+others, with probability proportional to brightness in its neighbourhood: so the cost of a vertex does not grow with the
+number of lamps, and its light is right on average.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What one emitter gives a white vertex where nothing hides it, in closed form, and the points that shadow rays aim at.
+"""The unoccluded light of one emitter on a white vertex, in closed form, and the targets of its shadow rays.
 
 All is exit radiance of a white surface, irradiance over pi, for an emitter of radiance 1.
 Sources: a sphere, cut by the horizon or not: Snyder, "Area light sources for real-time graphics", 1996. A polygon:

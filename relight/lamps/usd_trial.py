@@ -1,4 +1,4 @@
-"""A USD file tried in a process of its own: usd-core trusts the counts in it, and takes what memory they say."""
+"""A trial read of a USD file in a separate process: usd-core trusts the counts in it and allocates accordingly."""
 
 import os
 import subprocess

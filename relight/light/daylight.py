@@ -1,10 +1,10 @@
-"""The light of a date and a place: the sky's model as an environment, north where the scene has it.
+"""The light of a date and a place: the sky's model as an environment, with north as the scene has it.
 
     request = DaylightRequest.parse("2026-06-21T19:30+02:00", "48.85,2.35", north_deg=20)
     environment = request.environment()
 
 One scale for all: radiance 1 is the mean luminance of a clear noon in June at 48 degrees, as the built-in sky `noon`
-has it, so that dawn, dusk and night are as dark beside it as they are.
+has it, so dawn, dusk and night have their true relative darkness.
 """
 
 import re

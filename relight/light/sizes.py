@@ -1,4 +1,4 @@
-"""Sizes that pictures of light announce, held against their files before memory is taken."""
+"""Declared sizes of light pictures, checked against their files before memory is allocated."""
 
 import struct
 from typing import Any

@@ -1,4 +1,4 @@
-"""Lights as they travel: a small image for the sky, coefficients about +y, and a few suns."""
+"""Lights as the bundle stores them: a small image for the sky, coefficients about +y, and a few suns."""
 
 from typing import NamedTuple
 

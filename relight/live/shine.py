@@ -1,7 +1,7 @@
-"""Glossy splats in a few bytes each: what they are made of, which way they see the light, what hides it elsewhere.
+"""Glossy splats in a few bytes each: material, the directions in which they see the light, and their occluders.
 
 Light is reflected about the mirrored direction, blurred by the lobe of a material. A reader blurs any light for each
-roughness, takes out the reflection of the captured light, and adds that of the new one: docs/live.md.
+roughness, removes the reflection of the captured light, and adds that of the new one: docs/live.md.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -1,7 +1,7 @@
-"""Light beside the environment: placed lamps and what was captured, each a term with strength and colour of its own.
+"""Light beside the environment: placed lamps and captured light, each a term with its strength and colour.
 
-The change of light of a splat is that of the environment plus, for every term, strength x colour x what the term holds
-for the splat: its light ratio under that lamp, were it white. A term is stored where it shines alone, as runs of rows
+The change of light of a splat is that of the environment plus, for every term, strength x colour x the term's value
+for the splat: its light ratio under that lamp, were it white. A term is stored only where it shines, as runs of rows
 of three bytes, logarithms of the ratio.
 """
 

@@ -1,4 +1,4 @@
-"""What a picture shows behind a scene: the light that it is in, as sharp as that is known and no sharper."""
+"""The background of a picture: the light of the scene, only as sharp as it is known."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""A soft shadow on the ground that an object stands on: what it hides of the light from above."""
+"""A soft shadow on the ground under an object: the light from above that it occludes."""
 
 from typing import TYPE_CHECKING
 

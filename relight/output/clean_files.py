@@ -1,4 +1,4 @@
-"""clean_splat.ply: the splats that a scene was made from without the floaters among them."""
+"""clean_splat.ply: the source splats of a scene without floaters."""
 
 from functools import cached_property
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Write what engines take: the mesh with live light, the splat as albedo with its proxy, splats as glTF and USD."""
+"""Write files for engines: the mesh with live light, the splat as albedo with its proxy, splats as glTF and USD."""
 
 import warnings
 from collections.abc import Callable, Sequence

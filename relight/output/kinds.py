@@ -1,4 +1,4 @@
-"""What relight can write, by the word of `--format`, and how the files are named."""
+"""The outputs of relight, by the word of `--format`, and the names of their files."""
 
 FILES = {
     "glb": "relit.glb",

@@ -1,4 +1,4 @@
-"""The mesh with live light: albedo and transfer at its vertices, so that a shader of any engine can light it.
+"""The mesh with live light: albedo and transfer at its vertices, so a shader of any engine can light it.
 
 docs/engines.md describes the format; the loaders are in integrations/.
 """

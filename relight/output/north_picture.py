@@ -1,4 +1,4 @@
-"""A picture of the scene with an arrow on the ground that points north, as the sun of a date takes it."""
+"""A picture of the scene with an arrow on the ground that points north, as used for the sun of a date."""
 
 from typing import TYPE_CHECKING
 

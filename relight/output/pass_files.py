@@ -1,7 +1,7 @@
-"""Render passes: an OpenEXR file for each camera with albedo, light by its ways, normals and depth of the mesh.
+"""Render passes: an OpenEXR file for each camera with albedo, light by its path, normals and depth of the mesh.
 
 The light that surfaces receive is stored per pixel as the factor from albedo to picture: pi times the light they send
-out by that way, over the albedo. So all passes together give the picture in any colour space, on edges too.
+out by that path, over the albedo. So all passes together give the picture in any colour space, on edges too.
 """
 
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Splats relit as the mesh that they are bound to is, and their files."""
+"""Splats relit like the mesh that they are bound to, and their files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""The scene that results are written of, as every writer of files takes it."""
+"""The scene of the results, in the form that every writer takes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Textured scenes as files: GLB with the picture inside, and transfer as images that a shader can light."""
+"""Textured scenes as files: GLB with the picture inside, and transfer as images for shaders."""
 
 import io
 from pathlib import Path

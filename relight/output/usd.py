@@ -1,4 +1,4 @@
-"""A relit scene as USD: splats, the mesh that stands in for them, and the light as a dome.
+"""A relit scene as USD: splats, their proxy mesh, and the light as a dome.
 
 Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux DomeLight.
 """

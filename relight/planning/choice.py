@@ -1,4 +1,4 @@
-"""Settings worth considering for a light on a scene: what each costs, how far off it is, and which of them is best."""
+"""Candidate settings for a light on a scene: the cost and error of each, and the best of them."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence

@@ -1,4 +1,4 @@
-"""From a sample of the scene to a plan: the cheapest settings that keep an error, or the best that keep a time."""
+"""From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
 import time
 from collections.abc import Callable, Sequence

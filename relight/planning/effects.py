@@ -1,4 +1,4 @@
-"""The effects of light transport that a scene can be lit with, and which of them a scene calls for."""
+"""The effects of light transport, and which of them a scene needs."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""How many rays placed lamps call for, measured on a sample of the vertices, and what they contribute and cost."""
+"""The number of rays that placed lamps need, measured on a sample of the vertices, and their contribution and cost."""
 
 import time
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Measure how much light bounces, by a few random paths from the vertices of a sample, without matrix or transfer.
+"""Measure the bounced light by a few random paths from the vertices of a sample, without matrix or transfer.
 
 The product of two halves of the paths is the squared size of each bounce without bias from noise.
 """

@@ -1,4 +1,4 @@
-"""A plan: what will be done, how far off it will be, what it will take, and why; in memory, as JSON, as a table."""
+"""A plan: the work, its predicted error and time, and the reasons; in memory, as JSON, as a table."""
 
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,4 +1,4 @@
-"""A small sample of a scene's vertices and all that they see, which plans measure in place of the whole scene."""
+"""A small sample of a scene's vertices and of what they see, measured by plans instead of the whole scene."""
 
 import copy
 import time

@@ -1,7 +1,7 @@
-"""What is lost where a patch of light shines as a point, measured on a sample by rays all over the patch.
+"""The error of a patch of light that shines as a point, measured on a sample by rays all over the patch.
 
 The split of suns estimates it for walls that may stand anywhere; in the shade of needles it is up to eight
-times as much.
+times larger.
 """
 
 import math

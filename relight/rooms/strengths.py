@@ -1,8 +1,8 @@
 """Brightness of the lamps of a room and of the clipped sky in its windows, from the shadows and the falloff of light.
 
-C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows of the sky that was seen
-unclipped, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
-neighbours, which mostly are of one material, mostly agree in albedo (`albedo.fit`). Surfaces need no unknowns: that is
+C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows from the unclipped
+sky, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
+neighbours, which mostly share a material, mostly agree in albedo (`albedo.fit`). Surfaces need no unknowns: that is
 inverse global illumination. Source: Yu et al., "Inverse global illumination" (1999).
 """
 

@@ -1,8 +1,8 @@
-"""Which Gaussians make up each pixel of some views, and by how much: kept once, it draws any colours by sums.
+"""The Gaussians of each pixel of some views and their weights: kept once, they draw any colours by sums.
 
 Rendering sums the colours of Gaussians by weights that no light changes. So the weights are found once (`blend_lists`),
-and every picture and its transpose is a product of sparse rows.
-Each tile has one thread, and what goes to the Gaussians is added in a fixed order: bits do not depend on threads.
+and every picture and its transpose is a product of sparse rows. Each tile has one thread, and sums over the Gaussians
+have a fixed order: bits do not depend on threads.
 """
 
 from collections.abc import Callable, Sequence

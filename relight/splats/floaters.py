@@ -1,8 +1,8 @@
-"""Floaters: splats that no surface and no leaf holds, in the air between visitors and what they look at.
+"""Floaters: splats in the air between visitors and what they look at, that belong to no surface and no leaf.
 
-Training leaves them before its cameras, where they explain a photograph or two. Three things must come together: the
-mesh is far, so that no surface holds it; few other splats are near, so that it is no leaf, twig or wire that the mesh
-lacks; and what lies behind is covered without it, so that no hole opens. Near and far are angles, as seen from the
+Training leaves them before its cameras, where they explain a photograph or two. A floater meets three conditions: the
+mesh is far, so it belongs to no surface; few other splats are near, so it is no leaf, twig or wire that the mesh
+lacks; and the background is covered without it, so no hole opens. Near and far are angles, as seen from the
 nearest place where people stand.
 """
 

@@ -1,4 +1,4 @@
-"""What the fit of relit splats looks at: pictures of them, and which place of the mesh each pixel shows."""
+"""The views for the fit of relit splats: pictures of them, and the mesh point that each pixel shows."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple

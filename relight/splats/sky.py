@@ -1,7 +1,7 @@
 """The sky of a relit splat: its far background shows the new environment, stays as it was, or goes.
 
-Far splats are a picture of the light of the capture day. Each takes the radiance that arrives from where it stands, as
-seen from the middle of the scene, and no longer depends on the view. Out there stand lawns, hedges and houses as well:
+Far splats are a picture of the light of the capture day. Each takes the radiance that arrives from its direction, as
+seen from the middle of the scene, and no longer depends on the view. Lawns, hedges and houses are far away too:
 they are no sky, and take the change of light of the mesh's edge.
 """
 

@@ -1,7 +1,7 @@
-"""Leaves and grass: a change of light that is that of a neighbourhood, where a vertex's own normal means nothing.
+"""Leaves and grass: the change of light of a neighbourhood, since the normal of a single vertex is meaningless.
 
-Every blade would take the light of its own noisy normal: grass turns into a patchwork. In a volume the normals of a
-neighbourhood face every way, and what they receive together is what a wide phase function would.
+If every blade took the light of its noisy normal, grass would turn into a patchwork. In a volume the normals of a
+neighbourhood face every way, and together they receive what a wide phase function would.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The part of a city that the light of a place depends on: its own mesh, what lies near it, all else coarse."""
+"""The part of a city that the light of a place depends on: its mesh, its surroundings, and the rest coarse."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A relit city as a streamed SOG: what a viewer loads near is fine, and coarse far away.
+"""A relit city as a streamed SOG: a viewer loads it fine nearby and coarse far away.
 
 sog/lod-meta.json        the tree: where each level of each leaf lies
 sog/0_00003/meta.json    level 0, all splats of tile 3, beside its images; levels 1 and more are ever fewer

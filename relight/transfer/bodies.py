@@ -1,4 +1,4 @@
-"""Bodies of a dynamic scene: what moves as one, where its rays begin, and which of them what stops.
+"""Bodies of a dynamic scene: the parts that move as one, their ray origins, and which body stops which ray.
 
 Everything here lives in the unit frame of the first pose, which stays (Frame). See `dynamic`.
 """

@@ -1,7 +1,7 @@
-"""Where the rays of bounces meet surfaces: what is traced, and kept, and from which the matrix of bounces follows.
+"""Where the rays of bounces meet surfaces: traced once and kept; the matrix of bounces follows from it.
 
-A place is one number: the face, and where on it to a part of its edge. That takes four bytes, of which the corners and
-weights that rows have follow in less time than it would take to read them.
+A place is one number: the face, and the position on it to a fraction of its edge. It takes four bytes; computing the
+corners and weights of a row from it takes less time than reading them would.
 """
 
 from collections.abc import Mapping

@@ -8,8 +8,8 @@ of light and albedo. Source: Neumann series of the rendering equation (Kajiya 19
 A hit takes the radiance of the face's vertices, interpolated, which is how the output mesh shows it. So light leaks
 into contacts whose shadow is smaller than a face: on a tabletop the error is 1.3% of all light with 118,000
 faces, 4.6% with 20,000, 16% with 5,000, and 95% of that (squared) is in 5% of the vertices, which see next to no sky.
-A hit on the back of a face counts as black: a closed body is dark inside, and what leaves the back of an open
-surface no vertex knows. Which side is the front, the vertex normals say, not the winding.
+A hit on the back of a face counts as black: a closed body is dark inside, and no vertex holds the radiance of the back
+of an open surface. The vertex normals define the front, not the winding.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Arrays that come from outside: their shapes and values, looked at once and refused in one line."""
+"""Checks of arrays from callers: their shapes and values, checked once and refused in one line."""
 
 from collections.abc import Sequence
 

@@ -1,8 +1,8 @@
-"""Transfer of a scene in which bodies move: only rays that the motion can have changed are traced again.
+"""Transfer of a scene with moving bodies: only rays that the motion can have changed are traced again.
 
 Visibility is kept as bits, one per ray and body: a ray is free if no body stops it. When a body moves, its own vertices
-are traced anew; every other vertex keeps its bits but for this one body, and of these it needs only the rays that
-meet the body's box now (`reach`). Transfer is summed and averaged again around what came out different.
+are traced again; every other vertex keeps its bits except for this body, and of these it needs only the rays that
+now meet the body's box (`reach`). Transfer is summed and averaged again around changed vertices.
 The result is, to the bit, that of a new DynamicTransfer of the moved scene with the same frame and ranks: rays
 depend on the rank of their vertex, which stays, and not on history.
 """

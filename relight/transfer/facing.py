@@ -1,4 +1,4 @@
-"""Which side of a face a ray met. The vertex normals say which is the front, not the winding."""
+"""The side of a face that a ray met. The vertex normals define the front, not the winding."""
 
 import numpy as np
 from numba import njit

@@ -1,8 +1,8 @@
-"""What the mixing network looks at: several estimates of every shadow, and numbers about them that no rotation changes.
+"""The inputs of the mixing network: several estimates of every shadow, and rotation-invariant numbers about them.
 
 The estimates are the rays' own, those after one and two steps that keep to neighbours in agreement (`filtering`), and
-those after one and two more that go by the normals alone: from noisy and true to smooth and biased. Nothing here
-depends on the number of bands but the bands themselves, so that fewer bands are the first part of more.
+those after one and two more that go by the normals alone: from noisy and unbiased to smooth and biased. Only the bands
+depend on the number of bands, so fewer bands are the first part of more.
 """
 
 import math

@@ -1,9 +1,9 @@
-"""Neighbours share their rays: the noise of traced transfer is averaged away along the surface, what differs stays.
+"""Neighbours share their rays: the noise of traced transfer is averaged along the surface, real differences stay.
 
-What is averaged is the visibility, not the transfer: the line a + b . d of `sampling.gather` and what it leaves
-are taken over from the neighbours, in world space, and the cosine about the vertex's own normal is applied afterwards.
-A neighbour counts less the further its shadow differs from the vertex's own, measured by the noise that the
-number of rays and the visible fraction lead one to expect. Every step is of one ring.
+The average is over visibility, not transfer: the line a + b . d of `sampling.gather` and its remainder are taken from
+the neighbours, in world space, and the cosine about the vertex's own normal is applied afterwards. A neighbour counts
+less the more its shadow differs from the vertex's own, relative to the noise expected from the number of rays and
+the visible fraction. Every step is of one ring.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""What a transfer is kept under, which kept ones serve for others, and how it is written: in 16 bits a number."""
+"""Keys of cached transfers, which cached ones serve for others, and their format: 16 bits a number."""
 
 import math
 from collections.abc import Mapping, Sequence

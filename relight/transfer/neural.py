@@ -1,8 +1,8 @@
-"""Transfer with shadows from few rays: a small network mixes several averages of what they saw.
+"""Transfer with shadows from few rays: a small network mixes several averages of them.
 
-The network sees numbers that no rotation changes and answers with weights, degree by degree (`features`), so its
-transfer turns with the scene; and with the error that it expects. One network serves all numbers of bands and rays.
-Where nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
+The network takes rotation-invariant numbers and returns weights, degree by degree (`features`), so its transfer turns
+with the scene; it also returns the error that it expects. One network serves all numbers of bands and rays. Where
+nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
 """
 
 from functools import lru_cache

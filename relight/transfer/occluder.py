@@ -1,4 +1,4 @@
-"""Everything that can hide light, as one set of triangles, and where its rays begin."""
+"""All occluders of light as one set of triangles, and the origins of their rays."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,5 @@
-"""What depends on a scene's geometry alone: computed on first use, extended rather than repeated, kept between runs."""
+"""Results that depend on the geometry alone: computed on first use, extended rather than repeated, kept between
+runs."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any

@@ -1,8 +1,8 @@
-"""Which vertices light is traced for, and how the others take theirs over from neighbours.
+"""The vertices that light is traced for, and how the others take theirs from neighbours.
 
-The mesh of a place has several vertices for each splat, and undersides that nobody saw. Where splats are all that is
-shown, light is found at the vertices that they use, and at some of the others, which bounces meet. What lies between
-takes the mean of the neighbours whose normals agree.
+The mesh of a place has several vertices for each splat, and unseen undersides. Where only splats are shown, light is
+computed at the vertices that they use, and at some of the others, which bounces meet. The vertices in between
+take the mean of the neighbours whose normals agree.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

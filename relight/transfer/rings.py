@@ -1,7 +1,7 @@
-"""Averaging over neighbours where the mesh moves: who is beside whom stays, and only what changed is averaged again.
+"""Averaging over neighbours of a moving mesh: neighbours stay, and only changed vertices are averaged again.
 
-Neighbours are those of the pose in which they were found, whatever the motion does to the angles between them: a pair
-that is now further apart than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds nothing to any sum.
+Neighbours are those of the first pose, whatever the motion does to the angles between them: a pair that now differs by
+more than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds nothing to any sum.
 So the result is that of `filtering.average` over the whole mesh, to the bit.
 """
 

@@ -1,4 +1,4 @@
-"""How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
+"""How a scene is lit: the method and its numbers, as planned, forced, cached and reported."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A light as it is applied: coefficients for the transfer and suns beside them, found once for an image."""
+"""A light as applied: coefficients for the transfer and separate suns, computed once for an image."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,10 +1,10 @@
-"""What was computed for a geometry, kept in the scene folder: files that are whole or not there at all.
+"""Results for a geometry, cached in the scene folder: files that are complete or absent.
 
     cache/transfer-raytraced-8-128-0.npz
 
-Each file carries the key of the geometry that it was made for, and the settings as JSON: its name is for people, and is
-never parsed. It is checked (size and CRC of every array) as it is read. What does not fit, from another geometry,
-another version or a torn write, counts as not there; files of older versions are removed.
+Each file carries the key of its geometry and the settings as JSON: its name is for people and is never parsed. It is
+checked (size and CRC of every array) while it is read. A file that does not fit, from another geometry, another version
+or a torn write, counts as absent; files of older versions are removed.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""Light from single directions with hard shadows: one ray for every vertex and every sun before it."""
+"""Light from single directions with hard shadows: one ray for every vertex and every sun above its horizon."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""How light moves in a scene as if all of it were white: what albedo, lamps and objects build on."""
+"""Light transport in the all-white scene: the basis for albedo, lamps and objects."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias

@@ -1,12 +1,12 @@
-"""Leaves and grass: light that reaches them through one another, and that they send on to all sides alike.
+"""Leaves and grass: light that reaches them through one another, and that they scatter evenly to all sides.
 
 A leaf's normal, as a splat gives it, is noise. So a volume has a phase that does not depend on direction: its exit
 radiance is albedo times the mean over the sphere of the light that reaches it; from a direction d, the part
 exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep their
-clamped cosine and their rays; what is in between takes a share of both. Under a constant sky of radiance 1 what nothing
-hides gives exactly 1, as a surface does.
+clamped cosine and their rays; vertices in between take a share of both. Under a constant sky of radiance 1 an
+unoccluded vertex gives exactly 1, as a surface does.
 
-A grid has no detail, and its light none: it is marched from probes among the vertices, between which they interpolate.
+A grid has no detail, and neither has its light: it is marched from probes among the vertices, which interpolate them.
 """
 
 import math

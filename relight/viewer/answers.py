@@ -1,4 +1,4 @@
-"""What the worker has answered a session: the newest results, whether they are of the present wish, what is missing."""
+"""The worker's answers to a session: the newest results, whether they match the current wish, and what is missing."""
 
 from typing import Any, Protocol
 

@@ -1,9 +1,9 @@
-"""The light of the lamps of a session while they change: at once by one ray a vertex, exactly when the hand rests.
+"""The light of a session's lamps while they change: at once by one ray a vertex, exactly when the input rests.
 
-The light is a sum of terms, one a lamp, traced as if the lamp were white. Colour and brightness scale a term; a place
-needs a new one, and the other lamps keep theirs. A glimpse of the new term is taken at once. The rest follows in a
-thread: the exact term, what its light bounces, and at last all lamps together as a relight lights them, which is what
-stays. States that were finished are kept, so that undo shows them at once, to the bit.
+The light is a sum of terms, one a lamp, traced as if the lamp were white. Colour and brightness scale a term; a new
+position needs a new one, and the other lamps keep theirs. A glimpse of the new term is taken at once. The rest follows
+in a thread: the exact term, its bounces, and finally all lamps together as a relight lights them, which is the lasting
+result. Finished states are kept, so undo shows them at once, to the bit.
 """
 
 import queue
