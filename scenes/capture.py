@@ -1,4 +1,4 @@
-"""A place as its capture would be trained: splats as fine as the cameras came near, leaves, far sky, floaters."""
+"""A place as its capture would be trained: splats as fine as the cameras were near, leaves, far sky, floaters."""
 
 from dataclasses import dataclass, replace
 

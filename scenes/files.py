@@ -1,4 +1,4 @@
-"""The files of generated places and glossy tables: what a capture leaves, and the truth beside it."""
+"""The files of generated places and glossy tables: the capture, and the truth beside it."""
 
 import json
 

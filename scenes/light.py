@@ -1,8 +1,7 @@
 """The light of the capture day: radiance of every vertex under an environment, shadowed by the whole scene.
 
-Every vertex looks in the same directions, drawn from the environment in proportion to its brightness. That
-leaves nothing out, neither detail of the sky nor a small sun, and shares no step with the transfer it is
-compared to.
+Every vertex looks in the same directions, drawn from the environment in proportion to its brightness. That omits
+neither detail of the sky nor a small sun, and shares no step with the transfer it is compared to.
 """
 
 import numpy as np

@@ -1,6 +1,6 @@
 """The light of a place under an environment and its lamps: suns, sky, windows, lamps and all bounces.
 
-Suns are traced from every point that is asked for, so that their shadows are as sharp as the points are dense. All
+Suns are traced from every requested point, so their shadows are as sharp as the points are dense. All
 else varies slowly: it is gathered once, at the vertices (and at the middle of each side of a leaf), and interpolated.
 It shares no step with the transfer that it is compared to.
 """

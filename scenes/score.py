@@ -1,4 +1,4 @@
-"""How near a mesh comes to the true one: F-scores and agreement of normals over what the capture saw.
+"""Scores of a mesh against the true one: F-scores and agreement of normals over the surface that the capture saw.
 
 Source: Knapitsch et al., "Tanks and Temples" (2017), with distances in shares of the true mesh's diagonal.
 """

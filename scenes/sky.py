@@ -1,4 +1,4 @@
-"""The sky of a capture: one with clouds, drawn by formula, and far splats that look like a trained picture of any."""
+"""The sky of a capture: one with clouds, drawn by formula, and far splats that look like a trained picture of a sky."""
 
 import numpy as np
 

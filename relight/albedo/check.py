@@ -1,4 +1,4 @@
-"""The check of an estimate of the capture's light: the scene relit by that very light must look as it was captured.
+"""The check of an estimate of the capture's light: the scene relit by that light must look as captured.
 
 Where it does not, the estimate is wrong, and a change of light would be wrong there too. So the check reduces the
 change there, region by region.

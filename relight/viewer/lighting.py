@@ -1,8 +1,8 @@
-"""Answer the wishes of a session from the engine, in the order in which a person wants to see the results.
+"""Answer the wishes of a session from the engine, in the order in which the user wants to see the results.
 
 The only module of the viewer that knows the engine. It runs in the worker process (`worker`) and answers
-each wish with a few results: first the light, then the transfers with which the window shades at once, then what takes
-longer. It knows nothing of windows.
+each wish with a few results: first the light, then the transfers with which the window shades at once, then slower
+results. It knows nothing of windows.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""What a session shows beside its environment: what stays of the captured light, and lamps that people placed."""
+"""The light of a session beside its environment: the kept part of the captured light, and placed lamps."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What the session colours the surface by, in each of its modes."""
+"""The colours of the surface in each mode of the session."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple

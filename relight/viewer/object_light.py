@@ -1,4 +1,4 @@
-"""The light of a session as the objects in it stand in."""
+"""The light of a session on its objects."""
 
 from collections.abc import Hashable
 from typing import TYPE_CHECKING

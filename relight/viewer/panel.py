@@ -1,4 +1,4 @@
-"""What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes."""
+"""The text on the window: buttons, sliders, figures and help, redrawn when one of them changes."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple

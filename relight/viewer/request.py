@@ -1,4 +1,4 @@
-"""What a session shows, and what a film of a turntable is, each as one frozen value. Imports nothing heavy."""
+"""The requests for a session and for a turntable film, each as one frozen value. Imports nothing heavy."""
 
 import os
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
-"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, by kept shares while the
-light does.
+"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, from kept weights while the
+light moves.
 
-A light moves no splat: while the camera stands, which splats make up each pixel, and by how much, is found once
+A light moves no splat: while the camera stands still, the splats of each pixel and their weights are computed once
 (`relight.splats.blending`), and a picture in another light is a sum of colours.
 """
 

@@ -1,4 +1,4 @@
-"""What a person can set in a session: names, ranges, and the lights there are to choose from."""
+"""The settings of a session: names, ranges, and the available lights."""
 
 import os
 from collections.abc import Mapping, Sequence

@@ -1,8 +1,8 @@
-"""Heavy work in a process of its own, so that neither the interpreter's lock nor a busy core stops the window.
+"""Heavy work in a separate process, so neither the interpreter's lock nor a busy core stops the window.
 
-The process (`worker_command`) reads pickled messages from stdin, of which the newest wish
-counts, and writes to stdout. A thread would not do: tracing holds the interpreter's lock for up to half a second. The
-process has a lower priority, so that drawing comes first on a busy machine.
+The process (`worker_command`) reads pickled messages from stdin, of which the newest wish counts, and writes to stdout.
+A thread would not do: tracing holds the interpreter's lock for up to half a second. The process has a lower priority,
+so drawing comes first on a busy machine.
 """
 
 import os

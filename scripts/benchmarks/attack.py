@@ -1,8 +1,8 @@
-"""Hostile files at every reader: how many crash, hang, fill the memory, fail without a word, or load as if whole.
+"""Hostile files at every reader: how many crash, hang, fill the memory, fail without a message, or load as if whole.
 
-Each input is read in a process of its own kind, with limits on time and memory; a process that dies is replaced and the
-death counted. Inputs are damaged copies of whole files of every kind (flips, cuts, insertions, larger numbers in
-headers), files whose headers lie, and things that are no files. They are seeded: the same seed, the same inputs.
+A process for each kind reads its inputs, with limits on time and memory; a process that crashes is counted and
+replaced. Inputs are damaged copies of whole files of every kind (flips, cuts, insertions, larger numbers in
+headers), files whose headers lie, and paths that are no files. They are seeded: the same seed, the same inputs.
 """
 
 import contextlib

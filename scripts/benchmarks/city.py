@@ -1,6 +1,6 @@
 """Cities in tiles: borders, equal bytes however tiles are made, overhead, memory, cost, light, a scheduler.
 
-Each run is a process of its own. Cities are generated; depth maps and light are those of `--detail draft`.
+Each run is a separate process. Cities are generated; depth maps and light are those of `--detail draft`.
 """
 
 import hashlib

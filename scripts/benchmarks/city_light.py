@@ -1,4 +1,5 @@
-"""How far the light of tiles is off the light of the untiled place around them: `scripts/bench city --parts light`."""
+"""Error of the light of tiles against the light of the untiled place around them: `scripts/bench city --parts
+light`."""
 
 import io
 import time

@@ -1,4 +1,4 @@
-"""What `scripts/bench city` starts: a city meshed in a process of its own, once or again and again among deaths."""
+"""The process that `scripts/bench city` starts: it meshes a city once, or repeatedly while being killed."""
 
 import json
 import os

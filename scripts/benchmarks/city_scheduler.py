@@ -1,6 +1,6 @@
-"""A scheduler of dask.distributed with the tasks of a city of many tiles in which there is no work.
+"""A scheduler of dask.distributed with the tasks of a city of many tiles without work.
 
-Scheduler, workers and client are three processes, so that each shows its own processor time and memory.
+Scheduler, workers and client are three processes, so each shows its own processor time and memory.
 """
 
 import os

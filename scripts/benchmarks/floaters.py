@@ -1,4 +1,4 @@
-"""Floaters: how many of those that are there are found, and how much that is real goes with them.
+"""Floaters: the share that is found, and how many real splats are removed with them.
 
 In generated gardens, meshed in draft, the kind of every splat is known. SCENE is a folder that splat2mesh made from a
 trained place: --blobs blobs are added to the air that its eyes see, and counted. For a capture with gt_mesh.ply beside

@@ -1,11 +1,11 @@
-"""Which patches of glossy and matte scenes are found glossy, and what splats gain whose highlights move.
+"""Which patches of glossy and matte scenes are found glossy, and the gain of splats with moving highlights.
 
 Tables are generated (`scenes.ceramics`), CASE being SEED:LIGHT, or mSEED:LIGHT for the same without its gloss. Each is
-meshed, its light estimated, and relit with gloss and without. "explained" is the share of what depends on the view that
+meshed, its light estimated, and relit with gloss and without. "explained" is the share of the view-dependent part that
 the reflected light explains, of `relight.gloss.material`. "light" is the angle between the direction of the captured
 light as estimated and its true one. PSNR is against the same Gaussians trained under the new light, in sRGB, with one
-gain for each colour: over the table, and over what is glossy. With --trained, scenes of groundtruth/NAME that are all
-matte are looked at, too.
+gain for each colour: over the table, and over what is glossy. With --trained, all-matte scenes of groundtruth/NAME
+are measured, too.
 """
 
 import tempfile

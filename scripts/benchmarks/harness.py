@@ -1,4 +1,4 @@
-"""What every benchmark is made of: time, relative error, scenes, tables that print as they grow, JSON, a plot.
+"""The parts of every benchmark: time, relative error, scenes, tables that print as they grow, JSON, a plot.
 
 A subject is a module of this folder with
 

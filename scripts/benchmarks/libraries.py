@@ -1,7 +1,7 @@
-"""Other libraries at what we read and compute ourselves: what they read that we refuse, and what they take.
+"""Other libraries on the files and computations that we do ourselves: what they read that we refuse, and their cost.
 
-The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a process
-of its own; what of our checks would stay, of the file itself and of the finished mesh, is asked there too.
+The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a separate
+process, which also reports which of our checks, of the file and of the finished mesh, would still be needed.
 """
 
 import json

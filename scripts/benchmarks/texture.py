@@ -1,10 +1,11 @@
-"""What a texture gives a mesh of few faces: pictures against the splat's own, albedo against the truth, time, memory.
+"""The gain of a texture for a mesh with few faces: pictures against the splat's own, albedo against the truth, time,
+memory.
 
 FOLDER holds a splat (point_cloud.ply or splat.ply) and, for --albedo, its true mesh with albedo: gt_mesh.ply in the
-splat's frame, or truth.ply as `python -m scenes` writes it. A splat file by itself will do too. Without any a
-tabletop is generated. PSNR is of sRGB over pixels that mesh and splat cover, in views that no texture was made from.
-"truth" is the relative error of albedo over points of the true mesh, one gain per colour.
-Times are processor seconds of all threads, after a warm-up.
+splat's frame, or truth.ply as `python -m scenes` writes it. A splat file alone works too. Without any, a tabletop is
+generated. PSNR is of sRGB over pixels that mesh and splat cover, in views that no texture was made from. "truth" is the
+relative error of albedo over points of the true mesh, one gain per colour. Times are processor seconds of all threads,
+after a warm-up.
 """
 
 import resource

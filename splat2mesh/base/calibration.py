@@ -1,4 +1,4 @@
-"""Where fitted numbers come from: what an estimator's calibration says of itself."""
+"""The origin of fitted numbers: the provenance of an estimator's calibration."""
 
 from typing import NamedTuple
 

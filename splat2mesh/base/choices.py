@@ -1,4 +1,5 @@
-"""What settings accept, defined once for the library, its requests and both command lines. Imports nothing heavy."""
+"""The accepted values of settings, defined once for the library, its requests and both command lines. Imports nothing
+heavy."""
 
 from typing import Any
 

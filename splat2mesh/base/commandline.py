@@ -1,4 +1,4 @@
-"""Command lines that meet people half way: negative values, commas, near misses. Imports nothing heavy."""
+"""Forgiving command lines: negative values, commas, near misses. Imports nothing heavy."""
 
 import argparse
 import difflib

@@ -1,4 +1,4 @@
-"""What both command lines share: one-line errors, exit codes, warnings and results on the right streams."""
+"""Common parts of both command lines: one-line errors, exit codes, warnings and results on the right streams."""
 
 import os
 import sys

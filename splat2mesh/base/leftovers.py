@@ -2,9 +2,9 @@
 
 .NAME.unfinished/name    the name of the output
 .NAME.unfinished/new     what is being written
-.NAME.unfinished/old     what stood at the output, while the new takes its place on systems that cannot swap the two
+.NAME.unfinished/old     the previous output, while the new one replaces it on systems that cannot swap the two
 
-A run holds an exclusive lock (flock) on the folder; the system lets go of it when the run ends, in whatever way.
+A run holds an exclusive lock (flock) on the folder; the system releases it when the run ends, in whatever way.
 """
 
 import hashlib

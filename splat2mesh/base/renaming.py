@@ -1,4 +1,4 @@
-"""Renames that lose nothing: one that replaces nothing, one that swaps two, each in a single step where possible."""
+"""Renames without loss: one that never replaces, one that swaps two, each in a single step where possible."""
 
 import ctypes
 import errno

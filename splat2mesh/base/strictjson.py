@@ -1,4 +1,4 @@
-"""JSON that every reader takes: the standard has no Infinity and no NaN, which Python writes all the same."""
+"""JSON that every reader accepts: the standard has no Infinity and no NaN, but Python writes them."""
 
 import json
 import math

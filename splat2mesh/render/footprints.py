@@ -1,6 +1,6 @@
-"""Which splats a view sees, nearest first, and where in the image each one falls.
+"""The splats that a view sees, nearest first, and the footprint of each in the image.
 
-Splats are culled, sorted once by depth, then projected and dealt out to tiles of the image, a batch at a time. The
+Splats are culled, sorted once by depth, then projected and assigned to tiles of the image, a batch at a time. The
 projection is that of 3D Gaussian splatting (Zwicker et al., EWA Splatting, 2002; Kerbl et al., 3D Gaussian Splatting
 for Real-Time Radiance Field Rendering, 2023).
 """

@@ -1,4 +1,4 @@
-"""The opacity field once more in plain NumPy float64: slow, short, no tiles, no search steps. The tests' oracle."""
+"""The opacity field in plain NumPy float64: slow, short, no tiles, no search steps. The tests' oracle."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
-"""How opaque space is: nested grids of optical depth made from a splat, and rays that march through them.
+"""The opacity of space: nested grids of optical depth made from a splat, and rays that march through them.
 
 The innermost grid covers the foreground finely; each further one reaches farther around it, with coarser cells, so
-that a ray which leaves the garden still meets the house behind it.
+a ray that leaves the garden still meets the house behind it.
 """
 
 import math

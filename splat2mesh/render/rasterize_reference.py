@@ -1,4 +1,4 @@
-"""The rasteriser once more in plain NumPy float64: slow, short, no tiles, no bounds. The tests' oracle."""
+"""The rasteriser in plain NumPy float64: slow, short, no tiles, no bounds. The tests' oracle."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -1,12 +1,12 @@
-"""The scene folder: a Scene on disk, complete or not there, every file of it under a checksum.
+"""The scene folder: a Scene on disk, complete or absent, with a checksum for every file.
 
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
-background.npy      rows of the source's splats that are far background, where there are any
+background.npy      rows of the source's splats that are far background, if any
 preview.png         the splat and the mesh side by side
-proxy.glb           what bodies collide with, where it was asked for (see `splat2mesh.proxy`)
-mesh.glb            the scene in its texture, where it was asked for (see `splat2mesh.texture`)
-measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
+proxy.glb           collision mesh, on request (see `splat2mesh.proxy`)
+mesh.glb            the textured scene, on request (see `splat2mesh.texture`)
+measured.npz        the captured sky, and which parts are a volume rather than a surface (see `measured`)
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The chunked mesh: what splat2mesh makes and relight lights. `folder` is what it is on disk."""
+"""The chunked mesh that splat2mesh makes and relight lights. `folder` stores it on disk."""
 
 import os
 from dataclasses import dataclass, field, fields

@@ -1,4 +1,4 @@
-"""The splats that a scene was made from, found again and placed as the scene has them."""
+"""The source splats of a scene, found again and placed in its frame."""
 
 import hashlib
 import os

@@ -1,5 +1,5 @@
-"""Triangle meshes in STL files, binary and ascii. Every facet has a normal and corners of its own; those that hold the
-same are joined, in the order of first use. Source: 3D Systems, "StereoLithography Interface Specification" (1989)."""
+"""Triangle meshes in STL files, binary and ascii. Every facet has its own normal and corners; equal corners
+are joined, in the order of first use. Source: 3D Systems, "StereoLithography Interface Specification" (1989)."""
 
 import os
 import re

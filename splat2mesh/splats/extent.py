@@ -1,4 +1,4 @@
-"""How large a splat is and how far from the origin: what 32-bit numbers can hold of it."""
+"""The size of a splat and its distance from the origin, within the range of 32-bit numbers."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Several splats as one, in little more memory than the whole takes."""
+"""Several splats joined into one, in little more memory than the result takes."""
 
 import numpy as np
 

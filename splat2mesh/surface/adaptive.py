@@ -1,7 +1,7 @@
 """Depth maps of a place fused into a signed distance field whose cells are as large as the pixels that saw the surface.
 
-As `fusion` does for objects, with an octree in place of equal voxels: what is kept on either side of a surface is as
-thick as it looks in each pixel, and what a view cannot see is passed over.
+Like `fusion` for objects, with an octree in place of equal voxels: the band kept on either side of a surface is as
+thick as the surface looks in each pixel, and cells that a view cannot see are skipped.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,7 +1,7 @@
 """The pictures of a place, all in one, and what they show of points on its surface: colour, thickness, pixel.
 
-As `color` does for objects; but how near a point must lie to the rendered surface goes by its distance and by how thick
-that surface is, and who looked from near counts far more than who looked from afar.
+Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
+thickness of that surface, and near views count far more than distant ones.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The far background of an open capture: which splats belong to it, and views to see it from, from within."""
+"""The far background of an open capture: which splats belong to it, and views of it from within."""
 
 from dataclasses import dataclass
 from typing import ClassVar

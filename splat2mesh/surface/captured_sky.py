@@ -1,7 +1,7 @@
-"""The sky that a capture saw: its far splats, seen from the middle, as a lat-long picture with what it covers.
+"""The sky that a capture saw: its far splats, seen from the middle, as a lat-long picture with its coverage.
 
-Far splats are a picture of the light that the scene stood in: a measurement wherever the photographs were not clipped,
-and where they were, a lower bound.
+Far splats are a picture of the light that the scene stood in: a measurement where the photographs were not clipped,
+and a lower bound where they were.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
-"""Two ways from a splat and views of it to a raw surface, behind one door.
+"""Two methods from a splat and views of it to a raw surface, behind one function.
 
 field   depth maps at a level of the opacity field, fused into a signed distance field: the default, more accurate.
-sugar   points on a level of the density field, Poisson: the way of the SuGaR paper, kept for comparison.
+sugar   points on a level of the density field, Poisson: the method of the SuGaR paper, kept for comparison.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Fairing: the noise of the depth maps taken out of a mesh, most where the surface was seen least sharply."""
+"""Fairing: removes the noise of the depth maps from a mesh, most where the surface was seen least sharply."""
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array

@@ -1,7 +1,7 @@
 """Decimation by a size field: every part of a mesh loses detail in units of its own cells, near parts as far ones.
 
 Quadric edge collapse (Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics", 1997) in rounds of
-collapses that do not touch one another, so that the result is the same whatever the number of threads.
+collapses that do not touch one another, so the result is the same for any number of threads.
 """
 
 from typing import NamedTuple

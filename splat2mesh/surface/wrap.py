@@ -1,4 +1,4 @@
-"""A closed surface around a mesh: the level set of its distance, at one voxel, with what nobody can reach filled."""
+"""A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,8 +1,8 @@
-"""Cut a surface into charts, pieces that a plane shows without overlap, and pack them into one square.
+"""Cut a surface into charts, pieces that project onto a plane without overlap, and pack them into one square.
 
-Charts grow face by face while the surface stays within an angle of their plane. Each is as large in the square as its
-surface asks for: texels follow the detail of the capture, which a place has in one corner and lacks in another. It
-takes 2 s for 700,000 faces; xatlas takes half a minute for half as many.
+Charts grow face by face while the surface stays within an angle of their plane. The size of each in the square follows
+its surface: texels follow the detail of the capture, which varies over a place. It takes 2 s for 700,000 faces; xatlas
+takes half a minute for half as many.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
-"""The colours of a splat on a surface: pictures of it projected onto points, each weighed by how it sees them.
+"""The colours of a splat on a surface: pictures of it projected onto points, each weighted by its view of them.
 
-A picture counts most for points that it shows frontally and, in a place, from near. It does not count for what lies
-behind something else in it, or where it shows another surface.
+A picture counts most for points that it shows frontally and, in a place, from near. It does not count for
+occluded points, or where it shows another surface.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
-"""A city from splats to meshes: survey, deal, look, mesh, tile by tile into a folder or bucket, on again after stops.
+"""A city from splats to meshes: survey, deal, look, mesh, tile by tile into a folder or bucket, resumable.
 
-plan.json            what was asked for, and how the city is cut
-splats/              the source dealt out to the tiles, kept for `relight`
-work/                depth maps, gone once the tiles that need them are done
+plan.json            the request, and how the city is cut
+splats/              the source divided among the tiles, kept for `relight`
+work/                depth maps, removed once the tiles that need them are done
 tiles/00003/         mesh.ply, mesh.glb, its coarse twins far.ply, far.glb and, of many tiles, distant.ply; mesh.json
                      with checksums
 city.json            all tiles; tileset.json: 3D Tiles

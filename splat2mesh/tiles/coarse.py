@@ -1,4 +1,4 @@
-"""Coarse twins of a tile: what stands in the light of other tiles, and what is shown of it from afar.
+"""Coarse twins of a tile: its occluder for the light of other tiles, and its display mesh from afar.
 
 Quadric decimation keeps the walls of houses best. It leaves trees as thousands of pieces, which it can neither join nor
 drop, and too few of them; merging the vertices of a cell keeps their shade. So both are tried, also one after the

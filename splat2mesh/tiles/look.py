@@ -1,6 +1,6 @@
-"""What the stations of a tile see: depth maps, each made once, by the tile that the station stands in.
+"""The views from the stations of a tile: depth maps, each made once, by the tile that contains the station.
 
-All tiles that need a depth map read the same one: so what two tiles know of their common border is equal to the bit.
+All tiles that need a depth map read the same one, so the data of two tiles on their common border are equal to the bit.
 """
 
 from collections.abc import Iterator

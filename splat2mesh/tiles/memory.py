@@ -1,5 +1,4 @@
-"""What memory a process that works on tiles needs, and how it hands it out. Elsewhere than in glibc nothing changes in
-how."""
+"""The memory that a process on tiles needs, and how it allocates it. Only glibc allocates differently."""
 
 import ctypes
 import math

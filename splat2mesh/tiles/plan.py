@@ -1,7 +1,7 @@
 """How a city is cut: one frame and one lattice for all of it, and tiles as rectangles of lattice blocks.
 
-The lattice stands at the origin; a block is as wide as the largest cell, so that what lies in a block depends on what
-is seen in and around it, and not on the tile that computes it.
+The lattice starts at the origin; a block is as wide as the largest cell, so the content of a block depends on what
+is seen in and around it, not on the tile that computes it.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Steps of a city: tasks of one kind after those of another, and what all of them took."""
+"""Steps of a city: tasks of one kind after those of another, and their total cost."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where a city's files lie: a folder here, or what fsspec reaches. A file appears whole or not at all.
+"""The storage of a city's files: a local folder, or any that fsspec reaches. A file appears whole or not at all.
 
 A result of several files is done once its record, a JSON file that holds their checksums, is there.
 """

@@ -1,7 +1,7 @@
 """The mesh of one tile: raw surface, decimation that keeps the border, fairing, colours, and a coarse twin for afar.
 
-What lies on a border between tiles, its place, normal and colour, comes from the raw surface of the ring alone, which
-all tiles around it share to the bit.
+Position, normal and colour on a border between tiles come from the raw surface of the ring alone, which
+all adjacent tiles share to the bit.
 """
 
 from hashlib import sha256

@@ -1,4 +1,4 @@
-"""First passes over a city: a sample of every piece makes the plan; then every piece is dealt out to the tiles."""
+"""First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
 import warnings
 from typing import Any

@@ -1,6 +1,6 @@
 """Tasks over tiles: one after another in this process, or on workers of dask.distributed, with the same results.
 
-A task that fails is named, and so is what waited for it; everything else is done.
+A failed task is named, and so are the tasks that waited for it; all others are done.
 """
 
 import os

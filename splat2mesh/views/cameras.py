@@ -1,4 +1,4 @@
-"""The cameras that a capture was taken with: found, read whatever their kind, and checked against the splat."""
+"""The cameras of a capture: found, read in any format, and checked against the splat."""
 
 import os
 import warnings

@@ -1,10 +1,10 @@
-"""Up from the place itself: the floor that a capture stands on, where a splat clearly has one.
+"""The up direction from the scene: the floor that a capture stands on, where a splat clearly has one.
 
-The largest plane of a place is its floor or its ceiling: of what was tried (normals of splats, walls about the upright,
-weight near the floor, brightness) only the area of planes found it in every capture, real and trained. Walls have half
-of its area, objects no plane that stands out. Which of its sides is up shows where things stand on one side alone;
-between a floor and a ceiling it does not show, and the usual frame of trained files decides. It decides of a table,
-too, unless its pictures from below are much blurred: there no camera stood.
+The largest plane of a place is its floor or its ceiling: of the methods tried (normals of splats, walls about the
+vertical, weight near the floor, brightness) only the area of planes found it in every capture, real and trained. Walls
+have half of its area, objects no plane that stands out. If objects stand on one side only, that side is up; between a
+floor and a ceiling the usual frame of trained files decides. It also decides for a table, unless its pictures from
+below are much blurred: no camera stood there.
 """
 
 from dataclasses import dataclass

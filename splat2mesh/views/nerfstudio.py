@@ -3,10 +3,10 @@
 {"fl_x", "fl_y", "cx", "cy", "w", "h" or "camera_angle_x", "frames": [{"transform_matrix": 4 x 4, ...}]}: intrinsics for
 all frames or for each; poses are world_from_camera with camera x right, y up, z backward. Distortion is ignored.
 
-Which frame the splat is in, the file does not say. nerfstudio trains in one that it turned, moved and scaled, and keeps
-how in dataparser_transforms.json; other trainers take the poses as they are; what was COLMAP before was turned by
-`applied_transform`. So there are several candidates.
-Source: docs.nerf.studio, "Data conventions"; nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
+The file does not give the frame of the splat. nerfstudio trains in one that it turned, moved and scaled, and stores the
+transform in dataparser_transforms.json; other trainers take the poses unchanged; poses from COLMAP were turned by
+`applied_transform`. So there are several candidates. Source: docs.nerf.studio, "Data conventions";
+nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
 """
 
 import os

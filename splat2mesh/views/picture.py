@@ -1,4 +1,4 @@
-"""The view that makes a picture of a place: from where a visitor stands, of what was captured most closely."""
+"""The view for a picture of a place: from a visitor's position, towards the most closely captured part."""
 
 from collections.abc import Sequence
 

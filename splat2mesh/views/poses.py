@@ -1,4 +1,4 @@
-"""A camera as files give it, checked and made a View."""
+"""A camera from a file, checked and converted to a View."""
 
 from collections.abc import Sequence
 

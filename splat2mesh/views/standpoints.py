@@ -2,8 +2,8 @@
 
 Free places are tried: from each, rays go out in all directions through a grid of opacity. A place from which most of
 them meet surfaces is enclosed; and since training makes Gaussians as small as its photos resolve, the distance of those
-surfaces over the size of the smallest Gaussians there is a focal length in pixels. Only from where cameras can have
-stood is it that of a camera: inside a hollow object it is far too short.
+surfaces over the size of the smallest Gaussians there is a focal length in pixels. It is that of a camera only where
+cameras can have stood: inside a hollow object it is far too short.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Which way is up: the rotation from a splat file's frame into the y-up scene frame."""
+"""The up direction: the rotation from a splat file's frame into the y-up scene frame."""
 
 from collections.abc import Sequence
 

@@ -2,7 +2,7 @@
 
 The file does not say where the capture's cameras stood, but the splat shows it: surfaces that training saw are sharp,
 the rest is fuzzy. Candidates all around and inside free space are rendered small, those that look at fuzz are dropped,
-and a greedy cover picks, one after the other, the view that shows most of what was seen least.
+and a greedy cover picks, one by one, the view that shows most of the least seen surface.
 """
 
 from collections.abc import Sequence

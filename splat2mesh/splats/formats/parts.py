@@ -1,4 +1,4 @@
-"""What a splat path stands for: one file, a folder of tiles, or one level of a streamed SOG."""
+"""The parts of a splat path: one file, a folder of tiles, or one level of a streamed SOG."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Some rows of a PLY, byte for byte as they stand there, with its header and all else that it holds."""
+"""Some rows of a PLY, byte for byte, with its header and all other elements."""
 
 import os
 import re
