@@ -29,13 +29,13 @@ LIGHT_STAGES = frozenset(
     {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
     | {"plan", "check", "light", "sunlight", "shade", "bounces"}
 )
-"""What `--budget` is spent on; "bounce rays" are traced for the albedo too, which no budget covers."""
+"""The stages that `--budget` covers; "bounce rays" are also traced for the albedo, which no budget covers."""
 
 MOST_PORT = 65535
 
 LAMPS_PICTURE, NORTH_PICTURE = "lamps.png", "north.png"
-"""What `--plan` writes, in the folder of the scene: of a room with lamps the numbers that `--lamps` takes; of the
-sun of a date an arrow to the north, as `--north` takes it."""
+"""Pictures that `--plan` writes into the folder of the scene: for a room with lamps their numbers for `--lamps`; for
+the sun of a date an arrow to the north, for `--north`."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -248,7 +248,7 @@ def _lamps(job: "Job") -> list[str]:
 
 
 def _costs(job: "Job") -> list[str]:
-    """What the summary says of seconds beyond a budget, and of what is kept on disk."""
+    """The lines of the summary on seconds beyond a budget, and on the cache on disk."""
     lines, budget_s = [], job.request.lighting.budget_s
     if budget_s is not None:
         beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)

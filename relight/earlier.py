@@ -170,7 +170,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """What two settings do not share, in words."""
+    """The differences of two settings, in words."""
     found = []
     for name in (name for name in before if name in now and before[name] != now[name]):
         first, second = _shown(before[name]), _shown(now[name])

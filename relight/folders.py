@@ -212,7 +212,7 @@ def _default_parent(scene: object) -> Path:
 
 
 def _name(light: AnyLight) -> str:
-    """What a light is called in the name of a folder: that of its file, or of the sky that it is, whatever its case."""
+    """The name of a light in the name of a folder: that of its file or of its sky, in any case."""
     if isinstance(light, (Environment, DaylightRequest)):
         return light.name
     return Path(light).stem if Path(light).exists() else Path(light).stem.lower()

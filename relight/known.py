@@ -189,7 +189,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def beside(self) -> "Beside":
-        """What the light has beside an environment."""
+        """The light beside an environment."""
         from .beside import Beside
 
         asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev

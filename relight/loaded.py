@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from .lamps.asked import AskedLamp
 
 DEFAULT_FORMATS = ("glb", "png")
-"""What is written where nobody says; with a splat, that too."""
+"""Default outputs; with a splat, the relit splat too."""
 
 
 class Loaded:
-    """What a RelightRequest names. Nothing is read before it is asked for.
+    """The inputs of a RelightRequest. Each is read on first use.
 
-    request: RelightRequest of one light. stages: Stages that time the work.
-    Raises InputError, then, for whatever cannot be read or used.
+    request: RelightRequest of one light. stages: Stages that time the work. Raises InputError, at that time, for input
+    that cannot be read or used.
     """
 
     def __init__(self, request: RelightRequest, stages: Stages | None = None) -> None:
@@ -54,7 +54,7 @@ class Loaded:
 
     @cached_property
     def scene(self) -> Scene:
-        """What is lit; of an animation its first frame."""
+        """The scene to light; of an animation its first frame."""
         self.require("environment", "asked_lamps", "asked_inserts")  # what cannot be read fails before a scene is read
         with self.stages.stage("load"):
             return self.animation.scene if self.plays else as_scene(self.request.scene)
@@ -86,7 +86,7 @@ class Loaded:
 
     @cached_property
     def formats(self) -> tuple[str, ...]:
-        """What is written of each light, of `output.kinds.FILES`."""
+        """The outputs for each light, of `output.kinds.FILES`."""
         if self.request.formats is not None:
             for word in self.request.formats:
                 check_choice("formats", word, tuple(FILES))
@@ -131,14 +131,14 @@ class Loaded:
 
     @property
     def _choice(self) -> Any:
-        """What the albedo is taken from."""
+        """The source of the albedo."""
         if self.request.albedo is None and self.request.needs_no_light:
             return "captured"
         return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
 
     @property
     def choice_name(self) -> str:
-        """What the albedo is taken from, as the report names it."""
+        """The source of the albedo, as the report names it."""
         return "array" if isinstance(self._choice, np.ndarray) else str(self._choice)
 
     @cached_property

@@ -22,7 +22,7 @@ BLOCK = 4096
 """Vertices traced at a time: 2 million rays, 50 MB."""
 
 WHITE_POINT, WHITE_PERCENTILE = 0.9, 98.0
-"""What this percentile of the brightest channel is exposed to: a well-exposed photograph, hardly clipped."""
+"""Display value of this percentile of the brightest channel: a well-exposed photograph, hardly clipped."""
 
 
 def bake(truth, environment, count=None):

@@ -47,9 +47,9 @@ RAYS_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Lighting:
-    """What lights a place.
+    """The light of a place.
 
-    suns_toward, suns_irradiance: (S, 3) float32 unit directions, and what each brings to a surface that faces it.
+    suns_toward, suns_irradiance: (S, 3) float32 unit directions, and the irradiance of each on a surface that faces it.
     ambient: (V, 3) float32, all other irradiance at every vertex over pi: reflected radiance is albedo x ambient.
     emission: factor on the place's lamps.
     """

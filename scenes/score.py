@@ -58,7 +58,7 @@ def _samples(vertices, faces, count, rng):
 
 
 def _seen(vertices, faces, points, normals, centers):
-    """How many of the cameras see each point, the mesh itself in the way."""
+    """The number of cameras that see each point, occluded by the mesh itself."""
     caster = RayCaster(vertices, faces)
     offset = 2e-3 * np.linalg.norm(np.ptp(points, axis=0))
     count = np.zeros(len(points), int)

@@ -212,7 +212,7 @@ def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:
 
 
 def _capture(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
-    """What scene.json keeps of Standpoints: `from`, and of a place `eyes` in the scene frame and `focal_px`."""
+    """The entry of scene.json on Standpoints: `from`, and for a place `eyes` in the scene frame and `focal_px`."""
     if not standing.eyes:
         return {"from": standing.kind}
     eyes = [(rotation[:3, :3] @ eye.center).tolist() for eye in standing.eyes]

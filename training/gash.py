@@ -96,7 +96,7 @@ def labelled(meshes):
 
 
 def encoded(kind, vertices, normals):
-    """What a network of this kind sees of a whole mesh, (V, 32) or (V, 6) float32."""
+    """The input of a network of this kind for a whole mesh, (V, 32) or (V, 6) float32."""
     points = unit_points(vertices)
     if kind == "motor":
         return cga.vertex_motors(points, normals)

@@ -76,7 +76,7 @@ class Estimate(NamedTuple):
 
 
 class CaptureEvidence(NamedTuple):
-    """What is known of a capture beside its colours. Each is None, or empty, where nothing is known.
+    """Evidence on a capture beside its colours. Each field is None, or empty, if unknown.
 
     sky: what the capture shows of its sky. looks: points seen from where the capture stood; then what they show counts,
     not area. volume: (V,) in [0, 1], how far each vertex is of leaves or grass. reflected: (K,) the shape of the light
@@ -194,7 +194,8 @@ class CapturedScene:
         return Estimate(albedo, irradiance, environment, prior, evidence, True, "", *described_light(environment))
 
     def brighter(self, direct: Radiance) -> float:
-        """How much brighter, at least 1, the light must be for all but a few places to be no lighter than a surface."""
+        """Factor, at least 1, by which the light must be brighter for all but a few places to be no lighter than a
+        surface."""
         rows, gain = self.places.vertices, 1.0
         captured, bounce, direct = (a[rows].astype(np.float64) for a in (self.captured, self.bounce, direct))
         shares = np.ones(len(rows))

@@ -246,6 +246,6 @@ def _evidence(patches: ColorPatches, received: NDArray[np.float64]) -> float:
 
 
 def _widths(steep: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much of the axis of steepness each of the tried stands for."""
+    """The part of the steepness axis that each tried value represents."""
     edges = np.concatenate([[0.0], 0.5 * np.add(STEEPNESS[1:], STEEPNESS[:-1]), [STEEPNESS[-1]]])
     return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]

@@ -16,9 +16,9 @@ SOFTNESS = 0.1
 
 
 class Prior(NamedTuple):
-    """What holds the division where little light arrives. albedo, irradiance: (3,) float32, by colour.
+    """The regulariser of the division where little light arrives. albedo, irradiance: (3,) float32, by colour.
 
-    albedo: what a surface has that received nothing. irradiance: where both weigh the same.
+    albedo: that of a surface that received nothing. irradiance: where both weigh the same.
     """
 
     albedo: NDArray[np.float32]

@@ -31,7 +31,7 @@ BRIGHTNESS, COLOR = 2.0, 0.25
 (error with one gain .17 against .20 at 0.1), but the whites of a real capture turned to cyan with it."""
 
 CONTRAST_COLOR = 3.0
-"""How much stiffer the prior is for changes of the light's colour with direction than for those of its brightness."""
+"""Stiffness of the prior on changes of the light's colour with direction, over that on changes of its brightness."""
 
 UNIT = 1.0 / math.sqrt(4.0 * math.pi)
 """Log radiance of the first coefficient."""

@@ -48,7 +48,7 @@ def closed_part(
 
 
 BESIDE = "`placed` adds lamps, `captured` dims the captured light"
-"""What works in every room."""
+"""Advice that works in every room."""
 
 
 def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:

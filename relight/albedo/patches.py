@@ -23,7 +23,7 @@ from .seen import SeenPoints
 
 @dataclass(frozen=True)
 class PatchCalibration:
-    """What counts as a patch of a surface, and which patches are of one material.
+    """Thresholds for patches of a surface, and for patches of one material.
 
     cell: side of a patch over the median distance from which patches are seen.
     most_volume, least_visible, smooth: of what is looked at, how far it may be leaves or grass, the least part of its

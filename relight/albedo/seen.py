@@ -44,7 +44,7 @@ class SeenPoints(NamedTuple):
 
 
 def looks_over(occluder: Occluder, areas: Floats, seed: int) -> SeenPoints:
-    """What is seen of a scene whose cameras are not known: vertices spread evenly over the area of its surface, as from
+    """The looks at a scene with unknown cameras: vertices spread evenly over the area of its surface, as from
     half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
     from .samples import places
 
@@ -61,7 +61,7 @@ def standing(scene: Scene) -> NDArray[np.float64]:
 
 
 def looks_from(scene: Scene, occluder: Occluder) -> SeenPoints | None:
-    """What is seen all around from where the capture of a place stood, backs of faces left out; None of an object,
+    """The looks all around from the positions of a place's capture, without backs of faces; None for an object,
     and where nothing is seen."""
     eyes = standing(scene)
     if not len(eyes):

@@ -11,8 +11,8 @@ from .relighter import Shading
 
 
 class CapturedPart(NamedTuple):
-    """What stays of the captured light. colors: (V, 3) float32, the captured colours under it, lamps as the options
-    say. factor: by which it is dimmed."""
+    """The captured light that stays. colors: (V, 3) float32, the captured colours under it, with lamps as in the
+    options. factor: its dimming."""
 
     colors: NDArray[np.float32]
     factor: float

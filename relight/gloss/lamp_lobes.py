@@ -90,7 +90,7 @@ def _lobe(
     weights: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
-    """What each point sends to the eye of emitter e, of reflectance 1 and radiance 1."""
+    """The light of emitter e that each point sends to the eye, for reflectance 1 and radiance 1."""
     for i in range(len(points)):
         px, py, pz = points[i]
         nx, ny, nz = normals[i]

@@ -47,9 +47,9 @@ GLOSS = GlossCalibration()
 
 
 class Gloss(NamedTuple):
-    """What reflects, on M nodes. reflectance: (M, 3) at normal incidence, 0 where nothing does. alpha: (M,) GGX
-    roughness, that of the noise of the normals included. metal: (M,) bool, whether it does not rise at grazing angles.
-    explained: (M,) share of what depends on the view that the reflection explains, its confidence."""
+    """The reflecting materials of M nodes. reflectance: (M, 3) at normal incidence, 0 without reflection. alpha: (M,)
+    GGX roughness, that of the noise of the normals included. metal: (M,) bool, whether it does not rise at grazing
+    angles. explained: (M,) share of the view-dependent part that the reflection explains, its confidence."""
 
     reflectance: NDArray[np.float32]
     alpha: NDArray[np.float32]

@@ -26,12 +26,11 @@ _BATCH = 1 << 12
 def openness(
     surface: Surface, nodes: Indices, colors: Radiance, scene: Matrix3
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What some nodes of a Surface see above themselves.
+    """The open directions above some nodes of a Surface.
 
     nodes: (N,) their numbers. colors: (M, 3) linear, of all nodes. scene: (3, 3) rotation from the frame of the splat
-    into the scene's.
-    Returns (N, 4) SH coefficients of what is visible, frame of the scene, which mean something above the surface alone,
-    and (N, 3), the mean colour of what hides the rest, 0 where nothing does.
+    into the scene's. Returns (N, 4) SH coefficients of visibility, frame of the scene, valid only above the surface,
+    and (N, 3), the mean colour of the occluders, 0 without any.
     """
     number = np.arange(DIRECTIONS) + 0.5
     height, turn = 1.0 - 2.0 * number / DIRECTIONS, np.pi * (3.0 - np.sqrt(5.0)) * number  # a Fibonacci sphere

@@ -51,8 +51,8 @@ class Reflections:
         self._glossy = np.flatnonzero(rows[binding.drawn_rows])  # among those drawn
 
     def reflected(self, light: Floats, radiance: Floats) -> list[NDArray[np.float64]]:
-        """What the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance (V, 3) of the
-        vertices."""
+        """The light that the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance
+        (V, 3) of the vertices."""
         nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
         return [view.reflected(light, nodes) for view in self._views]
 

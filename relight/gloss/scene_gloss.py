@@ -32,10 +32,10 @@ LEAST_DEGREE = 2
 
 
 class SceneGloss:
-    """What is glossy in a scene that was made from splats.
+    """The gloss of a scene that was made from splats.
 
-    splats: as read. binding: returns their Binding. cache: where what was observed is kept, or None.
-    lamps: returns the LampLight of lamps that shine beside every light, or None.
+    splats: as read. binding: returns their Binding. cache: for the observations, or None. lamps: returns the LampLight
+    of lamps that shine beside every light, or None.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class SceneGloss:
 
     @cached_property
     def fits(self) -> PatchFits | None:
-        """What pictures of the splat show of reflections; None where its harmonics show too little."""
+        """The reflections that pictures of the splat show; None where its harmonics show too little."""
         if self._splats.degree < LEAST_DEGREE:
             return None
         found = self._kept
@@ -154,7 +154,7 @@ class SceneGloss:
         return np.stack([rough, metal], axis=1).astype(np.float32)[node]
 
     def plan(self, look: "Appearance") -> GlossPlan | None:
-        """What gloss contributes and costs; None where nothing is glossy. It traces what a light needs next."""
+        """Contribution and cost of gloss; None where nothing is glossy. It traces what a light needs next."""
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:

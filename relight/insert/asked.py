@@ -23,10 +23,10 @@ from splat2mesh.scene.mesh import Mesh
 Vector: TypeAlias = tuple[float, float, float]
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
-"""What stands behind a file, as name=value."""
+"""The words after a file, as name=value."""
 
 SUPPORTS = ("floor",)
-"""What an object may be let down on."""
+"""The surfaces that an object may be dropped on."""
 
 MOST_SCALE = 1e6
 
@@ -67,7 +67,7 @@ class AskedInsert:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Its name."""
         return "mesh" if isinstance(self.source, Mesh) else Path(self.source).name
 
 

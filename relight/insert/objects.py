@@ -42,12 +42,11 @@ MOST_TEXELS = 1 << 26
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What has one material.
+    """A part of an object with one material.
 
-    vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, what the texture is
-    multiplied by. uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, the texture in it. material: its
-    index in the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its
-    file.
+    vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, factor on the texture.
+    uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, including the texture. material: its index in
+    the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its file.
     """
 
     vertices: NDArray[np.float32]

@@ -44,7 +44,7 @@ _UNITS: dict[str, Unit] = {"ev": "EV", "lm": "lumen", "lumen": "lumen", "lumens"
 
 @dataclass(frozen=True)
 class Brightness:
-    """How bright a lamp shall be.
+    """The requested brightness of a lamp.
 
     unit: "picture": `value` times the light of the shape, which is in units of the picture (radiance 1 shows as white).
     "EV": at 1 m on its main axis the lamp gives 2^value times the scene's median captured irradiance. "candela": the
@@ -91,10 +91,10 @@ class AskedLamp:
 
 @dataclass(frozen=True)
 class LampScale:
-    """What brightness and lengths are relative to.
+    """The scale of brightness and lengths.
 
     metre: splat units per metre. irradiance: the median captured one, as luminance in units of the picture: pi for
-    white under a white sky. candela: radiance in the picture of 1 cd/m^2, None where nobody knows.
+    white under a white sky. candela: radiance in the picture of 1 cd/m^2, None if unknown.
     """
 
     metre: float
@@ -162,7 +162,7 @@ def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
 
 
 def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
-    """How bright a lamp is, as a person sees it: "as bright as the room at 1.3 m".
+    """The brightness of a lamp in everyday words: "as bright as the room at 1.3 m".
 
     That is the distance on its main axis, as of a point, at which it gives the median captured irradiance. With a
     `LampScale.candela` its lumens follow.

@@ -59,7 +59,7 @@ EVERY = ("color", "brightness", "name")
 """Fields that every lamp may have."""
 
 SHORT = {"cutoff": "cutoff_deg", "beam": "beam_deg", "turn": "turn_deg", "to": "end"}
-"""What a person types -> the field."""
+"""Word of the command line -> field."""
 
 PLACE = {"sphere": "position", "spot": "position", "rectangle": "center", "tube": "start", "profile": "position"}
 """Kind -> where it is, which is also called `at`."""
@@ -92,7 +92,7 @@ def renamed(asked: AskedLamp, name: Any) -> AskedLamp:
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """What a word that is not known may mean, as the end of a phrase."""
+    """A suggestion for an unknown word, as the end of a phrase."""
     near = difflib.get_close_matches(str(word).lower()[:40], list(known), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
@@ -104,7 +104,7 @@ def clip(value: Any) -> str:
 
 
 def plain(error: InputError) -> str:
-    """What an error says, in one line, of which no field is taken for an option of the command line."""
+    """The text of an error in one line, in which no field is read as an option of the command line."""
     return " ".join(str(error).split()).replace("`", "")
 
 

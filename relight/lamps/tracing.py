@@ -180,7 +180,7 @@ def _visible(
     counts: NDArray[np.int32],
     shift: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """What part of the light of each pair gets through, (P,) float32, and whether its rays disagree, (P,) bool."""
+    """The visible part of the light of each pair, (P,) float32, and whether its rays disagree, (P,) bool."""
     free, mixed = np.zeros(len(vertex), np.float32), np.zeros(len(vertex), bool)
     ends = np.append(0, np.cumsum(counts, dtype=np.int64))
     batch = 2**20
@@ -213,7 +213,7 @@ def _free(
     node_weights: NDArray,
     light: NDArray,
 ) -> None:
-    """What each chosen emitter gives each vertex where nothing hides it, for radiance 1, times its weight; 0 for less
+    """The unoccluded light of each chosen emitter at each vertex, for radiance 1, times its weight; 0 for less
     than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays give it."""
     for v in range(begin, end):
         px, py, pz = np.float64(origins[v, 0]), np.float64(origins[v, 1]), np.float64(origins[v, 2])
@@ -246,7 +246,7 @@ def _pilots(
     most: int,
     pilots: NDArray,
 ) -> None:
-    """How many rays go first: one to what is as small as a point."""
+    """The number of first rays: one to an emitter as small as a point."""
     for pair in range(begin, end):
         e, v = emitter[pair], vertex[pair]
         pilots[pair] = most

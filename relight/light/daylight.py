@@ -44,7 +44,7 @@ _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 @dataclass(frozen=True)
 class DaylightRequest:
-    """What a person asks for: a date, a place, where north is, and the air.
+    """A requested daylight: date, location, direction of north, and the air.
 
     time: with a zone.
     latitude_deg, longitude_deg: north and east positive.

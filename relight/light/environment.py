@@ -21,7 +21,7 @@ from . import projections, skies
 from .environment_files import read_light
 
 MOST_RADIANCE = 1e12
-"""What is brighter is clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
+"""Brighter pixels are clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 

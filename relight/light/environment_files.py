@@ -49,7 +49,7 @@ def read_light(path: Path) -> Radiance:
 
 
 def _unknown(path: Path) -> str:
-    """What to say of a file that does not exist: it may be meant as a name, or as a file beside it."""
+    """The message on a missing file: it may be meant as a name, or as a file beside it."""
     beside = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
     lights = [name for name in beside if name.lower().endswith((".exr", ".hdr"))]
     known = {name.lower(): str(path.parent / name) for name in lights}

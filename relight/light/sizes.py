@@ -81,7 +81,7 @@ def check_exr(name: object, data: bytes) -> None:
 
 
 def _channels(packed: bytes) -> int:
-    """How many channels a channel list names: each a name, a zero and 16 bytes."""
+    """The number of channels in a channel list: each a name, a zero and 16 bytes."""
     count, at = 0, 0
     while at < len(packed) and packed[at]:
         at = packed.index(b"\0", at) + 17

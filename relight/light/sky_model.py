@@ -22,7 +22,7 @@ LUMINOUS_EFFICACY = 683.0
 """Lumens per watt: the data are integrals of spectral radiance over the CIE 1931 curves, in watts."""
 
 LEAST_TURBIDITY, MOST_TURBIDITY = 1.0, 10.0
-"""What the model was fitted to: 1 is pure air, 3 a clear day, 10 dense haze."""
+"""Range that the model was fitted to: 1 is pure air, 3 a clear day, 10 dense haze."""
 
 _DATA = Path(__file__).parent / "data" / "hosek_wilkie_rgb.npz"
 

@@ -34,7 +34,8 @@ LARGEST = 127
 
 
 class CompressionLevel(NamedTuple):
-    """How much is kept. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a weight."""
+    """The size of the compressed data. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a
+    weight."""
 
     clusters: int
     weights: int

@@ -54,7 +54,7 @@ class Shine(NamedTuple):
         return self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict[str, Any]:
-        """What live.json says of it: dict, JSON-clean."""
+        """Its entry in live.json: dict, JSON-clean."""
         return {
             "file": FILE,
             "bytes": ROW,

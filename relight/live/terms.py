@@ -65,7 +65,7 @@ class Term(NamedTuple):
         return b"" if self.runs is None else self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict:
-        """What live.json says of it: dict, JSON-clean."""
+        """Its entry in live.json: dict, JSON-clean."""
         return {
             "kind": self.kind,
             "name": self.name,

@@ -39,5 +39,5 @@ def append_splats(path: str | os.PathLike[str], splats: Splats) -> None:
 
 
 def _coefficients(names: tuple[str, ...]) -> int:
-    """How many coefficients beyond the constant one each channel has."""
+    """The number of coefficients of each channel beyond the constant one."""
     return max(sum(name.startswith("f_rest_") for name in names) // 3, 1)

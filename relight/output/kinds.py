@@ -33,10 +33,10 @@ OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
 """Those that need the splats that the scene was made from."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
-"""What a tile of a city can be written as; sog is one streamed SOG of all."""
+"""The formats of a tile of a city; sog is one streamed SOG of all."""
 
 HARMONICS = ("zero", "keep")
-"""What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""
+"""Treatments of an albedo splat's view-dependent colour: it is reflected light of the capture, which is removed."""
 
 COLOR_SPACES = ("srgb", "acescg")
 """In which passes are written, linear both."""
@@ -45,7 +45,7 @@ SUN = "sun"
 """The pass that is a part of direct light."""
 
 BAKED = ("texture", "transfer")
-"""What `--bake` can make: textured meshes, and images of the transfer for shaders."""
+"""The outputs of `--bake`: textured meshes, and images of the transfer for shaders."""
 
 SHEET = "sheet.png"
 """The picture with all lights."""

@@ -76,7 +76,7 @@ def write_live_glb(
 
 
 def described(light: "Environment", exposure: float) -> dict:
-    """What KEY holds: JSON values."""
+    """The value of KEY: JSON."""
     unturned = light.rotated(-light.rotation_deg)
     return {
         "version": FORMAT_VERSION,

@@ -28,7 +28,7 @@ OUTLINE = np.array(
 """Of an arrow of length 1 along x, its tip first."""
 
 LETTER = 0.62
-"""How far from its middle, of its length, the N stands."""
+"""Distance of the N from the middle of the arrow, as a share of its length."""
 
 NEAREST = 1e-3
 """Of its distance: what comes nearer to the camera than this is not drawn."""

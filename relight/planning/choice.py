@@ -137,7 +137,7 @@ class Choice:
         return [(each.seconds, each.error, each.settings) for each in found]
 
     def sun_count(self, settings: Settings) -> int:
-        """How many suns the settings lead to: found, or expected."""
+        """The number of suns under the settings: found, or expected."""
         split = self._splits.get((settings.bands, settings.sun_tolerance))
         if split is not None:
             return len(split[1])
@@ -314,7 +314,7 @@ class Choice:
         return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
 
     def rest(self, settings: Settings) -> dict[str, Any]:
-        """What stays of the light beside the suns: an image where they were found, else a level."""
+        """The rest of the light beside the suns: an image where they were found, else a level."""
         if not settings.sun_tolerance:
             return {}
         key = settings.bands, settings.sun_tolerance

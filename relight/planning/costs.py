@@ -36,7 +36,7 @@ NEURAL_GAIN = {32: 0.88, 64: 0.84}
 
 
 def expected_suns(tolerance: float) -> float:
-    """How many suns a split within a tolerance may need."""
+    """The number of suns that a split within a tolerance may need."""
     return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
 
 

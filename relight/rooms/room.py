@@ -54,15 +54,15 @@ HEIGHT, WIDTH = 64, 128
 
 
 class Room(NamedTuple):
-    """What a closed room is lit by, scene of V vertices, unit of the captured colours.
+    """The light in a closed room, scene of V vertices, unit of the captured colours.
 
     albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
-    float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
-    themselves, 0 elsewhere. lamp_light: (L, V, 3) float32, what each lamp gives white surfaces directly. lamp_of: (V,)
-    int16, which lamp a vertex is of, -1 for none. environment: the capture's, black without windows. brightness:
-    luminance of the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`.
-    trust: (V,) float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room.
-    told: dict for the report.
+    float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, emission of the lamps, 0
+    elsewhere. lamp_light: (L, V, 3) float32, direct light of each lamp on white surfaces. lamp_of: (V,) int16, the lamp
+    that a vertex belongs to, -1 for none. environment: the capture's, black without windows. brightness: luminance of
+    the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. trust: (V,)
+    float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room. told: dict for
+    the report.
     """
 
     albedo: NDArray[np.float32]

@@ -40,9 +40,9 @@ STRENGTH = 2e-3
 """Weight of the prior on how emitters differ, against a mean over pairs of places."""
 
 STIFF = 1e3
-"""How much stiffer the prior is for what all emitters have in common: pairs of a scanned office would rather have no
-lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo says how
-bright all are together, and pairs say how much each is of it."""
+"""Extra stiffness of the prior on the common brightness of all emitters: pairs of a scanned office would rather have no
+lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo decides the
+brightness of all together, and pairs decide the share of each."""
 
 LOG_STRENGTHS = -8.0, 8.0
 """Range, about the start, in which the logarithm of the strength common to all emitters is sought."""

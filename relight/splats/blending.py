@@ -177,7 +177,7 @@ def _gather(
     values: NDArray[np.float32],
     seen: NDArray[np.float32],
 ) -> None:
-    """What each run of a view's tiles sees, (R, C); first is the view's first tile."""
+    """The picture of each run of a view's tiles, (R, C); first is the view's first tile."""
     unit, width = ONE / UNIT, values.shape[1]
     for tile in range(first + begin, first + end):
         at, base = items[tile], tile * AREA

@@ -33,7 +33,7 @@ REACH_OUTSIDE = 0.02
 """The same of an object that was captured from around it, whose eyes stand a diagonal away."""
 
 NEIGHBORS = 4
-"""How many other splats must be within that reach to hold one: floaters come alone or in small clouds."""
+"""The number of other splats within that reach that make one no floater: floaters come alone or in small clouds."""
 
 COVERED = 0.9
 """Opacity of all that stays, in a pixel of the splat, from which nothing is missed there."""

@@ -66,7 +66,7 @@ def _bound(splats: Splats) -> dict[str, list[float]]:
 
 
 def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
-    """What lod-meta.json says, of the leaves of all tiles. environment: whether there is one."""
+    """The content of lod-meta.json for the leaves of all tiles. environment: whether there is one."""
     names = sorted({lod["file"] for leaf in leaves for lod in leaf["lods"].values()})
     number = {name: index for index, name in enumerate(names)}
     counts = [0] * LOD_LEVELS

@@ -38,9 +38,9 @@ def placed(frame: Frame, vertices: Points) -> NDArray[np.float32]:
 
 
 class Sight:
-    """What hides the rays of a body's nodes, as bits (N, bytes) uint8 of `numpy.packbits`.
+    """The occlusion of the rays of a body's nodes, as bits (N, bytes) uint8 of `numpy.packbits`.
 
-    rays: Hemisphere or Beams. fixed: bits of rays that the body itself or what never moves stops. others: number of
+    rays: Hemisphere or Beams. fixed: bits of rays that the body itself or static geometry stops. others: number of
     another body -> bits of rays that it stops and these do not.
     """
 

@@ -28,7 +28,7 @@ BATCH_RAYS = 2**18
 
 
 class BouncePlaces(NamedTuple):
-    """What R cosine-distributed rays from each of M vertices meet first, in a mesh of V.
+    """The first hits of R cosine-distributed rays from each of M vertices, in a mesh of V.
 
     rows: (M,) int32, the vertices that rays start from, along a curve. hits: (V,) int32, how many of each vertex's met
     something. used: (M,) int32, how many of those met the front of a face. places: (P,) uint32 or uint64, where, row
@@ -97,7 +97,7 @@ class BouncePlaces(NamedTuple):
 
 
 def batch_of(rays: int) -> int:
-    """How many vertices with so many rays are worked on at once."""
+    """Vertices per batch at this number of rays."""
     return max(1, BATCH_RAYS // rays)
 
 

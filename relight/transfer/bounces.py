@@ -104,7 +104,7 @@ class Interreflection:
 
     @property
     def entries(self) -> int:
-        """How many places rays met from the front."""
+        """The number of hits on fronts."""
         return len(self._corners)
 
     @property

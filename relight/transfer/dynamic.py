@@ -38,7 +38,7 @@ Changes: TypeAlias = Mapping[int, tuple[Points, Directions]]
 
 
 class Anchor(NamedTuple):
-    """What a transfer takes over from another, so that both trace the same rays.
+    """The state that a transfer takes from another, so both trace the same rays.
 
     frame: that of the scene without. ranks: (V,) below V, by which vertices get their rays; without, along a curve.
     """

@@ -22,8 +22,8 @@ from .neighbors import Neighbors
 from .sampling import legendre_factors
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
-"""What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with
-weights taken from the averaged shadows, gain 1 to 5% more; two and four smooth steps from the own rays, instead of
+"""Estimates by number of averaging steps. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some
+with weights taken from the averaged shadows, gain 1 to 5% more; two and four smooth steps from the own rays, instead of
 the last two, up to 5% above 64 rays and nothing below. Neither is worth its time."""
 
 LOG_BAND = len(ESTIMATES)

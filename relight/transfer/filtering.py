@@ -63,7 +63,7 @@ class Rows(Protocol):
 
 
 def steps_for(rays: int, bands: int) -> int:
-    """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench rays)."""
+    """The number of steps of `average` worth their bias at a number of rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
         return 0
     return 2 if rays <= TWO_STEPS_RAYS * bands else 1
@@ -118,7 +118,7 @@ def _guides(
     squared: NDArray[np.float32],
     guide: NDArray[np.float32],
 ) -> None:
-    """What shadows take from the transfer, T - A, in the lowest degrees."""
+    """The loss of transfer to shadows, T - A, in the lowest degrees."""
     for i in range(begin, end):
         for k in range(guide.shape[1]):
             guide[i, k] = rest[vertices[i], k]

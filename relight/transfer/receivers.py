@@ -137,7 +137,7 @@ _PARTS = "nodes", "starts", "columns", "weights"
 def _count(
     begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], reached: Mask, taken: NDArray[np.int64]
 ) -> None:
-    """How many neighbours each node that was not reached may take over from."""
+    """Most neighbours that an unreached node takes its light from."""
     for i in range(begin, end):
         if not reached[i]:
             for at in range(starts[i], starts[i + 1]):

@@ -109,7 +109,7 @@ class Rings(Neighbors):
 
 
 class _Part(NamedTuple):
-    """What `filtering.average` needs of Neighbors."""
+    """The part of Neighbors that `filtering.average` needs."""
 
     vertices: NDArray[np.int64]
     starts: NDArray[np.int64]

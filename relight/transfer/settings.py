@@ -11,8 +11,8 @@ BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512
 """Where nothing is planned: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
 
 BOUNCE_TOLERANCE = 1e-3
-"""What bounces still to come may contribute, where nothing is planned: well below what the rays leave. A tabletop gets
-there in six bounces, an object in three."""
+"""Contribution below which further bounces are dropped where nothing is planned: well below the error of the rays. A
+tabletop reaches it in six bounces, an object in three."""
 
 
 GLOSS = "gloss"

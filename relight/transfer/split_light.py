@@ -19,7 +19,7 @@ def image_key(environment: Environment) -> str:
 
 
 def _checked(kept: Mapping[str, NDArray[Any]], bands: int) -> Mapping[str, NDArray[Any]]:
-    """What was kept of a light. Raises ValueError where its arrays do not fit each other or are not finite."""
+    """A light from its cached arrays. Raises ValueError where its arrays do not fit each other or are not finite."""
     directions, weights = kept["directions"], kept["weights"]
     fits = kept["coefficients"].shape == (bands**2, 3) and directions.shape == weights.shape == (len(directions), 3)
     if not (fits and all(each.dtype.kind == "f" and np.isfinite(each).all() for each in kept.values())):

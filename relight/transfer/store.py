@@ -77,7 +77,7 @@ class Cache:
         return self._read(self._path(self.folder, kind, settings), _told(settings)) if self.folder else None
 
     def restored(self, make: Callable[[dict[str, NDArray[Any]]], Made], kind: str, *settings: object) -> Made | None:
-        """What `make` makes of the arrays that are kept, or None, also where it cannot: then they count as not there.
+        """The result of `make` on the cached arrays, or None where it fails: then they count as absent.
 
         make(arrays) must check what it uses: a scene folder, with its cache, may come from anybody.
         """

@@ -62,7 +62,7 @@ _BATCH = 1 << 20  # marches in memory at once
 
 
 class Foliage:
-    """What of a scene is a volume, and how light reaches it.
+    """The volumes of a scene, and how light reaches them.
 
     vertices: (V, 3), and depth, in the scene frame. volume: (V,) in [0, 1]. rows: (R,) int64, the vertices that take
     part. share: (R, 1) float32 in [0, 1], how far each is a volume. key: text that differs for any two of a geometry.
@@ -147,8 +147,8 @@ def settled(
     volume: Floats,  # (V,) in [0, 1], as measured for each
     depth: OpticalDepth,
 ) -> NDArray[np.float32]:
-    """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides
-    nothing, and in grass no blade is left wholly a surface."""
+    """The volume share of each vertex, (V,) float32 in [0, THROUGHOUT], averaged over its surroundings: one leaf
+    decides nothing, and in grass no blade stays wholly a surface."""
     lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
     mean = lattice.interpolate(lattice.means(volume))[:, 0]
     share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)

@@ -10,7 +10,7 @@ from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, 
 
 
 class LightWorker(Protocol):
-    """What answers the wishes of a session: `worker.ProcessWorker`, or another that does the same."""
+    """The interface that answers the wishes of a session: `worker.ProcessWorker`, or another implementation."""
 
     def submit(self, wish: LightWish) -> None:
         """Ask for the newest wish; what an older one still needs is dropped."""
@@ -40,7 +40,7 @@ class Answers:
 
     @property
     def wish(self) -> LightWish:
-        """What the present state needs from the worker."""
+        """The results that the current state needs from the worker."""
         raise NotImplementedError
 
     @property
@@ -123,7 +123,7 @@ class Answers:
 
     @property
     def waiting_for(self) -> str:
-        """What is still missing in the picture, in words; "" when it is complete."""
+        """The effects still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.light is None:
             return ""
         if self._lit() is not None:

@@ -64,11 +64,12 @@ STAGES = {
     "sunlight": "tracing suns",
     "bounce rays": "tracing bounces",
 }
-"""What the panel calls the stages of the engine; others keep their names."""
+"""Names of the engine's stages on the panel; others keep their names."""
 
 
 class LightWish(NamedTuple):
-    """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.planning.effects.EFFECTS`.
+    """The light that the window wants. environment, albedo: names. effects: frozenset of
+    `relight.planning.effects.EFFECTS`.
 
     reference: whether it also wants converged light at every vertex, for the error view.
     """
@@ -269,7 +270,7 @@ class SessionLighting:
 
 
 def keys(wish: LightWish) -> dict[str, Any]:
-    """What each kind of result depends on: a dict in the order of `SessionLighting.answers`."""
+    """The dependencies of each kind of result: a dict in the order of `SessionLighting.answers`."""
     plan = wish.environment, wish.tolerance, wish.albedo
     lit = (*plan, wish.angle_deg, wish.effects)
     return {

@@ -28,7 +28,7 @@ NEAR = 0.002
 
 
 class SplatLayer(NamedTuple):
-    """What is seen of splats. color: (H, W, 3) float32 sRGB, premultiplied. alpha: (H, W). Top row first."""
+    """A picture of splats. color: (H, W, 3) float32 sRGB, premultiplied. alpha: (H, W). Top row first."""
 
     color: NDArray[np.float32]
     alpha: NDArray[np.float32]

@@ -159,7 +159,7 @@ class Window:
         self._draw_now()
 
     def picture(self, panel: bool = True) -> NDArray:
-        """What the window shows, (H, W, 3) uint8, with smooth edges, with or without the panel."""
+        """The picture of the window, (H, W, 3) uint8, with smooth edges, with or without the panel."""
         from .stage import pixels
 
         self._draw_now(panel)

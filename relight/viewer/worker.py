@@ -100,10 +100,10 @@ class InlineWorker:
 
 
 def worker_command() -> list[str]:
-    """What starts the process: this interpreter, which looks for modules where this one does.
+    """The command that starts the process: this interpreter, with the same module path.
 
     `python -m` and `python -c` look in the current folder first, and run a queue.py that lies there. Isolated mode does
-    not; the current folder comes last, and only where it was asked for by its whole path or holds this package.
+    not; the current folder comes last, and only if it was given by its whole path or holds this package.
     """
     package = str(Path(__file__).resolve().parents[2])
     here = os.getcwd()

@@ -28,7 +28,7 @@ PLACES = {
     "one-window": hard.one_window,
     "white-sky": hard.white_sky,
 }
-"""What furnishes each kind of place: called with a Furnishing and a random generator."""
+"""The functions that furnish each kind of place: called with a Furnishing and a random generator."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Place(SceneTruth):
 
 
 class Furnishing:
-    """What a kind of place is put together with, at one tessellation.
+    """The parts of a kind of place, at one tessellation.
 
     edge: wanted edge of the solids in metres. leaves_wanted: how many leaves the place should have in all.
     """

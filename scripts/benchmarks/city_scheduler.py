@@ -63,7 +63,7 @@ def tasks_of(side):
 
 
 def simulate(tiles, workers):
-    """What a scheduler takes for about so many tiles on so many workers: a dict of figures, seconds and MB."""
+    """The cost of a scheduler for about so many tiles on so many workers: a dict of figures, seconds and MB."""
     from dask.distributed import Client
 
     side = max(2, round(np.sqrt(tiles)))

@@ -95,7 +95,7 @@ class Table:
 
 
 class Report:
-    """What a run found: tables and single lines, printed as they come and kept for JSON and plots."""
+    """The results of a run: tables and single lines, printed as they come and kept for JSON and plots."""
 
     def __init__(self):
         self.tables: list[Table] = []

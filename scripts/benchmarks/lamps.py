@@ -103,7 +103,7 @@ def by_number(occluder, frame, options, report):
 
 
 def by_change(mesh, frame, options, report):
-    """What a change of a lamp takes in a session, until it shows and until it is complete."""
+    """The time of a lamp's change in a session, until it shows and until it is complete."""
     from relight.viewer import view
 
     lighting = LightingOptions(captured=0.1, tolerance=0.02)

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from .errors import InputError
 
 _VALUE = re.compile(r"-[\d.]|-[xyz]$")
-"""What looks like an option and is a value: a negative number, or an axis."""
+"""Values that look like options: a negative number, or an axis."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
 
     def _second_value(self, word: str) -> str:
-        """What to say of a word that is one too many behind an option of one value; nothing where it is not."""
+        """The message on a surplus word after an option of one value; empty without one."""
         at = self._given.index(word) if word in self._given else 0
         if at < 2:
             return ""

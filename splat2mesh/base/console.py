@@ -29,7 +29,7 @@ _owns_process = False  # whether a command runs in this process, rather than som
 
 @dataclass(frozen=True)
 class Display:
-    """What a command shows.
+    """The output of a command.
 
     json : one JSON object on stdout. quiet : neither progress nor summary. verbose : times of stages, tracebacks.
     """
@@ -167,7 +167,7 @@ def _spelled(letter: str) -> str:
 
 
 def _failed(error: Exception) -> str:
-    """What to say of work that failed: of a disk that is full or broken, what the system says of which file."""
+    """The message on failed work: for a full or broken disk, the file and the system's message."""
     more = "(run again with -v for the traceback)"
     if isinstance(error, OSError) and error.strerror:
         where = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""

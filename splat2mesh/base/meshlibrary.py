@@ -7,7 +7,7 @@ from typing import Any
 from .console import owns_process
 
 PAGES = ("plotly", "plotly.graph_objects", "dash")
-"""What `open3d.visualization` imports for them."""
+"""The imports of `open3d.visualization` for them."""
 
 
 class _Absent(ModuleType):

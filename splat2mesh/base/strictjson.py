@@ -6,7 +6,7 @@ from typing import Any
 
 
 def text_of(content: Any, **how: Any) -> str:
-    """What json.dumps gives, with null for numbers that are not finite; `how` goes to it."""
+    """The result of json.dumps, with null for numbers that are not finite; `how` is passed to it."""
     return json.dumps(_finite(content), allow_nan=False, **how)
 
 

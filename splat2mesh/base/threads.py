@@ -23,14 +23,14 @@ _here = threading.local()
 
 
 def all_cores() -> int:
-    """How many cores this process may use, or NUMBA_NUM_THREADS."""
+    """The number of cores that this process may use, or NUMBA_NUM_THREADS."""
     from numba import config
 
     return config.NUMBA_NUM_THREADS
 
 
 def cores() -> int:
-    """How many threads may run at once: 1 in a thread of the pool."""
+    """The number of threads that may run at once: 1 in a thread of the pool."""
     return 1 if _pooled() else all_cores()
 
 

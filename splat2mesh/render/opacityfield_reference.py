@@ -12,7 +12,7 @@ from .view import View
 
 
 def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
-    """What `field_depth` computes, every splat against every pixel. Same arguments, same FieldDepth."""
+    """`field_depth`, every splat against every pixel. Same arguments, same FieldDepth."""
     field = OpacityField(splats, view, near)
     depth, behind, before = (field.reach(at) for at in (level, float(SPREAD_TO), float(SPREAD_FROM)))
     length = np.linalg.norm(field.normal, axis=-1, keepdims=True)

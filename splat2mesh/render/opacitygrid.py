@@ -19,7 +19,7 @@ CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
 
 GROWTH, MOST_LEVELS = 2.0, 7
-"""How much larger each further grid's box is, and grids at most."""
+"""Growth of each further grid's box, and the most grids."""
 
 SAMPLES = 48
 """Points at most by which a Gaussian is dealt out to the cells."""

@@ -33,7 +33,7 @@ RED, GREEN, BLUE, DEPTH, TRANSMITTANCE, MEDIAN = (np.uint64(plane * AREA) for pl
 
 @dataclass(frozen=True)
 class Rendering:
-    """What one view sees. H, W are the view's size.
+    """The picture of one view. H, W are the view's size.
 
     color: (H, W, 3) float32 sRGB, premultiplied (over black); over a background b: color + (1 - alpha) b.
     alpha: (H, W) float32 in [0, 1].

@@ -11,7 +11,7 @@ from .view import View
 
 
 def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rendering:
-    """What `rasterize` computes, every splat against every pixel. Same arguments, same Rendering.
+    """`rasterize`, every splat against every pixel. Same arguments, same Rendering.
 
     Time N x H x W: meant for some hundred splats and some thousand pixels.
     """

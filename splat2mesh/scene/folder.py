@@ -43,11 +43,11 @@ SUMMED = (
     "chunks",
     "files",
 )
-"""What the checksum of scene.json covers: all that a program reads from it."""
+"""Keys that the checksum of scene.json covers: all that a program reads from it."""
 
 META = "scene.json"
 MOST_REACH = 1e4
-"""How far a camera may stand, in sizes of the scene: from there it covers a tenth of a pixel."""
+"""Largest distance of a camera, in sizes of the scene: from there the scene covers a tenth of a pixel."""
 
 BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED

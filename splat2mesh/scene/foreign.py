@@ -19,7 +19,7 @@ AnyScene: TypeAlias = (
     "Scene | Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
     " | open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh | pyvista.DataSet"
 )
-"""What `as_scene` takes."""
+"""The types that `as_scene` takes."""
 
 COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
 """Names under which PyVista's readers and users keep the colours of points."""

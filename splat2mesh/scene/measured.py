@@ -58,13 +58,13 @@ class CapturedSky(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What was measured on the splats of a scene.
+    """Measurements on the splats of a scene.
 
     Attributes
     ----------
     sky : CapturedSky or None
     splat_volume : ndarray of float32, (S,)
-        In [0, 1], how far each row of the source is a volume (foliage, grass, hair), 0 where it was not measured.
+        In [0, 1], volume share of each row of the source (foliage, grass, hair), 0 where it was not measured.
     vertex_volume : ndarray of float32, (V,)
         The same for the vertices of the scene, chunk after chunk.
     depth : OpticalDepth or None

@@ -194,7 +194,7 @@ class Scene:
         return float(np.linalg.norm(np.diff(self.bounds, axis=0)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: the fields alone, not what is put together of them."""
+        """The pickled state: only the fields, not the arrays derived from them."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
 

@@ -157,7 +157,7 @@ def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
 
 
 def _entries(scene: Scene) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the scene keeps of its source, and of each object of its layout: dict, list (empty without a layout)."""
+    """The scene's entries on its source and on each object of its layout: dict, list (empty without a layout)."""
     source = scene.source
     if "sha256" not in source:
         raise InputError(f"{scene.path or 'the scene'} is a mesh without a splat: use a scene folder")

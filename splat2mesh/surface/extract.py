@@ -58,7 +58,7 @@ SPARE_VERTICES = 1.3
 
 @dataclass(frozen=True)
 class Effort:
-    """How much work goes into a surface.
+    """The amount of work for a surface.
 
     views: rendered views, of `pixels` along the longer side. cells: voxels along the scene's diagonal (field).
     depth: octree levels (sugar). points: surface points aimed at (sugar).

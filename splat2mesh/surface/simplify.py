@@ -171,7 +171,7 @@ def _costs(
     costs: Floats,
     places: Points,
 ) -> None:
-    """What the collapse of each edge costs, in squared cells, and where its vertex would lie; inf: not at all."""
+    """The cost of each edge's collapse, in squared cells, and the position of its vertex; inf: no collapse."""
     for e in range(begin, end):
         a, b = edges[e, 0], edges[e, 1]
         weight, size = weights[a] + weights[b], min(sizes[a], sizes[b])

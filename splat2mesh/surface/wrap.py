@@ -19,7 +19,7 @@ that is interpolated at a point of the mesh is at most its circumradius, sqrt(3)
 point of the mesh lies inside, and farther below the surface than simplifying moves that."""
 
 TOLERANCE = 0.35
-"""How far simplifying may move the closed surface, in voxels: less than what is left of MARGIN."""
+"""Largest displacement of the closed surface by simplification, in voxels: less than the rest of MARGIN."""
 
 BLOCK = 4
 """Side, in voxels, of the blocks of which those far from the mesh are skipped."""

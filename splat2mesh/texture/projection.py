@@ -77,7 +77,7 @@ class Pictures(NamedTuple):
     def shown(
         self, points: Points, normals: Directions, nearness: float, tolerance: tuple[float, float]
     ) -> tuple[NDArray[np.float32], NDArray]:
-        """What the pictures show at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
+        """The colours of the pictures at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
         whether any shows it, (N,) bool. It is a mean whose weights are cosine^2 / distance^nearness.
         tolerance: how far from the depth of a pixel a point may lie and still be shown there, in units of its distance
         and of the splats."""

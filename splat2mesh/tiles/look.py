@@ -26,7 +26,7 @@ PROBES, PROBE_PIXELS = 8, 96
 """Stations of a tile by which the fog is measured, and their pixels."""
 
 EXTENT = 3.0
-"""How far a splat reaches, in units of its largest scale: its opacity is 1/90 there."""
+"""Reach of a splat, in units of its largest scale: its opacity is 1/90 there."""
 
 DEEPEST = 8
 """Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
@@ -157,5 +157,5 @@ def _range(plan: CityPlan, tile: int) -> Floats:
 
 
 def carve_of(plan: CityPlan) -> float:
-    """How far in front of a surface space counts as seen to be free."""
+    """Distance in front of a surface within which space counts as seen to be free."""
     return CARVE * plan.block

@@ -43,7 +43,7 @@ MOST_CUBES = 2**20
 """Along each axis of what is looked at in cubes."""
 
 STATION_REACH, STATION_SPACING = 1.3, 0.8
-"""How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
+"""Range of a station and spacing of stations, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
 
 REFERENCE_PIXELS = 192
@@ -71,7 +71,7 @@ memory; and at least, since a smaller tile is mostly halo."""
 
 @dataclass
 class CityPlan:
-    """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
+    """The facts on a city that every task has. Scene frame: right-handed, y up, the splats' unit.
 
     scene_from_splat: 4 x 4, rows first. up_from: what decided up. pixel: size of a training pixel, or what counts as
     one where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high:
@@ -102,7 +102,7 @@ class CityPlan:
 
     @property
     def reach(self) -> float:
-        """How far a station looks."""
+        """Range of a station."""
         return STATION_REACH * REFERENCE_PIXELS * self.pixel
 
     @property

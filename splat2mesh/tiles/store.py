@@ -135,7 +135,7 @@ class Store:
         self.write(name, (json.dumps(value, indent=1) + "\n").encode())
 
     def read_json(self, name: str) -> Any:
-        """What a JSON file holds. Raises InputError where it is none."""
+        """The content of a JSON file. Raises InputError if it is none."""
         try:
             return json.loads(self.read(name))
         except ValueError as error:

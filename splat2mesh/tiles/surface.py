@@ -115,8 +115,8 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
 
 
 def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -> tuple[int, dict[str, list[Any]]]:
-    """How many edges to other tiles are missing, and for each other tile their number and a checksum of their places,
-    which the other tile must have too.
+    """The number of missing edges to other tiles, and for each other tile their number and a checksum of their
+    positions, which the other tile must have too.
 
     kept: which vertex of the raw surface each of the mesh is, -1 for none.
     """

@@ -28,7 +28,7 @@ PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""
 
 OUTSIDE = 1.0
-"""How far beyond the box of the solid splats the city reaches, in distances between stations: the rest is far."""
+"""Reach of the city beyond the box of the solid splats, in distances between stations: the rest is far."""
 
 
 def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, Any]:

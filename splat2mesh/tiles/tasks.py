@@ -46,7 +46,7 @@ class Task(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What became of a task. result: of the function, or None. seconds, peak_mb: it took. error: one line, or ""."""
+    """The outcome of a task. result: of the function, or None. seconds, peak_mb: its cost. error: one line, or ""."""
 
     name: str
     result: Any
@@ -116,7 +116,7 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """How many workers there are now."""
+        """The current number of workers."""
         return len(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
@@ -162,7 +162,7 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
 
 @contextmanager
 def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) -> Iterator[Any]:
-    """What runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
+    """The engine that runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
 
     Raises InputError for a scheduler that does not answer and for workers of another version of this package.
     """

@@ -22,7 +22,7 @@ brighter from above."""
 
 
 def brightness_from_above(splats: Splats, up: Vector) -> float:
-    """How much brighter a splat looks from above than from below: the ratio of mean display values. 1 of what is black.
+    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black.
 
     splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
     """

@@ -136,7 +136,7 @@ def ground_of(splats: Splats) -> Ground:
 
 
 def _sharper(splats: Splats, normal: Vector) -> float:
-    """How much more detail pictures from the side of a normal show than those from the other side."""
+    """The detail of pictures from the side of a normal over that from the other side."""
     center = np.median(splats.means.astype(np.float64), axis=0)
     radius = np.percentile(np.linalg.norm(splats.means - center, axis=1), 98.0)
     across = np.linalg.svd(normal[None])[2][1]

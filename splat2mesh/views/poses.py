@@ -9,7 +9,7 @@ from ..base.errors import InputError
 from ..render.view import View
 
 SLACK = 0.01
-"""How far a rotation's columns may be from unit and square, as files with few digits have them."""
+"""Tolerance of a rotation's columns from orthonormal, for files with few digits."""
 
 
 def view_of(

@@ -131,7 +131,7 @@ def standpoints(
 
 
 class _RayFans(NamedTuple):
-    """What M points see in K directions: distance and local training pixel (M, K), what was hit at all, what of it
+    """The hits of M points in K directions: distance and local training pixel (M, K), hits at all, hits
     in the foreground; and per point the share and the implied focal length of each."""
 
     points: np.ndarray

@@ -47,7 +47,7 @@ SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
 INSIDE_SHARPER = 3.0
-"""How much sharper the inside must look than the outside for a scene to be shown from inside."""
+"""Sharpness of the inside over the outside from which a scene is shown from inside."""
 
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
@@ -60,7 +60,7 @@ RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
 the sight of a cell that counts there."""
 
 TOLERABLE = 1.5
-"""How much fuzzier than the sharp ones such a view may be as a whole: undersides that nobody saw are fuzzier."""
+"""Largest fuzziness of such a view over that of the sharp ones: unseen undersides are fuzzier."""
 
 CHOICE = 0.75
 """Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""
