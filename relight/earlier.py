@@ -52,7 +52,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     Notes
     -----
     Files count by their content, since a path says nothing about it. What only some files depend on is there where
-    these are asked for, and is compared where both calls have it.
+    these are requested, and is compared where both calls have it.
     """
     found: dict[str, Any] = {
         "version": VERSION,

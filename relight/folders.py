@@ -94,7 +94,7 @@ def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequ
 
 
 def planned_request(request: RelightRequest) -> RelightRequest | None:
-    """Return a request to plan, which leaves everything as it is; None for a splat that is not meshed yet."""
+    """Return a request to plan, which changes nothing; None for a splat that is not meshed yet."""
     scene = request.scene
     request = replace(request, caching="read")
     if isinstance(scene, (str, os.PathLike)):

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class KnownScene(Loaded):
-    """A request of a relight as far as its light does not have to be traced. Nothing is read before it is asked for."""
+    """The part of a relight request that needs no tracing of its light. Inputs are read on first use."""
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -96,7 +96,7 @@ class KnownScene(Loaded):
         return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
 
     def _retinted(self, look: Appearance) -> Appearance:
-        """The Appearance under a captured light of the colour that was asked for, if any was."""
+        """The Appearance under a captured light of the requested colour, if any."""
         tint, place = self.request.capture_tint, self.request.white_at
         if tint is None and place is None:
             return look
@@ -182,7 +182,7 @@ class KnownScene(Loaded):
 
     @property
     def mixes(self) -> bool:
-        """Whether the new light has other parts than an environment as it is."""
+        """Whether the new light has other parts than an unchanged environment."""
         options = self.options
         others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
         return others or self.keeps_captured

@@ -68,7 +68,7 @@ class Loaded:
     def splats(self) -> tuple[Splats, list[Path]] | None:
         """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
 
-        Where nobody asked for them and they are not found, None, with a DataWarning.
+        None if they were not requested and are not found, with a DataWarning.
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
@@ -148,7 +148,7 @@ class Loaded:
 
     @property
     def _shows_splats_alone(self) -> bool:
-        """Whether nothing of a place is shown but its splats, so that no vertex beside them needs light of its own."""
+        """Whether only the splats of a place are shown, so other vertices need no light."""
         alone = (
             not self.request.baked
             and self.request.formats is not None

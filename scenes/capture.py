@@ -67,7 +67,7 @@ VIEW_NOISE = 0.02
 
 @dataclass(frozen=True)
 class Capture:
-    """Splats of a place whose colours can be lit anew: all but the colours stays where it is.
+    """Splats of a place whose colours can be relit: all but the colours stays unchanged.
 
     splats: Splats in the splat's frame, under the light of the capture. exposure: factor from radiance to colours.
     region: (N,) uint8: SOLID, LEAF, SKY or FLOATER. faces, weights: row of place.faces (N,) and barycentric (N, 3)

@@ -198,7 +198,7 @@ def _crossed(place, values, count):
 
 
 def _inside(place, points):
-    """Which points lie within a place closed but for its windows, far enough from all of them: (P,) bool."""
+    """Which points lie within a place closed except for its windows, far enough from all of them: (P,) bool."""
     if place.openings is None:
         return np.zeros(len(points), bool)
     inside = np.ones(len(points), bool)

@@ -235,7 +235,7 @@ def _round(kind, examples, rng):
         chosen = rng.choice(len(example.vertices), PER_MESH, replace=len(example.vertices) < PER_MESH)
         points = unit_points(example.vertices @ turn.T)[chosen]
         normals = example.normals[chosen] @ turn.T
-        # Points of a unit frame stay as they are in it: `encoded` would frame the chosen ones anew.
+        # Points of a unit frame stay as they are in it: `encoded` would frame the chosen ones again.
         motors = cga.vertex_motors(points, normals) if kind == "motor" else np.concatenate([points, normals], axis=1)
         inputs.append(motors.astype(np.float32))
         targets.append(example.transfer[chosen] @ harmonics.rotation_matrix(turn, 3).T.astype(np.float32))

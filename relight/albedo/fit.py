@@ -72,7 +72,7 @@ class SmoothLight:
 
 
 class KnownLight:
-    """S = exp(unit theta_0) D + bounce: a light known but for its exposure, in each colour."""
+    """S = exp(unit theta_0) D + bounce: a light known except for its exposure, in each colour."""
 
     def __init__(self, direct: Radiance, bounce: Radiance, unit: float) -> None:
         """direct, bounce: (N, 3). unit: log radiance per unit of theta."""

@@ -54,7 +54,7 @@ BESIDE = "`placed` adds lamps, `captured` dims the captured light"
 def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:
     """Mean visible fraction (V,) over what is seen from the eyes (E, 3), scene frame; 1 where there is nothing to see.
 
-    Backs of faces, which nobody was meant to see, do not count.
+    Backs of faces, which are not meant to be seen, do not count.
     """
     directions = fibonacci_sphere(LOOKS)
     places = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), LOOKS, axis=0)

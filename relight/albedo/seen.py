@@ -19,7 +19,7 @@ LOOKS = 4096
 """Directions from each place where the capture stood: 3 degrees apart; 24 places make 98,000 rays."""
 
 OVER = 60_000
-"""Vertices that stand for what is seen where nobody knows from where."""
+"""Number of vertices that represent the seen surface if the viewpoints are unknown."""
 
 
 class SeenPoints(NamedTuple):

@@ -18,7 +18,7 @@ OBJECT_M = 1.0
 
 
 ROOM_LUX, OUTDOOR_LUX = 200.0, 10_000.0
-"""Illuminance that the median light of a capture is taken for, where a person gives lumens or candela: a lit or daylit
+"""Assumed illuminance of the median light of a capture, for lamps in lumens or candela: a lit or daylit
 room has 100 to 500 lx, an overcast day 5,000 to 20,000. A photograph does not show it."""
 
 
@@ -40,7 +40,7 @@ def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
 
 
 def _eye_height(scene: Scene, occluder: Occluder) -> float | None:
-    """Median height of the capture's standpoints above what is below them, scene units; None where nobody stood."""
+    """Median height of the capture's standpoints above what is below them, scene units; None without standpoints."""
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     if not len(eyes):
         return None

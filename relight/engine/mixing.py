@@ -44,7 +44,7 @@ def mixed(
     Notes
     -----
     What receives k E of the captured light E and L of lamps sends out c (k E + L) / E = k c + a L: the captured colour
-    c keeps its gloss and its detail, and the albedo a is asked for what is new alone.
+    c keeps its gloss and its detail, and only the new light needs the albedo a.
     """
     kept = np.float32(captured.factor) * captured.colors
     # What the captured light became at each vertex: all of it where nothing was switched off, to the bit.

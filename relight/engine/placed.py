@@ -178,7 +178,7 @@ class LampLight:
 
     @cached_property
     def _leaf(self) -> NDArray[np.float32] | None:
-        """Which part of each vertex is a leaf, (V,); None where there are none."""
+        """The leaf share of each vertex, (V,); None without leaves."""
         foliage = self._relighter.precomputed.foliage
         if foliage is None:
             return None
@@ -200,6 +200,6 @@ class LampLight:
 
     @cached_property
     def _interreflection(self) -> "Interreflection":
-        """The bounces by which the light of the capture was estimated, which are there."""
+        """The cached bounces that the estimate of the capture's light used."""
         is_place = self._relighter.scene.is_place
         return self._relighter.transport(CAPTURE_OF_PLACE if is_place else CAPTURE).interreflection

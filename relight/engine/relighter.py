@@ -207,7 +207,7 @@ class Relighter:
         """
         tint = self._tint(albedo_linear)
         if self._dynamic is not None:
-            settings = self._dynamic.settings  # a new light is not planned while things move
+            settings = self._dynamic.settings  # a new light is not planned while chunks move
         elif settings is None:
             planner = self._planner if self.options.method in PLANNED else None
             settings = self._everything if planner is None else planner.settled(environment, tint)

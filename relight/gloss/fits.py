@@ -41,7 +41,7 @@ LEAST_VIEWS, LEAST_PIXELS = 4, 500
 """Pixels in which a place is seen, and those of a patch, from which it counts."""
 
 PLANE, CURVED = 0.01, 0.1
-"""`PatchFits.curved` of patches that are always taken for planes, and of those that never are: a trained table top has
+"""`PatchFits.curved` of patches that always count as planes, and of those that never do: a trained table top has
 up to .012, its objects .03 to .45, and patches of one ball .01 to .03."""
 
 NUISANCE_RIDGE = 1e-4
@@ -53,8 +53,8 @@ class PatchFits(NamedTuple):
     """Sums over the pixels of P patches. K = BANDS^2 - 1: all coefficients but the mean, which no difference shows.
 
     patch: (M,) int32, the patch of each node. gram: (P, 2, 2, K, K), moments: (P, 2, 2, K, 3) and power: (P, 2, 3), of
-    each patch, each half of its places and, but for power, each kind: dielectric, metal. pixels: (P,) how many. curved:
-    (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
+    each patch, each half of its places and, except for power, each kind: dielectric, metal. pixels: (P,) how many.
+    curved: (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
     """
 
     patch: NDArray[np.int32]

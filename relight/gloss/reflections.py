@@ -27,7 +27,7 @@ DEGREE = 3
 """Of what is written: viewers draw no more."""
 
 LEAST_LEFT = 0.02
-"""Of a pixel's colour without gloss that is left, however much gloss is taken out of it."""
+"""Of a pixel's colour without gloss that is left, however much gloss is removed from it."""
 
 MOSTLY = 0.5
 """Of what a Gaussian is attached to that must be glossy for it to take part."""

@@ -72,7 +72,7 @@ class AskedInsert:
 
 
 def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
-    """Return the objects that are asked for, in order.
+    """Return the requested objects, in order.
 
     inserted: each an AskedInsert, a Mesh, a path, or a text as above. Raises InputError, in one line, for others.
     """

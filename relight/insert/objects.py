@@ -31,7 +31,7 @@ MOST_FACES = 100_000
 """From which an object is not made finer."""
 
 GREY = 0.5
-"""Linear albedo of what has no colours of its own."""
+"""Linear albedo of objects without colours."""
 
 DARKEST, LIGHTEST = 0.02, 0.95
 """As of the albedo of captures: soot to fresh snow."""

@@ -97,7 +97,7 @@ def _changed(light: InsertedLight) -> NDArray[np.bool_]:
 
 
 def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
-    """Views towards the objects from where the capture stood, in the frame of the splats; None where nobody stood.
+    """Views towards the objects from where the capture stood, in the frame of the splats; None without standpoints.
 
     None at all in a closed room: the fit costs a trained parlour a tenth of the truth's shadow, where it gains a garden
     .03 of it.

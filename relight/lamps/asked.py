@@ -37,7 +37,7 @@ LARGEST_EV = 40.0
 LONGEST_NAME = 80
 
 BULB_M, TUBE_M = 0.05, 0.013
-"""Radii in metres of a bulb and of a fluorescent tube (T8), where nobody names one."""
+"""Radii in metres of a bulb and of a fluorescent tube (T8), where none is given."""
 
 _UNITS: dict[str, Unit] = {"ev": "EV", "lm": "lumen", "lumen": "lumen", "lumens": "lumen", "cd": "candela"}
 
@@ -70,12 +70,12 @@ DEFAULT_BRIGHTNESS = Brightness(2.0, "EV")
 
 @dataclass(frozen=True, eq=False)
 class AskedLamp:
-    """A lamp as asked for, with lengths in the splat's units.
+    """A lamp as requested, with lengths in the splat's units.
 
     shape: where it is and how large; its radiance or intensity says how the light of its faces and channels compares,
     and is the light itself where the unit of the brightness is "picture". color (3,): linear RGB, by which that is
     multiplied; as people name it, of luminance 1. radius_in_metres: the radius of the shape is in metres instead, as
-    nobody named one.
+    none was given.
     """
 
     shape: Lamp
@@ -130,7 +130,7 @@ def parse_brightness(text: str) -> Brightness:
 
 
 def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
-    """The lamp that was asked for, its light in units of the picture and its lengths in the splat's.
+    """The requested lamp, its light in units of the picture and its lengths in the splat's.
 
     The irradiance at 1 m is taken from the intensity on the main axis, as of a point: what a lamp gives from afar. A
     disc of half a metre really gives 6% less there. Raises InputError for lumens and candela without

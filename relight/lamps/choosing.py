@@ -15,7 +15,7 @@ from splat2mesh.base.threads import over
 from .emitters import Emitters
 
 ALONE = 24
-"""Emitters that a vertex takes by themselves, the brightest; it takes all where there are no more than these."""
+"""Number of brightest emitters that a vertex samples for certain; it samples all if there are no more than these."""
 
 BLOCK = 16
 """Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over

@@ -65,7 +65,7 @@ PLACE = {"sphere": "position", "spot": "position", "rectangle": "center", "tube"
 """Kind -> where it is, which is also called `at`."""
 
 WARM = blackbody(TEMPERATURES["warm"])
-"""The colour of a lamp that nobody gave one."""
+"""The colour of a lamp without one."""
 
 
 def asked_lamp(kind: str, given: Mapping[str, Any], folder: Path | None = None) -> AskedLamp:
@@ -159,7 +159,7 @@ def _flag(fields: Mapping[str, Any], name: str) -> bool:
 
 
 def _light(fields: Mapping[str, Any], color: Vector = WARM) -> tuple[Vector, Brightness]:
-    """Colour and brightness of what is asked for; `color` where nothing says it."""
+    """Requested colour and brightness; `color` where unspecified."""
     absolute = [name for name in ("radiance", "intensity") if name in fields]
     if "color" in fields:
         color = parse_color(fields["color"])
@@ -300,7 +300,7 @@ def _profile(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
 
 
 def changed(asked: AskedLamp, fields: Mapping[str, Any]) -> AskedLamp:
-    """A lamp of a file with what is asked for instead of its own: color, brightness, name."""
+    """A lamp of a file with requested values in place of its own: color, brightness, name."""
     shape, color, brightness = asked.shape, asked.color, asked.brightness
     if "color" in fields:
         color = parse_color(fields["color"])

@@ -11,7 +11,7 @@ from .shapes import Lamp, MeshLamp
 
 
 def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
-    """Return the lamps that are asked for, in order.
+    """Return the requested lamps, in order.
 
     Parameters
     ----------

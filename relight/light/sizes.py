@@ -17,7 +17,7 @@ _LONGEST_HEADER = 1 << 20
 
 
 def check_pixels(name: object, width: int, height: int, size: int) -> None:
-    """Check the size that a picture announces before memory is taken for it.
+    """Check the size that a picture declares before memory is allocated for it.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ _ALL_BLUE_DEG = -8.0  # glow along the horizon has gone, as seen: in the middle 
 _ALMANAC_DEG = -6.0  # the end of civil twilight: from here on the illuminance is that of the almanac
 
 NIGHT_DEG = -18.0
-"""Elevation of the sun at which the night begins, and the light stays as it is: 0.0006 lux."""
+"""Elevation of the sun at which the night begins; below it the light stays constant: 0.0006 lux."""
 
 _ALMANAC_FITS = (  # lowest elevation in degrees, coefficients of its powers
     (-0.8, (2.88, 22.26, -207.64, 1034.30)),

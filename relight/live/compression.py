@@ -27,7 +27,7 @@ CANDIDATES = 4
 """Nearest clusters among which a row takes the one that shows it best: against the nearest alone 8% less error."""
 
 REFITS = 2
-"""How often rows choose anew and components follow."""
+"""How often rows choose again and components follow."""
 
 LARGEST = 127
 """Weights and components are signed bytes."""

@@ -21,7 +21,7 @@ IMAGE = (64, 128)
 """Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
 
 MOST_SUNS = 4
-"""Each is a shadow map for whoever draws. What is left in the harmonics is blurred by as much as they blur."""
+"""Each costs the renderer a shadow map. The rest is blurred as much as the harmonics blur."""
 
 
 NEAR_DEG = 3.0

@@ -20,8 +20,8 @@ MOST_LAMPS = 32
 class Mixture(NamedTuple):
     """asked: whether the options want light beside the environment. captured: the factor on the captured light that was
     asked for, or None. env_scale: factor on environments. light: LampLight, or None. lamps: in the splat's frame.
-    names: of the lamps. colors: (V, 3) captured colours with the captured lamps as asked for; None for unchanged.
-    exposed: whether the exposure was asked for; else what is beside the environment is exposed as the capture was.
+    names: of the lamps. colors: (V, 3) captured colours with the captured lamps as requested; None for unchanged.
+    exposed: whether the exposure was requested; else what is beside the environment is exposed as the capture was.
     """
 
     asked: bool = False

@@ -103,7 +103,7 @@ def _packed(content: bytes) -> str:
 
 
 def _script() -> str:
-    """The viewer and what lights it as one module; names of ours in a block of their own."""
+    """The viewer and its lighting code as one module; our names in a separate block."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
         viewer = viewer.replace(theirs, ours)

@@ -25,7 +25,7 @@ MOST = 2.0**12
 """Largest light ratio that is stored: all that was not black is white by then."""
 
 MARGIN = 8.0
-"""Below the least ratio that is stored, how far the channels of a splat go on: what is thrown on is coloured."""
+"""How far the channels of a splat extend below the least stored ratio: bounced light is coloured."""
 
 GAP = 2
 """Rows between two runs up to which they are one: 8 bytes name a run, 3 a row."""
@@ -80,7 +80,7 @@ class Term(NamedTuple):
         }
 
     def values(self, count: int) -> NDArray[np.float32]:
-        """The light ratio of so many splats as it is read again, (count, 3)."""
+        """The light ratio of so many splats as read back, (count, 3)."""
         if self.runs is None:
             return np.ones((count, 3), np.float32)
         stored = np.asarray(self.peak) * 2.0 ** ((self.rows.astype(np.float64) - 255.0) / self.steps)

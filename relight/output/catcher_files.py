@@ -78,7 +78,7 @@ def _over(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np
 
 
 def _write_splats(path: Path, splats: Splats, ratio: NDArray[np.float32], source: Path | None) -> None:
-    """Splats whose colours are their ratios, which no view changes, and these once more as numbers of their own."""
+    """Splats whose colours are their ratios, which no view changes, and the ratios as separate properties."""
     sh = ((ratio - np.float32(0.5)) / np.float32(SH_C0))[:, None]
     write_relit_ply(path, Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh), source)
     rows: NDArray[Any] = np.array(Ply.open(path).rows("vertex"))

@@ -110,7 +110,7 @@ class EngineFiles:
         return [FILE]
 
     def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:
-        """The splats with the light of the capture taken out, and their normals (N, 3)."""
+        """The splats with the light of the capture removed, and their normals (N, 3)."""
         from ..splats import albedo_splats, normals_of, shown_as_sky
 
         if self._bare is None:

@@ -81,8 +81,8 @@ def north_picture(
 
 
 def _ground(view: "View", depth: NDArray[np.float32], scene: "Scene") -> NDArray[np.float64]:
-    """(3,) scene frame: what the camera sees where the arrow shall lie; below the middle of the scene where it sees
-    nothing there."""
+    """(3,) scene frame: the point that the camera sees at the arrow's position; below the middle of the scene where it
+    sees nothing there."""
     column, row = round(ANCHOR[0] * view.width), round(ANCHOR[1] * view.height)
     found = float(depth[row, column])
     if not found < NOWHERE:

@@ -103,7 +103,7 @@ class RelitPicture:
     ) -> NDArray[np.float32]:
         """Display values, (H, W, 3) float32 sRGB, of the light and of the ground, without the scene.
 
-        wanted: (H, W) bool, the pixels that are asked for; the others are black.
+        wanted: (H, W) bool, the requested pixels; the others are black.
         """
         image = np.zeros((*wanted.shape, 3), np.float32)
         if environment is None:

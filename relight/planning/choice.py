@@ -35,7 +35,7 @@ SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2), 0.001
 in the last light of the day needs the smaller part."""
 
 SUN_WIDTH = 0.8
-"""Of the split's tolerance is taken for what is lost where a patch shines as a point: 0.2 to 1.5 were measured."""
+"""Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""
 
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
@@ -233,7 +233,7 @@ class Choice:
         return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
 
     def _analytic(self) -> Iterator[Settings]:
-        """Settings without rays, where none are asked for."""
+        """Settings without rays, where none are requested."""
         leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
         if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
@@ -285,7 +285,7 @@ class Choice:
         return self._known_there[settings]
 
     def but_noise(self, settings: Settings) -> float:
-        """Predicted error of the settings but for the noise of their rays."""
+        """Predicted error of the settings except for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
         parts += [0.0 if self._leaves is None else self._leaves.lost]

@@ -12,7 +12,7 @@ from ..sh import harmonics
 from .sample import Sample
 
 PATHS = 24  # of each vertex, in two halves
-DEPTH = 4  # bounces that are followed; what comes after is taken for a geometric series
+DEPTH = 4  # bounces that are followed; later ones are assumed to be a geometric series
 SMOOTH_BANDS = 3  # of the light that paths meet: a sun would make them noisy, and surfaces see it as wide
 
 

@@ -14,7 +14,7 @@ class Plan:
     """The settings that a scene and a light need, with predicted error and time.
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
-    seconds: predicted, for the scene and as many lights as asked for. sun_count: how many. tolerance, budget_s: as
+    seconds: predicted, for the scene and the requested number of lights. sun_count: how many. tolerance, budget_s: as
     asked, of LightingOptions; None for the other. vertices, rays: size of the sample. contributions: [(effect, error
     without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing quicker beats. planning_s: what the
     plan took. checked: the error as measured on the sample after the work. choice: the candidates, which give that

@@ -238,7 +238,7 @@ def _in_place(
 
 
 def _unlikely(solved: strengths.Strengths) -> str:
-    """Why the Strengths are not to be believed, or an empty text."""
+    """Why the Strengths are not reliable, or an empty text."""
     least = np.full(len(solved.evidence), LEAST_EVIDENCE)
     least[len(solved.radiance) :] = LEAST_OF_WINDOWS
     if (solved.evidence < least).all():

@@ -48,7 +48,7 @@ NEAR = 0.002
 """Near plane, in diagonals of the scene."""
 
 OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
-"""Eyes around an object of which nobody knows from where it was captured, their distance in its diagonals, and their
+"""Eyes around an object whose capture positions are unknown, their distance in its diagonals, and their
 field of view."""
 
 SHORT = 0.98

@@ -28,7 +28,7 @@ class Neighborhoods:
         self,
         points: Points,  # (M, 3)
         volume: Floats,  # (M,) in [0, 1], 0 for surfaces
-        wanted: Mask | None = None,  # (M,) bool, whose change of light is asked for: the others' stays; all without
+        wanted: Mask | None = None,  # (M,) bool, whose change of light is requested: the others' stays; all without
         near: NDArray[np.int32] | None = None,  # that of one for the same, which finds it again
     ) -> None:
         self._rows = np.flatnonzero(volume > LEAST)

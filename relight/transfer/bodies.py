@@ -81,7 +81,7 @@ class Sight:
         return hidden
 
     def _stopped(self, body: "Body") -> NDArray[np.uint8]:
-        assert body.box is not None  # a body without faces stops nothing, and nobody asks
+        assert body.box is not None  # never called for a body without faces, which stops nothing
         return blocked(self.rays, self._nodes, body.box, body.occluded, self.fixed)
 
 
@@ -157,7 +157,7 @@ class Body:
         self._distinct = order[new_node]
 
     def _join(self) -> None:
-        """Find the nodes and who is beside whom, in the pose as it is."""
+        """Find the nodes and their neighbours in the current pose."""
         self.rings = Rings(self.origins, self.normals, self.faces, self.ranks)
         self._joined = True
         self.nodes = self.rings.vertices

@@ -48,12 +48,11 @@ A third of the time of one by one; 16 gain nothing more."""
 class Interreflection:
     """The matrix B of a scene: sparse, (V, V), non-negative, rows that sum to at most the hidden fraction.
 
-    Vertices that agree in position and normal (seams of chunks) are columns of their own, each with its albedo; cutting
-    a scene into chunks changes no bit.
-    rays: per vertex. hits: (V,) int32, how many of them met something. back_hits: which share of these, over the
-    scene, met the back of a face. entries: how many met a front. nbytes: memory of the matrix.
-    shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose rows were
-    traced; None for all.
+    Vertices that agree in position and normal (seams of chunks) are separate columns, each with its albedo; cutting a
+    scene into chunks changes no bit. rays: per vertex. hits: (V,) int32, how many of them met something. back_hits:
+    which share of these, over the scene, met the back of a face. entries: how many met a front. nbytes: memory of the
+    matrix. shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose
+    rows were traced; None for all.
     """
 
     def __init__(

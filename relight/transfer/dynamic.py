@@ -50,10 +50,9 @@ class Anchor(NamedTuple):
 class DynamicTransfer:
     """Transfer of a whole scene that is kept up to date while some of its chunks move.
 
-    Neighbours are averaged within a body only; but for that, the first transfer is that of `raytraced_scene`, to the
-    bit if there is one body.
-    transfer: (V, K) float32, vertex order of the scene. bodies: list of Body; the first holds all that never moves.
-    stale: set of the numbers of bodies whose transfer is old, because they were too fast.
+    Neighbours are averaged within a body only; except for that, the first transfer is that of `raytraced_scene`, to the
+    bit if there is one body. transfer: (V, K) float32, vertex order of the scene. bodies: list of Body; the first holds
+    all that never moves. stale: set of the numbers of bodies whose transfer is old, because they were too fast.
     """
 
     def __init__(

@@ -85,7 +85,7 @@ def average(
     does not depend on the order of vertices or faces, nor on the number of threads.
     """
     count, bands = len(model), min(GUIDE_BANDS, math.isqrt(rest.shape[1]))
-    noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, but for f (1 - f)
+    noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, except for f (1 - f)
     strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
     accepted = np.float32(noise * TOLERANCE * strict)
     lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)

@@ -42,7 +42,7 @@ def neural(
     """Transfer of all white vertices in the shadow of everything: (V, K) float32, as `raytraced_scene`.
 
     Vertices of equal position and normal get equal rows; no order of vertices or faces and no division into chunks
-    changes a bit. The transfer of fewer bands is the first part of that of more, but for the roundings.
+    changes a bit. The transfer of fewer bands is the first part of that of more, up to rounding.
     Raises InputError for bands outside 1..10, rays outside 1..65536, and without onnxruntime.
     """
     return neural_with_confidence(occluder, bands, rays, seed, advance)[0]

@@ -39,7 +39,7 @@ def neural_gash(
 ) -> NDArray[np.float32]:
     """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
-    The network gives three colours, equal but for its own rounding as its labels were; this is their mean, cut to what
+    The network gives three colours, equal up to rounding, as its labels were; this is their mean, cut to what
     a white vertex can have. Depends on the vertex and the bounds of the scene, and to 1e-6 on no order or batch.
     Normals are used as `unit_normals` returns them. Raises InputError for shapes that do not fit, vertices that are not
     finite, and without onnxruntime.

@@ -44,9 +44,9 @@ ALIKE = 2
 class Precomputed:
     """Occluder, visibility, transfer and interreflection of a scene.
 
-    A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
-    From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
-    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
+    A transfer of more bands or more rays than requested serves as well: its first bands are the transfer of fewer. From
+    kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow are
+    traced again. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 

@@ -73,7 +73,7 @@ class Receivers:
             rings.append((nodes, starts, columns, weights))
             reached[nodes] = True
         traced |= ~reached
-        # What was nodes is vertices from here on: one stands for each node, and its copies take over from it.
+        # What was nodes is vertices from here on: one stands for each node, and its copies take their light from it.
         stands = neighbors.vertices
         rings = [
             (stands[nodes], starts, stands[columns].astype(np.int32), weights)

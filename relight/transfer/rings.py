@@ -18,7 +18,8 @@ from .filtering import average
 from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
 
 WHOLE = 0.5
-"""Where more than this part of the nodes would be averaged anew, all are: to pick them out costs more than it saves."""
+"""Where more than this part of the nodes would be averaged again, all are: to pick them out costs more than it
+saves."""
 
 _FAR = np.int8(127)
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 SHADOWS, SUN, BOUNCES, VOLUME = EFFECTS = ("shadows", "sun", "bounces", "volume")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
-directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo.
+directions, traced again for every light and angle. bounces: light that surfaces send to one another, by their albedo.
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
 BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512

@@ -92,7 +92,7 @@ class Cache:
     def settings_of(self, kind: str) -> list[tuple[Any, ...]]:
         """[settings] of every file of a kind and this geometry, as `put` was given them; what is no number is text.
 
-        They are what a file says: whoever uses them must check them.
+        They are the unchecked content of a file: the caller must check them.
         """
         found = [_label(path) for path in self._files() if path.name.startswith(f"{kind}-")]
         return [tuple(settings) for key, settings in filter(None, found) if key == self._key]
@@ -210,7 +210,7 @@ def geometry_key(scene: "Scene") -> str:
 
 
 def array_key(*arrays: NDArray[Any] | None) -> str:
-    """Short text that differs for any two lists of arrays; None among them counts as an array of its own."""
+    """Short text that differs for any two lists of arrays; None among them counts as a distinct array."""
     digest = hashlib.blake2b(digest_size=8)
     for array in arrays:
         digest.update(b"none" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())

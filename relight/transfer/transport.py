@@ -20,7 +20,7 @@ Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32] | None]
 class Transport(NamedTuple):
     """Light on the white scene of V vertices.
 
-    transfer: (V, K) of direct light. interreflection: of bounced light. sunlit: of suns; None to trace them anew.
+    transfer: (V, K) of direct light. interreflection: of bounced light. sunlit: of suns; None to trace them again.
     """
 
     transfer: Transfer

@@ -40,7 +40,7 @@ side of a plant is lit. Relit splats of two gardens whose light is known, in dB:
 24.9 so, 26.9 and 24.7 as nothing but volumes."""
 
 WHOLLY = 0.98
-"""Volume from which a vertex is nothing else, and needs no rays."""
+"""Volume share from which a vertex is only a volume, and needs no rays."""
 
 NOISE = {128: 0.06, 256: 0.034, 512: 0.021, 1024: 0.0125, 2048: 0.007}
 """Relative error of the light of volumes by directions, over 4,096: the worst of three lights in a trained garden."""

@@ -29,7 +29,7 @@ MOST_FINISHED = 8
 """States whose light is kept: 2.4 MB each for 100,000 vertices."""
 
 MOST_ALONE = 32
-"""Lamps with terms of their own. Of more, those that were there at the start and were not touched share one."""
+"""Lamps with separate terms. Beyond this number, unchanged lamps from the start share one."""
 
 MOST_GLIMPSES = 4
 

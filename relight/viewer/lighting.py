@@ -221,7 +221,7 @@ class SessionLighting:
     def _reference(self, wish: LightWish) -> ConvergedLight | None:
         if not wish.reference:
             return None
-        if self._converged is None:  # rays of its own: what is shown must not be measured by itself
+        if self._converged is None:  # separate rays: the picture must not be measured by itself
             self._converged = Relighter(self.scene, "raytraced", seed=self._options.seed + 1, stages=self.stages)
         shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
         return ConvergedLight(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
 
 TOKEN_BYTES = 16
-"""Of the token in the address: whoever does not have it cannot talk to the session, not even from this machine."""
+"""Bytes of the token in the address: without it nobody can talk to the session, not even from this machine."""
 
 
 def show_widget(window: "Window") -> Any:

@@ -158,7 +158,7 @@ class Panel:
         self._plate(_MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
 
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
-        """A line of text on a plate of its own, over the scene."""
+        """A line of text on a separate plate, over the scene."""
         if string:
             self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, _BAR)
             self._canvas.text(left, base + 5, string, color, SMALL)

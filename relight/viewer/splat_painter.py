@@ -66,7 +66,7 @@ class SplatPainter:
         return SplatLayer(seen.color, seen.alpha)
 
     def again(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
-        """The same but for what is less than 1/512 of a pixel: slower once for a view, then much faster."""
+        """The same except for what is less than 1/512 of a pixel: slower once for a view, then much faster."""
         seen = self._seen
         if (
             seen is None

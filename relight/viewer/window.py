@@ -213,7 +213,7 @@ class Window:
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has closed it yet."""
+        """Whether it is still open."""
         return self._open
 
     @property

@@ -205,7 +205,7 @@ def main() -> None:
                 newest[0] = pickle.load(messages_in)
                 arrived.set()
         except (EOFError, OSError):
-            os._exit(0)  # the window is gone; nobody waits for what is being computed
+            os._exit(0)  # the window is gone; nothing waits for the result
 
     def send(*message: Any) -> None:
         pickle.dump(message, messages_out, pickle.HIGHEST_PROTOCOL)

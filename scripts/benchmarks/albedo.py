@@ -44,7 +44,7 @@ TUNED = [  # kind, seed, albedo, light: what the settings were chosen on (with o
     ("tabletop", 4, "own", "noon"),
     ("room", 6, "own", "noon"),
 ]
-HELD_BACK = [  # and what they were not, but for the rule on light places, which the first of these led to
+HELD_BACK = [  # and what they were not, except for the rule on light places, which the first of these led to
     ("object", 21, "smooth", "studio"),
     ("object", 22, "constant", "noon"),
     ("object", 23, "stripes", "overcast"),

@@ -68,7 +68,7 @@ def run(options, report):
 
 
 def _attacked(kind, whole, count, seed, folder, keep):
-    """(row of the table, notes about what got through) of one reader."""
+    """(row of the table, notes on inputs that got through) of one reader."""
     from attacks import attacks_of
 
     counts, peak, most, notes, reader = Counter(), 0.0, 0.0, [], Reader()

@@ -184,7 +184,7 @@ def workers(folder, options, report):
 
 
 def equal_bytes(folder, options, report):
-    """A small city made in every way; the deaths share one cluster, whose first run is the one nobody dies in."""
+    """A small city made in every way; the killed runs share one cluster, whose first run is undisturbed."""
     source, settings = city(folder, SMALL), {"tile_splats": SMALL_TILE, "pixels": SMALL_PIXELS}
     table = report.table(
         f"a city of {SMALL:,} splats by other ways",

@@ -162,7 +162,7 @@ class Table:
         return np.bincount(patch, glossy, len(looked[2])) > 0.5 * np.bincount(patch, minlength=len(looked[2]))
 
     def things(self, looked):
-        """Rows of the glossy things: medians of what their patches were found to be, weighted by nodes."""
+        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes."""
         if not len(looked[2]):
             return
         nodes, patch = self.of_nodes(looked), looked[0].fits.patch

@@ -45,7 +45,7 @@ def timed(work: Callable[[], Any]) -> Timing:
 
 
 def medians(works: dict[str, Callable[[], Any]], repeats: int) -> dict[str, Timing]:
-    """Medians of several calls, the works in turns, so that a busy moment hits all alike; results are the last ones."""
+    """Medians of several calls, the works alternating, so a busy moment hits all alike; results are the last ones."""
     runs = {name: [] for name in works}
     for _ in range(repeats):
         for name, work in works.items():

@@ -88,7 +88,7 @@ def run(
         elif not display.quiet:
             print("\n".join(map(printable, lines)))
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever read along has seen enough
+    except BrokenPipeError:  # the reader closed the pipe
         _drop_stdout()
     except OSError as error:  # the results are written, but could not be reported
         _drop_stdout()
@@ -108,7 +108,7 @@ def owns_process() -> bool:
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Within a command, keep what native libraries print of their own off stderr; elsewhere stderr is the host's.
+    """Within a command, keep the output of native libraries off stderr; elsewhere stderr is the host's.
 
     They print to the file descriptor, which all threads of a process share: so only a process that is a command's.
     """

@@ -85,8 +85,8 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
     """Yield the visible splats of a view as Batch after Batch, nearest first, until no tile is open any more.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0; rows whose geometry is not
-        finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; whoever blends a batch clears
-        the ones that let no more light through, and they get no more splats.
+        finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; the caller that blends a batch
+        clears the ones that let no more light through, and they get no more splats.
     """
     fields = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh
     gaussians = Gaussians(*(read_only(field) for field in fields))

@@ -22,7 +22,7 @@ GROWTH, MOST_LEVELS = 2.0, 7
 """Growth of each further grid's box, and the most grids."""
 
 SAMPLES = 48
-"""Points at most by which a Gaussian is dealt out to the cells."""
+"""Most points that distribute a Gaussian over the cells."""
 
 PIXEL_BLOCK = 4
 """Cells along the side of the blocks in which the size of a training pixel is read off."""

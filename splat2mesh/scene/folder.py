@@ -262,7 +262,7 @@ def _digest(file: Any) -> str:
 
 def _sum(meta: dict[str, Any]) -> str:
     """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
-    they may be mended by hand, and what they lead to has a checksum of its own."""
+    they may be repaired by hand, and their targets have separate checksums."""
     fields = {name: meta.get(name) for name in SUMMED}
     source = dict(fields["source"] or {})
     source.pop("path", None)

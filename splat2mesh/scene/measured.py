@@ -20,7 +20,7 @@ LARGEST = 1 << 29
 """Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
 SKY_HEIGHT, SKY_WIDTH = 64, 128
-"""Texels of 2.8 degrees: the light of a scene needs no finer ones, but for suns, and those are clipped."""
+"""Texels of 2.8 degrees: the light of a scene needs no finer ones, except for suns, and those are clipped."""
 
 THICKET = 0.4
 """Mean volume of the vertices from which a scene without a sky is taken to have foliage; a rock in grass has 0.6."""
@@ -103,7 +103,7 @@ class Measured(NamedTuple):
             np.savez_compressed(file, **arrays)
 
     def described(self) -> dict[str, Any]:
-        """Return what scene.json says of it.
+        """Return its entry in scene.json.
 
         Returns
         -------

@@ -182,7 +182,7 @@ def _entry(entry: dict[str, Any], chunks: int) -> dict[str, Any]:
 
 
 def _usual_places(entry: dict[str, Any], scene: Scene) -> list[Path]:
-    """Where the file may be when nobody names it, best first."""
+    """Likely paths of an unnamed file, best first."""
     name = _own_name(entry)
     places = [Path(entry["path"])] if "path" in entry else []
     if scene.path is not None:

@@ -8,7 +8,7 @@ from ..base.errors import DataWarning, InputError
 from .splats import Splats
 
 SMALLEST_SPAN = 5e-5
-"""Units: a ball of 7e-5 is meshed as one of 7 is (but for 3% of its faces), one of 7e-6 not at all."""
+"""Units: a ball of 7e-5 is meshed as one of 7 is (except for 3% of its faces), one of 7e-6 not at all."""
 
 MOST_SAMPLED = 65536
 

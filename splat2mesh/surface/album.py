@@ -29,7 +29,7 @@ THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
 
 GREY = 127.5
-"""Colour where nobody looked at all."""
+"""Colour where no view looked."""
 
 PER_GROUP = 100
 """Points of a group, about: which pictures may show any of them is asked once."""

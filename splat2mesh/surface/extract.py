@@ -53,7 +53,7 @@ FINEST_VOXEL = 0.5
 """Smallest voxel in training pixels: there is nothing finer in a splat."""
 
 SPARE_VERTICES = 1.3
-"""Vertices of a raw surface over those wanted, where it is made anew for a larger mesh."""
+"""Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
 
 
 @dataclass(frozen=True)

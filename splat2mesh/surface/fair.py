@@ -25,7 +25,7 @@ TOLERANCE, MAX_ITERATIONS = 1e-4, 300
 def fair(
     points: Points,  # (V, 3) float64
     faces: Faces,  # (F, 3)
-    thickness: Floats,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
+    thickness: Floats,  # (V,) of the surface at each vertex, in training pixels; inf where unseen
     pixel: float,  # size of a training pixel, in the points' unit
     fixed: Mask | None = None,  # (V,) bool, which stay where they are; none without
 ) -> Points:

@@ -25,7 +25,7 @@ STIFF, SHORT = 1e-3, 1e-4
 """Pull towards an edge's middle where its planes leave the place open, and the preference for short edges."""
 
 LEAST_TURN = 0.2
-"""Cosine by which a face may turn in one collapse."""
+"""Cosine of the largest turn of a face in one collapse."""
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 

@@ -25,7 +25,7 @@ BLOCK = 4
 """Side, in voxels, of the blocks of which those far from the mesh are skipped."""
 
 PADDING = 3
-"""Voxels of air around the mesh, by which the outside is one."""
+"""Voxels of air around the mesh, so the outside is connected."""
 
 
 def closed_around(

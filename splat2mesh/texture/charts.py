@@ -35,7 +35,7 @@ _function = njit(cache=True, nogil=True)
 
 
 class Charts(NamedTuple):
-    """Charts of a surface, C of them, as large as was asked for and not placed yet.
+    """Charts of a surface, C of them, as large as requested and not placed yet.
 
     across: (W, 2) float64 in texels, from the corner of its chart. chart: (W,). vertex: (W,) that each is a copy of.
     faces: (F, 3) of these. extent: (C, 2) sides, none wider than high. order: (C,) the highest first.

@@ -19,7 +19,7 @@ from .memory import give_back
 from .plan import CELL_LEVELS, RING, CityPlan
 
 MOST_CELLS = 24_000_000
-"""Cells that may be asked for: a table of 400 MB. More is no tile."""
+"""Most cells of a tile: a table of 400 MB."""
 
 SMOOTHING_ROUNDS, SMOOTHING_STEP = 2, 0.5
 """Rounds in which vertices on borders move towards the mean of their neighbours, and how far."""

@@ -23,7 +23,7 @@ from .store import Store
 from .survey import splats_of
 
 PROBES, PROBE_PIXELS = 8, 96
-"""Stations of a tile by which the fog is measured, and their pixels."""
+"""Stations of a tile that measure the fog, and their pixels."""
 
 EXTENT = 3.0
 """Reach of a splat, in units of its largest scale: its opacity is 1/90 there."""

@@ -20,7 +20,7 @@ from .memory import BASE_GB, check_memory
 from .store import Store
 
 FILE = "plan.json"
-"""Of a city's folder: what was asked for, and the plan."""
+"""Of a city's folder: what was requested, and the plan."""
 
 FAR, DISTANT = "far.ply", "distant.ply"
 """Of a tile's folder: what others see of it, and what all the city holds of it where that is less."""
@@ -149,7 +149,7 @@ class CityPlan:
 
     @classmethod
     def read(cls, store: Store, key: str) -> "CityPlan":
-        """The plan of a city's folder; key: its checksum, by which a worker that has read it once knows it again."""
+        """The plan of a city's folder; key: its checksum, by which a worker recognises a plan that it has read."""
         return _read_plan(store.root, key)
 
     def as_dict(self) -> dict[str, Any]:

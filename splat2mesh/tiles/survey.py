@@ -19,7 +19,7 @@ from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, c
 from .store import Store
 
 SAMPLE = 1_000_000
-"""Splats by which a city is planned, over all pieces."""
+"""Sample of splats for the plan of a city, over all pieces."""
 
 LEAST_SAMPLE = 200
 """Of a piece, however many there are."""

@@ -69,7 +69,7 @@ def costs(took: Iterable[Done]) -> dict[str, Any]:
 
 
 def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *_: Any) -> Done:
-    """Run a task; its own process's peak memory is counted anew, where the system can."""
+    """Run a task; the peak memory of its process is reset first, where the system can."""
     reset = _reset_peak()
     start = time.perf_counter()
     try:
@@ -216,7 +216,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
 
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables by which the libraries of a worker share the cores with its neighbours."""
+"""Variables that make the libraries of a worker share the cores with its neighbours."""
 
 
 @contextmanager

@@ -26,13 +26,13 @@ SOLID = 0.3
 """Opacity above which a splat counts as solid here."""
 
 LOOKED_AT = 20_000
-"""Solid splats by which cameras are checked."""
+"""Number of solid splats that check cameras."""
 
 SEES = 0.001
 """Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
 
 JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
-"""Views, their longer side and the splats they look at, by which one of several frames is chosen."""
+"""Views, their longer side and the splats in them, for the choice among several frames."""
 
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it

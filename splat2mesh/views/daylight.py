@@ -17,7 +17,7 @@ SURROUNDINGS_FROM = 3.0
 """Distances from the middle, over the median one, beyond which splats are surroundings and not looked at."""
 
 CLEAR = 1.08
-"""Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated things, all
+"""Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated objects, all
 brighter from above."""
 
 

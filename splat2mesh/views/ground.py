@@ -80,7 +80,7 @@ class Ground:
     """Up as the place shows it.
 
     up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
-    assumed: whether the usual frame decided which side of the plane is up, though things stand on the other.
+    assumed: whether the usual frame decided which side of the plane is up, though objects stand on the other.
     """
 
     up: np.ndarray | None
@@ -158,7 +158,7 @@ def _sharper(splats: Splats, normal: Vector) -> float:
 
 
 def largest_plane(splats: Splats) -> Floor | None:
-    """The Floor of a splat, judged by nobody yet; None where too little is solid."""
+    """The Floor of a splat, not judged yet; None where too little is solid."""
     cells, far = _cells(splats)
     if len(cells) < CELLS:
         return None

@@ -102,7 +102,7 @@ def standpoints(
 
     splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
     eye shall stand, in the splats' frame. seed: of the places that are tried. Returns Standpoints.
-    Raises InputError for a hint inside a surface, and where nobody can stand that shall look from inside.
+    Raises InputError for a hint inside a surface, and for a view from inside without a free place to stand.
     """
     if choice == "outside":
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
