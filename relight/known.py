@@ -1,4 +1,4 @@
-"""A scene before relighting: its surfaces, the light of its capture, and the part of that light that stays."""
+"""What is known of a scene before it is lit anew: its surfaces, the light of its capture, what stays of that."""
 
 import warnings
 from functools import cached_property
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class KnownScene(Loaded):
-    """The part of a relight request that needs no tracing of its light. Inputs are read on first use."""
+    """A request of a relight as far as its light does not have to be traced. Nothing is read before it is asked for."""
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -67,7 +67,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":
-        """The gloss of the scene, where the light of the capture is estimated and splats show it."""
+        """What is glossy, where the light of the capture is estimated and splats tell of it."""
         if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
             return None
         from .gloss import SceneGloss
@@ -96,7 +96,7 @@ class KnownScene(Loaded):
         return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
 
     def _retinted(self, look: Appearance) -> Appearance:
-        """The Appearance under a captured light of the requested colour, if any."""
+        """The Appearance under a captured light of the colour that was asked for, if any was."""
         tint, place = self.request.capture_tint, self.request.white_at
         if tint is None and place is None:
             return look
@@ -138,8 +138,8 @@ class KnownScene(Loaded):
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
-            message = "`lamps`: found no lamp of known strength, so none is changed"
-            warnings.warn(message, DataWarning, stacklevel=4)
+            told = "`lamps`: found no lamp of known strength, so none is changed"
+            warnings.warn(told, DataWarning, stacklevel=4)
         return room
 
     @property
@@ -149,8 +149,8 @@ class KnownScene(Loaded):
 
     @property
     def assumed(self) -> dict[str, Any] | None:
-        """The assumptions on an environment whose way into the room is unknown, JSON-clean: the share of the captured
-        light that comes from outside, and its factor, RGB; None where nothing is assumed."""
+        """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
+        light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
         beside = self.keeps_captured or self.options.captured is not None or bool(self.asked_lamps)
         if not self.room or not self.appearance.kept or beside:
             return None
@@ -176,20 +176,20 @@ class KnownScene(Loaded):
 
     @property
     def lamps_found(self) -> list[dict[str, Any]]:
-        """The entries of the report on the captured lamps of a closed room, by number."""
+        """What the report tells of the captured lamps of a closed room, by number."""
         room = self.appearance.room
         return [] if room is None else list(room.told["lamps"])
 
     @property
     def mixes(self) -> bool:
-        """Whether the new light has other parts than an unchanged environment."""
+        """Whether the new light has other parts than an environment as it is."""
         options = self.options
         others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
         return others or self.keeps_captured
 
     @cached_property
     def beside(self) -> "Beside":
-        """The light beside an environment."""
+        """What the light has beside an environment."""
         from .beside import Beside
 
         asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev

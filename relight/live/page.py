@@ -32,11 +32,11 @@ _LOW_PASS = (
     ("aRaw + 0.3;", "aRaw + 1.2;"),
     ("cRaw + 0.3;", "cRaw + 1.2;"),
 )
-"""The widening of a splat on screen: 0.3 of a squared pixel, as in training. The viewer adds that to the square of
+"""What a splat is widened by on screen: 0.3 of a squared pixel, as in training. The viewer adds that to the square of
 half pixels, a fourth of it, so that its pictures are sharper than the splat: 37 dB from ours, 45 with this."""
 
 _FRAME_KEY = "controllers.orbit.goto(frameCamera)", "controllers.orbit.goto(relightCamera?.() ?? frameCamera)"
-"""The view of the key F: the viewer frames the box of all splats, however far the strays lie."""
+"""What the key F shows: the viewer frames the box of all splats, however far the strays lie."""
 
 _TEMPLATE = """<!doctype html>
 <html lang="en">
@@ -103,24 +103,11 @@ def _packed(content: bytes) -> str:
 
 
 def _script() -> str:
-    """The viewer and its lighting code as one module; our names in a separate block."""
+    """The viewer and what lights it as one module; names of ours in a block of their own."""
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
         viewer = viewer.replace(theirs, ours)
-    library = [
-        _text(name)
-        for name in (
-            "light.js",
-            "piz.js",
-            "splats.js",
-            "shadow.js",
-            "framing.js",
-            "gloss.js",
-            "exr.js",
-            "indicator.js",
-            "live.js",
-        )
-    ]
+    library = [_text(name) for name in ("light.js", "piz.js", "splats.js", "shadow.js", "framing.js", "gloss.js", "exr.js", "indicator.js", "live.js")]
     names = [
         name
         for part in library
