@@ -1,6 +1,6 @@
 """Light on a scene: an environment in, the radiance leaving every vertex out, as a mesh, as a splat, as a session.
 
-What is public stands in the stub beside this file.
+The stub beside this file lists the public names.
 """
 
 import lazy_loader

@@ -136,7 +136,7 @@ def relight_scene(
     stages: Stages | None = None,
     **changes: Any,
 ) -> RelitScene:
-    """Put a scene under a light, as the command does; nothing is written before `save`.
+    """Light a scene, as the command does; nothing is written before `save`.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def relight_scene(
 
     Notes
     -----
-    What can be used again is kept in the cache of a scene folder.
+    The cache of a scene folder keeps reusable results.
     """
     if angle_deg is not None:
         changes["angles_deg"] = (angle_deg,)
@@ -179,7 +179,7 @@ def relight_splat(
     stages: Stages | None = None,
     **changes: Any,
 ) -> RelitSplat:
-    """Put a splat under a light: `relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")`.
+    """Relight a splat: `relight_splat("a.ply", "sunset", angle_deg=45).save("b.ply")`.
 
     Parameters
     ----------
@@ -212,12 +212,11 @@ def relight_splat(
 class RelightPlan(NamedTuple):
     """The result of `plan_relight`.
 
-    plan: the Plan of the environment; None where there is none, or the splat is not meshed yet. note: what it leaves
-    open, or "". lamps: the LampPlan of the added lamps, or None. lamp_count: how many.
-    lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
-    GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
-    objects, or None. north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other
-    lights.
+    plan: the Plan of the environment; None without one, or where the splat is not meshed yet. note: what it leaves
+    open, or "". lamps: the LampPlan of the added lamps, or None. lamp_count: how many. lamps_picture: (H, W, 3) uint8,
+    the captured lamps of a closed room with their numbers; None without any. gloss: the GlossPlan of the scene; None
+    where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added objects, or None.
+    north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other lights.
     """
 
     plan: Plan | None
@@ -290,7 +289,7 @@ def serve_request(
     announce: Callable[[str], None] = lambda url: None,
     stages: Stages | None = None,
 ) -> None:
-    """Show the session of a request in a browser of this machine until it is quit. announce: gets its address."""
+    """Show the session of a request in a browser of this machine until it is quit. announce: receives its address."""
     from .viewer import serve
 
     serve(_session(request, stages or Stages()), port=port, announce=announce)

@@ -29,13 +29,13 @@ LIGHT_STAGES = frozenset(
     {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
     | {"plan", "check", "light", "sunlight", "shade", "bounces"}
 )
-"""What `--budget` is spent on; "bounce rays" are traced for the albedo too, which no budget covers."""
+"""The stages that `--budget` covers; "bounce rays" are also traced for the albedo, which no budget covers."""
 
 MOST_PORT = 65535
 
 LAMPS_PICTURE, NORTH_PICTURE = "lamps.png", "north.png"
-"""What `--plan` writes, in the folder of the scene: of a room with lamps the numbers that `--lamps` takes; of the
-sun of a date an arrow to the north, as `--north` takes it."""
+"""Pictures that `--plan` writes into the folder of the scene: for a room with lamps their numbers for `--lamps`; for
+the sun of a date an arrow to the north, for `--north`."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -159,13 +159,13 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
     from .api import plan_relight
 
     try:
-        told = plan_relight(request, stages)
+        report = plan_relight(request, stages)
     except InputError as error:
         raise InputError(f"--plan: {error}") from error
-    lines = told.table()
+    lines = report.table()
     pictures = {
-        LAMPS_PICTURE: (told.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
-        NORTH_PICTURE: (told.north_picture, "an arrow to the north, for --north"),
+        LAMPS_PICTURE: (report.lamps_picture, "its lamps by number, for --lamps 1=off,2=0.5"),
+        NORTH_PICTURE: (report.north_picture, "an arrow to the north, for --north"),
     }
     for name, (picture, what) in pictures.items():
         if picture is not None:
@@ -175,9 +175,9 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_png(path, picture)
             lines.append(f"{path}: {what}")
-    plan, lamps = told.plan and told.plan.as_dict(), told.lamps and told.lamps.as_dict()
-    more = {"gloss": told.gloss and told.gloss.as_dict(), "inserts": told.inserts and told.inserts.as_dict()}
-    return lines, {"plan": plan, "note": told.note, "lamps": lamps, **more}
+    plan, lamps = report.plan and report.plan.as_dict(), report.lamps and report.lamps.as_dict()
+    more = {"gloss": report.gloss and report.gloss.as_dict(), "inserts": report.inserts and report.inserts.as_dict()}
+    return lines, {"plan": plan, "note": report.note, "lamps": lamps, **more}
 
 
 def _picture_folder(scene: str) -> str:
@@ -216,13 +216,13 @@ def _page_served(folder: Path, port: int, display: Display) -> tuple[list[str], 
 
 
 def _cleaned(report: dict[str, Any]) -> list[str]:
-    """What the summary says of floaters."""
-    told = report.get("clean_splat")
-    return [f"  {told['floaters']:,} of {told['splats']:,} splats were floaters"] if told else []
+    """The line of the summary on floaters."""
+    counts = report.get("clean_splat")
+    return [f"  {counts['floaters']:,} of {counts['splats']:,} splats were floaters"] if counts else []
 
 
 def _assumed(job: "Job") -> list[str]:
-    """What the summary says of a light of which nothing tells how it gets in."""
+    """The lines of the summary on a light whose way into the room is unknown."""
     if job.assumed is None:
         return []
     share, change = job.assumed["outside"], ", ".join(f"{each:.2f}" for each in job.assumed["change"])
@@ -233,10 +233,10 @@ def _assumed(job: "Job") -> list[str]:
 
 
 def _lamps(job: "Job") -> list[str]:
-    """What the summary says of lamps that were put in, and of what their brightness is measured by."""
+    """The lines of the summary on added lamps and on the scale of their brightness."""
     if not job.mixes:
         return []
-    lines = [f"  lamp {number}: {told}" for number, told in enumerate(job.beside.in_words, 1)]
+    lines = [f"  lamp {number}: {text}" for number, text in enumerate(job.beside.in_words, 1)]
     if lines:
         how = "from the height of the cameras" if job.beside.scale_known else "for an object 1 m across"
         lines.append(f"  assumed scale: 1 m is {job.beside.scale.metre:.2g} units of the splat, {how}")
@@ -248,7 +248,7 @@ def _lamps(job: "Job") -> list[str]:
 
 
 def _costs(job: "Job") -> list[str]:
-    """What the summary says of seconds beyond a budget, and of what is kept on disk."""
+    """The lines of the summary on seconds beyond a budget, and on the cache on disk."""
     lines, budget_s = [], job.request.lighting.budget_s
     if budget_s is not None:
         beyond = sum(seconds for stage, seconds in job.stages.seconds.items() if stage not in LIGHT_STAGES)

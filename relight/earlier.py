@@ -1,7 +1,7 @@
-"""What an earlier call left in the folder that a call writes: the same settings add to it, others ask.
+"""Earlier results in the folder of a call: the same settings add to them, others need permission.
 
-A report keeps the settings that its results depend on. Formats are none of them: a second call with another format
-finds the same settings, and its files join those that are there.
+A report keeps the settings that its results depend on. Formats are not among them: a second call with another format
+finds the same settings and adds its files.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from .request import AnyLight, RelightRequest
 
 REPORT = "report.json"
-"""In every folder of results, which is how they are told from other folders."""
+"""In every folder of results; it distinguishes them from other folders."""
 
 _SCENE = "scene.json"  # as of `splat2mesh.scene.folder`
 
@@ -52,7 +52,7 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
     Notes
     -----
     Files count by their content, since a path says nothing about it. What only some files depend on is there where
-    these are asked for, and is compared where both calls have it.
+    these are requested, and is compared where both calls have it.
     """
     found: dict[str, Any] = {
         "version": VERSION,
@@ -87,16 +87,16 @@ def settings_of(request: "RelightRequest", env: "AnyLight", angle_deg: float) ->
 
 
 def _described_lamp(lamp: "AskedLamp") -> dict[str, Any]:
-    """What a lamp is asked to be; large arrays by their content."""
+    """The request for a lamp; large arrays by their content."""
     shape = {each.name: getattr(lamp.shape, each.name) for each in fields(lamp.shape)}
     plain = {name: _digest([value]) if isinstance(value, np.ndarray) else value for name, value in shape.items()}
     bright = lamp.brightness
-    told = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
-    return {**told, "shape": plain}
+    described = {"name": in_brief(lamp.shape), "color": lamp.color, "brightness": [bright.value, bright.unit]}
+    return {**described, "shape": plain}
 
 
 def _described_insert(asked: "AskedInsert") -> dict[str, Any]:
-    """What is put in and where; its file by its content."""
+    """An inserted object and its place; its file by its content."""
     source = asked.source
     if isinstance(source, (str, os.PathLike)):
         return {**described(asked), "file": _described_scene(source)}
@@ -137,8 +137,8 @@ class Earlier:
         differing = _differences(known, settings) if isinstance(known, dict) else ["its report names none"]
         self._same = bool(self._report) and not differing
         if is_results(folder) and differing and not overwrite:
-            told = f"{folder} holds results of other settings ({'; '.join(differing)})"
-            raise InputError(f"{told}: choose another `output`, or replace them with `overwrite`")
+            problem = f"{folder} holds results of other settings ({'; '.join(differing)})"
+            raise InputError(f"{problem}: choose another `output`, or replace them with `overwrite`")
 
     def joined(self, report: dict[str, Any]) -> dict[str, Any]:
         """Return a report of new results together with those that stay, its `files` those of both.
@@ -170,7 +170,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
-    """What two settings do not share, in words."""
+    """The differences of two settings, in words."""
     found = []
     for name in (name for name in before if name in now and before[name] != now[name]):
         first, second = _shown(before[name]), _shown(now[name])

@@ -38,10 +38,10 @@ LIGHTS = (".exr", ".hdr")
 
 @dataclass(frozen=True, eq=False)
 class RelitFiles:
-    """What `relight_files` wrote.
+    """The results of `relight_files`.
 
     folders : one for each light and angle. reports : of each, JSON-clean. sheet : path of the sheet of several lights.
-    notes : lines on what was done before, and on what is missing. job : the last Job; None for a city. film : of a day.
+    notes : lines on earlier results and on what is missing. job : the last Job; None for a city. film : of a day.
     """
 
     folders: list[Path]
@@ -94,7 +94,7 @@ def meshed_request(request: RelightRequest, stages: Stages) -> tuple[RelightRequ
 
 
 def planned_request(request: RelightRequest) -> RelightRequest | None:
-    """Return a request to plan, which leaves everything as it is; None for a splat that is not meshed yet."""
+    """Return a request to plan, which changes nothing; None for a splat that is not meshed yet."""
     scene = request.scene
     request = replace(request, caching="read")
     if isinstance(scene, (str, os.PathLike)):
@@ -212,7 +212,7 @@ def _default_parent(scene: object) -> Path:
 
 
 def _name(light: AnyLight) -> str:
-    """What a light is called in the name of a folder: that of its file, or of the sky that it is, whatever its case."""
+    """The name of a light in the name of a folder: that of its file or of its sky, in any case."""
     if isinstance(light, (Environment, DaylightRequest)):
         return light.name
     return Path(light).stem if Path(light).exists() else Path(light).stem.lower()

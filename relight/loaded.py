@@ -1,4 +1,4 @@
-"""What a request names, read when it is asked for: the scene, the splats it was made of, the light, what is put in."""
+"""The inputs of a request, read on first use: the scene, its source splats, the light, the inserted objects."""
 
 import os
 import warnings
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from .lamps.asked import AskedLamp
 
 DEFAULT_FORMATS = ("glb", "png")
-"""What is written where nobody says; with a splat, that too."""
+"""Default outputs; with a splat, the relit splat too."""
 
 
 class Loaded:
-    """What a RelightRequest names. Nothing is read before it is asked for.
+    """The inputs of a RelightRequest. Each is read on first use.
 
-    request: RelightRequest of one light. stages: Stages that time the work.
-    Raises InputError, then, for whatever cannot be read or used.
+    request: RelightRequest of one light. stages: Stages that time the work. Raises InputError, at that time, for input
+    that cannot be read or used.
     """
 
     def __init__(self, request: RelightRequest, stages: Stages | None = None) -> None:
@@ -54,21 +54,21 @@ class Loaded:
 
     @cached_property
     def scene(self) -> Scene:
-        """What is lit; of an animation its first frame."""
+        """The scene to light; of an animation its first frame."""
         self.require("environment", "asked_lamps", "asked_inserts")  # what cannot be read fails before a scene is read
         with self.stages.stage("load"):
             return self.animation.scene if self.plays else as_scene(self.request.scene)
 
     @property
     def plays(self) -> bool:
-        """Whether the scene itself is an animation; with objects put in, these are."""
+        """Whether the scene itself is an animation; with inserted objects, these are."""
         return self.request.animated and not self.request.inserted
 
     @cached_property
     def splats(self) -> tuple[Splats, list[Path]] | None:
         """The splats that the scene was made from and the paths of their files; None for a mesh, which has none.
 
-        Where nobody asked for them and they are not found, None, with a DataWarning.
+        None if they were not requested and are not found, with a DataWarning.
         """
         wanted = bool(set(OF_SPLATS) & set(self.request.formats or ()))
         asked = wanted or (self._of_splats and (bool(self.request.baked) or self.request.splat is not None))
@@ -86,7 +86,7 @@ class Loaded:
 
     @cached_property
     def formats(self) -> tuple[str, ...]:
-        """What is written of each light, of `output.kinds.FILES`."""
+        """The outputs for each light, of `output.kinds.FILES`."""
         if self.request.formats is not None:
             for word in self.request.formats:
                 check_choice("formats", word, tuple(FILES))
@@ -105,14 +105,14 @@ class Loaded:
 
     @cached_property
     def asked_lamps(self) -> "list[AskedLamp]":
-        """The lamps that are put in, as they are asked for."""
+        """The added lamps as requested."""
         from .lamps.placing import asked_lamps
 
         return asked_lamps(self.request.lighting.placed)
 
     @cached_property
     def asked_inserts(self) -> "list[AskedInsert]":
-        """The objects that are put in, as they are asked for."""
+        """The inserted objects as requested."""
         from .insert.asked import asked_inserts
 
         return asked_inserts(self.request.inserted)
@@ -131,14 +131,14 @@ class Loaded:
 
     @property
     def _choice(self) -> Any:
-        """What the albedo is taken from."""
+        """The source of the albedo."""
         if self.request.albedo is None and self.request.needs_no_light:
             return "captured"
         return ("estimated" if self._of_splats else "captured") if self.request.albedo is None else self.request.albedo
 
     @property
     def choice_name(self) -> str:
-        """What the albedo is taken from, as the report names it."""
+        """The source of the albedo, as the report names it."""
         return "array" if isinstance(self._choice, np.ndarray) else str(self._choice)
 
     @cached_property
@@ -148,7 +148,7 @@ class Loaded:
 
     @property
     def _shows_splats_alone(self) -> bool:
-        """Whether nothing of a place is shown but its splats, so that no vertex beside them needs light of its own."""
+        """Whether only the splats of a place are shown, so other vertices need no light."""
         alone = (
             not self.request.baked
             and self.request.formats is not None

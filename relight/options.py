@@ -1,4 +1,4 @@
-"""Options of the light: they go from a command line or a caller unchanged to the planner. Imports nothing heavy."""
+"""Options of the light, passed unchanged from a command line or a caller to the planner. Imports nothing heavy."""
 
 import math
 import os
@@ -48,17 +48,16 @@ class LightingOptions:
         shadows, the baseline); "auto": raytraced, or analytic where no effects are wanted or needed.
     bands, rays, seed: SH bands 1..10; rays per vertex; seed of their directions.
     effects: "auto", "none", or some of shadows, sun, bounces, volume, gloss, as names or as text with commas; kept as
-        "auto" or a frozenset. With "auto" light bounces where an albedo says how: in a scene all white it would never
+        "auto" or a frozenset. With "auto", light bounces if there is an albedo: in an all-white scene it would never
         fade.
     tolerance, budget_s: the accepted relative error, or the seconds to spend. With either, every light is planned, and
         effects that the scene does not need are skipped. With neither, all effects are computed, with the default
         bands and rays of the method.
     lamps: the captured lamps of a closed room: "keep", "off", a factor on their light, a factor of each by its number,
-        as {1: 0, 3: 0.5} or "1=off,3=0.5", or by a place on it, in the frame of the splat, as
-        {(1.2, 2.0, -0.4): 0} or "at=1.2,2.0,-.4=off", off where no factor follows; kept as a number or as pairs of
-        number or place and factor.
+        as {1: 0, 3: 0.5} or "1=off,3=0.5", or by a place on it, in the frame of the splat, as {(1.2, 2.0, -0.4): 0} or
+        "at=1.2,2.0,-.4=off", off without a factor; kept as a number or as pairs of number or place and factor.
     placed: added lamps: shapes of `relight.lamps`, files of lamps, or text, "1.5,1.5,-1.5 color=3000K".
-    captured: factor on the light of the capture that stays beside lamps and environment; 1 where the light is that of
+    captured: factor on the captured light kept beside lamps and environment; 1 where the light is that of
         the capture, else 0. env_scale: factor on the light of the environment.
     opened: "ceiling" lets the light into a closed room from above.
     Raises InputError for anything else.
@@ -108,7 +107,7 @@ class LightingOptions:
 
     @classmethod
     def of(cls, options: "LightingOptions | str | None" = None, **changes: Any) -> "LightingOptions":
-        """Options with changes: of those given, of the method of that name, or of the defaults."""
+        """Options with changes: to the given ones, to the method of that name, or to the defaults."""
         if isinstance(options, LightingOptions):
             return replace(options, **changes) if changes else options
         return cls(**changes) if options is None else cls(method=options, **changes)
@@ -130,22 +129,22 @@ class LightingOptions:
 
     @property
     def fixed_effects(self) -> frozenset[str] | None:
-        """The effects that are given; None where they are to be chosen."""
+        """The given effects; None where they are chosen."""
         return None if isinstance(self.effects, str) else frozenset(self.effects) - {GLOSS}
 
     @property
     def wants_gloss(self) -> bool:
-        """Whether reflections may move with the light: they are given, or left to be chosen."""
+        """Whether reflections may move with the light: gloss is given, or left to the choice."""
         return isinstance(self.effects, str) or GLOSS in self.effects
 
     @property
     def fixed_method(self) -> str | None:
-        """The method that is given; None where it is to be chosen."""
+        """The given method; None where it is chosen."""
         return None if self.method == "auto" else self.method
 
     @property
     def lamp_factor(self) -> float:
-        """The factor on the light of captured lamps: 1 to keep it, 0 for off; 1 where each has one of its own."""
+        """The factor on the light of captured lamps: 1 to keep it, 0 for off; 1 where each has its own factor."""
         return float(self.lamps) if isinstance(self.lamps, float) else 1.0
 
     @property
@@ -171,13 +170,13 @@ class LightingOptions:
                     there = "expected a closed room that was captured from inside, with its albedo estimated"
                 raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {there}")
             if chosen.setdefault(number, factor) != factor:
-                told = f"this is lamp {number}, which has the factor {chosen[number]:g} already"
-                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {told}")
+                problem = f"this is lamp {number}, which has the factor {chosen[number]:g} already"
+                raise InputError(f"`lamps` {lamp_name(key)}={factor:g}: {problem}")
         return [chosen.get(number, 1.0) for number in range(1, count + 1)]
 
     @property
     def changes_captured_light(self) -> bool:
-        """Whether the light of the capture is to be changed or added to, for which no environment is needed."""
+        """Whether the request changes or adds to the light of the capture, which needs no environment."""
         return bool(self.placed) or self.captured is not None or self.lamps != "keep"
 
     @property

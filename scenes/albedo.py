@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 DARKEST, LIGHTEST = 0.06, 0.75
-"""Range of the albedos. Charcoal to white paper: outside it neither photographs nor relighting tell much."""
+"""Range of the albedos. Charcoal to white paper: outside it neither photographs nor relighting show much."""
 
 
 def random_colors(rng, count):

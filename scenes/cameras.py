@@ -1,6 +1,6 @@
-"""Where a scene is captured from, what those cameras see of it, and their COLMAP model.
+"""The cameras that capture a scene, what they see of it, and their COLMAP model.
 
-The views live in the splat's frame, as those of a trained splat do: y down, Rx(180) from the scene frame.
+The views are in the splat's frame, as for a trained splat: y down, Rx(180) from the scene frame.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""A place as its capture would be trained: splats as fine as the cameras came near, leaves, far sky, floaters."""
+"""A place as its capture would be trained: splats as fine as the cameras were near, leaves, far sky, floaters."""
 
 from dataclasses import dataclass, replace
 
@@ -33,7 +33,7 @@ COARSER_VOLUME = 1.7
 """Of the spacing on soil and in the depth of crowns, which leaves cover."""
 
 LOOKS = 28
-"""Views that tell how near a face was seen."""
+"""Views that show how near a face was seen."""
 
 CANDIDATES, DETAIL_RANGE = 3, (0.5, 2.0)
 """Points tried for each splat, and how far detail moves their density from the mean's: training splits splats where
@@ -67,7 +67,7 @@ VIEW_NOISE = 0.02
 
 @dataclass(frozen=True)
 class Capture:
-    """Splats of a place whose colours can be lit anew: all but the colours stays where it is.
+    """Splats of a place whose colours can be relit: all but the colours stays unchanged.
 
     splats: Splats in the splat's frame, under the light of the capture. exposure: factor from radiance to colours.
     region: (N,) uint8: SOLID, LEAF, SKY or FLOATER. faces, weights: row of place.faces (N,) and barycentric (N, 3)

@@ -1,4 +1,4 @@
-"""A table with glazed, metal and matte things on it, whose reflectance and roughness are known."""
+"""A table with glazed, metal and matte objects of known reflectance and roughness."""
 
 from dataclasses import dataclass
 

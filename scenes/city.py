@@ -1,7 +1,7 @@
-"""A city as large as one likes, block by block: streets, houses with gables, trees, on gently rolling ground.
+"""A city of any size, block by block: streets, houses with gables, trees, on gently rolling ground.
 
-Every block is a function of the seed and its place alone, so that a city of any size is written tile by tile and never
-held. Its light is that of the sky, shadowed by the block and the eight around it.
+Every block is a function of the seed and its position only, so a city of any size is written tile by tile and never
+held in memory. Its light is that of the sky, shadowed by the block and the eight around it.
 """
 
 import json

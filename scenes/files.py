@@ -1,4 +1,4 @@
-"""The files of generated places and glossy tables: what a capture leaves, and the truth beside it."""
+"""The files of generated places and glossy tables: the capture, and the truth beside it."""
 
 import json
 
@@ -19,14 +19,14 @@ from .radiosity import light
 from .sky import capture_sky
 
 VERTICES, TEST_VIEWS, TEST_WIDTH = 60_000, 8, 256
-"""Of a place unless told; the pictures of the truth under each light, taken from some of the capture's own views."""
+"""Defaults for a place; the pictures of the truth under each light, taken from some of the capture's own views."""
 
 
 def write_place(options):
     """Generate the place of parsed options into a folder; returns summary lines and facts, as `console.run` wants.
 
     point_cloud.ply, cameras.json and sparse/0 are what a training leaves (y down); truth.ply and environment.exr are
-    what it does not tell. Under every light LIGHT (the capture's is named capture): truth_LIGHT.npz with the exposed
+    what it does not show. Under every light LIGHT (the capture's is named capture): truth_LIGHT.npz with the exposed
     linear radiance of the vertices (V, 3) and of the splats, their colours (N, 3) in sRGB, and photographs.
     """
     environment = capture_sky(options.env)
@@ -79,8 +79,8 @@ def write_ceramics(options):
     """Generate the glossy table of parsed options into a folder; returns summary lines and facts.
 
     splat.ply and sparse/0 are what a training leaves (y down); truth.ply, environment.exr and truth_gloss.npz, with the
-    reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are what it does not tell. truth_LIGHT.ply: the same
-    Gaussians, trained under another light, whose exposure truth.json tells.
+    reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are what it does not show. truth_LIGHT.ply: the same
+    Gaussians, trained under another light, whose exposure is in truth.json.
     """
     environments = [capture_sky(name) for name in (options.env, *options.relit)]
     truth = ceramics(options.seed, options.vertices or 20_000, not options.matte)

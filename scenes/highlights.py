@@ -1,4 +1,4 @@
-"""What eyes see of glossy things: GGX reflections of the light and of the scene, and harmonics trained on them.
+"""Views of glossy objects: GGX reflections of the light and of the scene, and harmonics trained on them.
 
 The lobe is sampled by the normals that an eye sees, its light found by rays: no step is shared with `relight.gloss`,
 which is compared to it. Sources: Heitz, "Sampling the GGX distribution of visible normals" (JCGT 2018); Dupuy and

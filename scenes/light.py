@@ -1,8 +1,7 @@
 """The light of the capture day: radiance of every vertex under an environment, shadowed by the whole scene.
 
-Every vertex looks in the same directions, drawn from the environment in proportion to its brightness. That
-leaves nothing out, neither detail of the sky nor a small sun, and shares no step with the transfer it is
-compared to.
+Every vertex looks in the same directions, drawn from the environment in proportion to its brightness. That omits
+neither detail of the sky nor a small sun, and shares no step with the transfer it is compared to.
 """
 
 import numpy as np
@@ -23,7 +22,7 @@ BLOCK = 4096
 """Vertices traced at a time: 2 million rays, 50 MB."""
 
 WHITE_POINT, WHITE_PERCENTILE = 0.9, 98.0
-"""What this percentile of the brightest channel is exposed to: a well-exposed photograph, hardly clipped."""
+"""Display value of this percentile of the brightest channel: a well-exposed photograph, hardly clipped."""
 
 
 def bake(truth, environment, count=None):

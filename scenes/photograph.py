@@ -1,4 +1,4 @@
-"""What a camera sees of a place: the true picture, by ray casting, to score renderings of splats against."""
+"""The true picture of a place from a camera, by ray casting, to score renderings of splats against."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
 """The light of a place under an environment and its lamps: suns, sky, windows, lamps and all bounces.
 
-Suns are traced from every point that is asked for, so that their shadows are as sharp as the points are dense. All
+Suns are traced from every requested point, so their shadows are as sharp as the points are dense. All
 else varies slowly: it is gathered once, at the vertices (and at the middle of each side of a leaf), and interpolated.
 It shares no step with the transfer that it is compared to.
 """
@@ -47,9 +47,9 @@ RAYS_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Lighting:
-    """What lights a place.
+    """The light of a place.
 
-    suns_toward, suns_irradiance: (S, 3) float32 unit directions, and what each brings to a surface that faces it.
+    suns_toward, suns_irradiance: (S, 3) float32 unit directions, and the irradiance of each on a surface that faces it.
     ambient: (V, 3) float32, all other irradiance at every vertex over pi: reflected radiance is albedo x ambient.
     emission: factor on the place's lamps.
     """
@@ -198,7 +198,7 @@ def _crossed(place, values, count):
 
 
 def _inside(place, points):
-    """Which points lie within a place closed but for its windows, far enough from all of them: (P,) bool."""
+    """Which points lie within a place closed except for its windows, far enough from all of them: (P,) bool."""
     if place.openings is None:
         return np.zeros(len(points), bool)
     inside = np.ones(len(points), bool)

@@ -1,4 +1,4 @@
-"""How near a mesh comes to the true one: F-scores and agreement of normals over what the capture saw.
+"""Scores of a mesh against the true one: F-scores and agreement of normals over the surface that the capture saw.
 
 Source: Knapitsch et al., "Tanks and Temples" (2017), with distances in shares of the true mesh's diagonal.
 """
@@ -58,7 +58,7 @@ def _samples(vertices, faces, count, rng):
 
 
 def _seen(vertices, faces, points, normals, centers):
-    """How many of the cameras see each point, the mesh itself in the way."""
+    """The number of cameras that see each point, occluded by the mesh itself."""
     caster = RayCaster(vertices, faces)
     offset = 2e-3 * np.linalg.norm(np.ptp(points, axis=0))
     count = np.zeros(len(points), int)

@@ -1,4 +1,4 @@
-"""The sky of a capture: one with clouds, drawn by formula, and far splats that look like a trained picture of any."""
+"""The sky of a capture: one with clouds, drawn by formula, and far splats that look like a trained picture of a sky."""
 
 import numpy as np
 
@@ -12,13 +12,13 @@ from .places.textures import noise
 HEIGHT, WIDTH = 256, 512
 SUN_AZIMUTH_DEG, SUN_ELEVATION_DEG = -38.0, 44.0
 SUN_OVER_SKY = 2.4
-"""What the sun brings to level ground over what the sky does: a bright day with clouds."""
+"""Irradiance of the sun on level ground over that of the sky: a bright day with clouds."""
 
 FAR, FAR_SPREAD = 2.2, 0.25
 """Distance of the sky's splats in the place's radius. Training leaves them at all distances: spread of the log."""
 
 PILOT, EYES = 6000, 24
-"""Directions that tell how much of the sky is seen, and the most views that are asked."""
+"""Directions that sample how much of the sky is seen, and the most views that are used."""
 
 
 def capture_sky(name):

@@ -123,7 +123,7 @@ def interpolated(values, face, weights):
 
 
 def _thicknesses(truth):
-    """How much solid lies under each vertex: (V,) float32."""
+    """The depth of the solid under each vertex: (V,) float32."""
     inward = -truth.normals
     start = truth.vertices + np.float32(1e-4 * np.ptp(truth.vertices)) * inward
     return RayCaster(truth.vertices, truth.faces).first_hits(np.hstack([start, inward])).distance

@@ -1,4 +1,4 @@
-"""Hooks of mkdocs: pages that lie outside docs/, and links that fit where pages go."""
+"""Hooks of mkdocs: pages from outside docs/, and links adapted to the position of pages."""
 
 import posixpath
 import re

@@ -1,4 +1,4 @@
-"""Trained Gaussian splat in, clean chunked triangle mesh out. What is public stands in the stub beside this file."""
+"""Trained Gaussian splat in, clean chunked triangle mesh out. The stub beside this file lists the public names."""
 
 import lazy_loader
 

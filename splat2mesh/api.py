@@ -20,7 +20,7 @@ _SOG_METAS = ("meta.json", "lod-meta.json")
 
 @dataclass(frozen=True, eq=False)
 class MeshedFiles:
-    """What `mesh_files` wrote.
+    """The results of `mesh_files`.
 
     output : folder or URL. scene : Scene, None for a city in tiles. report : JSON-clean dict of counts, seconds and
     memory.

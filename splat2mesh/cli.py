@@ -38,7 +38,7 @@ EXAMPLES = """examples:
 then: relight garden --env stpeters.exr --rotate 45"""
 
 DEFAULT_TEXTURE = "auto"
-"""Of the command, which writes what people look at; the library makes a texture where it is asked for one."""
+"""Of the command, whose output people look at; the library makes a texture only on request."""
 
 _CHOSEN = (
     ("detail", "--detail", DETAIL_CHOICES),

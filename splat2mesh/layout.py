@@ -1,8 +1,8 @@
-"""A scene of several splats: a JSON layout says where each stands.
+"""A scene of several splats: a JSON layout gives the pose of each.
 
 {"objects": [{"splat": "guitar.ply", "position": [1, 0, 0], "rotation_deg": 30, "scale": 0.5}, ...]}
 
-Each object is brought y-up as if it were alone, then scaled, turned and moved, in the scene frame.
+Each object is turned y-up as if it were alone, then scaled, turned and moved, in the scene frame.
 """
 
 import json

@@ -190,9 +190,13 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
         scene.textured = mesh_glb(made, len(scene.chunks), {"scene_from_splat": matrix})
     scene.settings = scene.settings | {"texture": size}
     digest = hashlib.sha256(scene.textured).hexdigest()
-    told: dict[str, Any] = {"texture_size": made.atlas.size, "texels": len(made.colors), "texels_unseen": made.unseen}
-    told |= {"texture_scale": round(made.scale, 3), "texture_sha256": digest}
-    scene.statistics = scene.statistics | told
+    statistics: dict[str, Any] = {
+        "texture_size": made.atlas.size,
+        "texels": len(made.colors),
+        "texels_unseen": made.unseen,
+    }
+    statistics |= {"texture_scale": round(made.scale, 3), "texture_sha256": digest}
+    scene.statistics = scene.statistics | statistics
 
 
 def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions) -> Standpoints:
@@ -208,7 +212,7 @@ def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:
 
 
 def _capture(standing: Standpoints, rotation: Matrix4) -> dict[str, Any]:
-    """What scene.json keeps of Standpoints: `from`, and of a place `eyes` in the scene frame and `focal_px`."""
+    """The entry of scene.json on Standpoints: `from`, and for a place `eyes` in the scene frame and `focal_px`."""
     if not standing.eyes:
         return {"from": standing.kind}
     eyes = [(rotation[:3, :3] @ eye.center).tolist() for eye in standing.eyes]

@@ -26,9 +26,9 @@ def check_proxy(kind: str | None) -> None:
 
 
 def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
-    """Give a Scene that was not saved yet its proxy, which `save` writes as proxy.glb, in the scene frame.
+    """Add a proxy to a Scene that is not saved yet; `save` writes it as proxy.glb, in the scene frame.
 
-    kind: "closed" or "convex". What the capture showed far away takes no part. Raises InputError.
+    kind: "closed" or "convex". Far background takes no part. Raises InputError.
     """
     check_proxy(kind)
     eyes = scene.capture.get("eyes")
@@ -44,5 +44,5 @@ def add_proxy(scene: Scene, kind: str, seed: int = 0) -> None:
         bodies, voxel = convex_parts(scene.vertices, scene.faces, eyes, seed=seed)
     scene.proxy = proxy_glb(bodies, NODES[kind])
     faces = sum(len(face) for _, face in bodies)
-    told = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
-    scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | told
+    statistics = {"proxy_bodies": len(bodies), "proxy_faces": faces, "proxy_voxel": voxel}
+    scene.settings, scene.statistics = scene.settings | {"proxy": kind}, scene.statistics | statistics

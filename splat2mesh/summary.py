@@ -1,4 +1,4 @@
-"""What a summary says of a scene that was written."""
+"""The summary of a written scene."""
 
 from pathlib import Path
 

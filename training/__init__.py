@@ -1,4 +1,5 @@
 """Training of the networks that come with `relight`: procedural meshes, labels, networks, ONNX files.
 
-Needs torch and onnx: pip install 'splat2mesh[train]'. Not in the wheel; `scripts/train` runs it from a checkout.
+It needs torch and onnx: pip install 'splat2mesh[train]'. It is not in the wheel; `scripts/train` runs it from a
+checkout.
 """

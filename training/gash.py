@@ -96,7 +96,7 @@ def labelled(meshes):
 
 
 def encoded(kind, vertices, normals):
-    """What a network of this kind sees of a whole mesh, (V, 32) or (V, 6) float32."""
+    """The input of a network of this kind for a whole mesh, (V, 32) or (V, 6) float32."""
     points = unit_points(vertices)
     if kind == "motor":
         return cga.vertex_motors(points, normals)
@@ -149,7 +149,7 @@ def fit(kind, examples, judges, seconds, seed, tell):
 
 
 def predicted(network, inputs):
-    """Transfer (V, 9) float32 that a network tells, the mean of its three colours."""
+    """Transfer (V, 9) float32 that a network predicts, the mean of its three colours."""
     network.eval()
     with torch.no_grad():
         rows = [network(part) for part in torch.from_numpy(inputs).split(BATCH)]
@@ -235,7 +235,7 @@ def _round(kind, examples, rng):
         chosen = rng.choice(len(example.vertices), PER_MESH, replace=len(example.vertices) < PER_MESH)
         points = unit_points(example.vertices @ turn.T)[chosen]
         normals = example.normals[chosen] @ turn.T
-        # Points of a unit frame stay as they are in it: `encoded` would frame the chosen ones anew.
+        # Points of a unit frame stay as they are in it: `encoded` would frame the chosen ones again.
         motors = cga.vertex_motors(points, normals) if kind == "motor" else np.concatenate([points, normals], axis=1)
         inputs.append(motors.astype(np.float32))
         targets.append(example.transfer[chosen] @ harmonics.rotation_matrix(turn, 3).T.astype(np.float32))

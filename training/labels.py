@@ -1,4 +1,4 @@
-"""What the networks should say: the transfer of a mesh's vertices, ray traced by this project."""
+"""The labels of the networks: the transfer of a mesh's vertices, ray traced by this project."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Meshes to learn from: generated ones of many kinds, sizes and poses, and those of a folder.
+"""Training meshes: generated ones of many kinds, sizes and poses, and those of a folder.
 
 A kind is a function of a generator and an edge length that returns vertices (V, 3) float64 and faces (F, 3), like
 `scenes.shapes`, of about unit size. Solids may overlap: vertices buried in another see no light, as in real models.

@@ -1,10 +1,10 @@
-"""The network of `relight.transfer.neural`: what it is made of, what it learns from, and how it becomes ONNX.
+"""The network of `relight.transfer.neural`: its layers, its training data, and its export to ONNX.
 
 It sees a vertex and a degree l: invariants of several estimates of the shadow there (`relight.transfer.features`).
 It answers with how much of each estimate to take, and with the error it expects. The same weights serve all degrees
-and all numbers of rays, so that ten bands cost nothing to learn.
+and all numbers of rays, so ten bands cost nothing to learn.
 
-Learned is the squared error against 4096 rays, per mesh and number of rays over that of plain averaging, so that
+The loss is the squared error against 4096 rays, per mesh and number of rays over that of plain averaging, so
 none outweighs another; 3, 5 and 10 bands count alike. Products of estimates and errors are all it takes (a mix
 of fields has an error quadratic in the weights), so the fields themselves need not be kept.
 """

@@ -32,7 +32,8 @@ SIZES = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def read(path):
-    """What live.glb holds: (description, list of dicts of arrays: positions, normals, albedo, transfer (V, 12), faces).
+    """Contents of live.glb: (description, list of dicts of arrays: positions, normals, albedo, transfer
+    (V, 12), faces).
 
     Positions and normals in Blender's axes. Raises ValueError, in one line, for another file.
     """

@@ -1,5 +1,5 @@
-"""A scene as it was captured: the places whose colours tell its light, what its surfaces send each other, and what a
-light makes of it.
+"""A scene as it was captured: the places whose colours show its light, the light its surfaces exchange, and how a given
+light would light it.
 """
 
 import math
@@ -52,13 +52,13 @@ class Estimate(NamedTuple):
     """Albedo and capture light of a scene of V vertices.
 
     albedo: (V, 3) float32 in [0.02, 0.95]. irradiance: (V, 3) float32, S in C = a S, in the unit of the captured
-    colours. environment: the capture light, scene frame, in that unit, so that relighting by it gives back C.
-    prior: of `albedo_of`, for other colours of the scene. separable: whether the light was told apart; if not,
-    `reason` says why, the albedo is the captured colour and the light uniform. evidence: in [0, 1], how far the
-    scene, not the prior, decides which way the light comes from (of a known light: how bright it was).
-    direction: (3,) unit, the mean of direction times luminance over the sphere, and its length
-    concentration in [0, 1]: 0 uniform, 1 a single point. color: (3,) mean radiance of the light over its luminance.
-    brightness: mean luminance of the light. under_sky: whether a captured sky was used.
+    colours. environment: the capture light, scene frame, in that unit, so that relighting by it gives back C. prior: of
+    `albedo_of`, for other colours of the scene. separable: whether the light was separated; if not, `reason` says why,
+    the albedo is the captured colour and the light uniform. evidence: in [0, 1], how far the scene, not the prior,
+    decides which way the light comes from (of a known light: how bright it was). direction: (3,) unit, the mean of
+    direction times luminance over the sphere, and its length concentration in [0, 1]: 0 uniform, 1 a single point.
+    color: (3,) mean radiance of the light over its luminance. brightness: mean luminance of the light. under_sky:
+    whether a captured sky was used.
     """
 
     albedo: NDArray[np.float32]
@@ -76,7 +76,7 @@ class Estimate(NamedTuple):
 
 
 class CaptureEvidence(NamedTuple):
-    """What is known of a capture beside its colours. Each is None, or empty, where nothing is known.
+    """Evidence on a capture beside its colours. Each field is None, or empty, if unknown.
 
     sky: what the capture shows of its sky. looks: points seen from where the capture stood; then what they show counts,
     not area. volume: (V,) in [0, 1], how far each vertex is of leaves or grass. reflected: (K,) the shape of the light
@@ -143,7 +143,7 @@ class CapturedScene:
         return Transport(transfer, Interreflection(self.occluder, BOUNCE_RAYS, self.seed, visible, self._advance))
 
     def problem(self) -> str:
-        """Why nothing can be told, or an empty text."""
+        """Why the light cannot be estimated, or an empty text."""
         if not self.captured.any():
             return "it is black"
         if len(self.places.vertices) < MIN_PLACES:
@@ -194,7 +194,8 @@ class CapturedScene:
         return Estimate(albedo, irradiance, environment, prior, evidence, True, "", *described_light(environment))
 
     def brighter(self, direct: Radiance) -> float:
-        """How much brighter, at least 1, the light must be for all but a few places to be no lighter than a surface."""
+        """Factor, at least 1, by which the light must be brighter for all but a few places to be no lighter than a
+        surface."""
         rows, gain = self.places.vertices, 1.0
         captured, bounce, direct = (a[rows].astype(np.float64) for a in (self.captured, self.bounce, direct))
         shares = np.ones(len(rows))
@@ -206,7 +207,8 @@ class CapturedScene:
 
     def usual(self, exposure: np.float32, direct: Floats) -> np.float32:
         """The exposure, float32, nearest to this one whose median albedo a place may have. direct: (N,) luminance of
-        the known light at the places. Of a sky clipped all around trees are what binds: they tell too dark a light.
+        the known light at the places. Where the sky is clipped all around, trees set the bound, and their light is too
+        dark.
         """
         captured, bounced = luminance(self.captured[self.places.vertices]), luminance(self.bounced())
         lit = direct > 0.0

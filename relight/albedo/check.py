@@ -1,7 +1,7 @@
-"""The check of an estimate of the capture's light: the scene relit by that very light must look as it was captured.
+"""The check of an estimate of the capture's light: the scene relit by that light must look as captured.
 
-Where it does not, the estimate explains the place wrongly, and a change of light would be wrong there too: so the
-change is drawn towards none, by region.
+Where it does not, the estimate is wrong, and a change of light would be wrong there too. So the check reduces the
+change there, region by region.
 """
 
 import math
@@ -43,11 +43,11 @@ def self_relight(
     interreflection: "Interreflection",
     seen: Floats | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """What the capture relit by its own estimated light is off by: a dict of arrays.
+    """The error of the capture relit by its own estimated light: a dict of arrays.
 
     found: Estimate. interreflection: that it was made with. seen: (V,) what each vertex counts, its
     area without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped, of captured colours
-    times their change of light, as splats and textures are relit: what is off are bounces alone. mesh_self_relight_db:
+    times their change of light, as splats and textures are relit: only bounces are off. mesh_self_relight_db:
     the same of albedo times light, as meshes are lit: what is off as well is what no albedo explains.
     trust: (V,) float32. distrusted_share: part of what is seen.
     """

@@ -1,9 +1,9 @@
-"""What a place's colours say of the part of a captured sky that was clipped or not seen: how bright, and on which side.
+"""Brightness and direction of the clipped or unseen part of a captured sky, estimated from the colours of the place.
 
-Pairs of neighbours do not tell it: what the mesh gets wrong makes any light but a flat one cost more. But whatever
-adds noise to the irradiance of a place leaves its correlation with the colours to the right light. So lights are tried,
-and each counts by how much of the variance of log colour it explains within materials whose surfaces lie alike: with
-a slope that is free, as regression on noisy values asks for.
+Pairs of neighbours cannot show it: errors of the mesh make any light but a flat one cost more. But noise in the
+irradiance of a place does not change which light its colours correlate with. So the fit tries several lights and weighs
+each by how much of the variance of log colour it explains within materials whose surfaces lie alike: with a slope that
+is free, as regression on noisy values asks for.
 """
 
 from dataclasses import dataclass
@@ -246,6 +246,6 @@ def _evidence(patches: ColorPatches, received: NDArray[np.float64]) -> float:
 
 
 def _widths(steep: NDArray[np.float64]) -> NDArray[np.float64]:
-    """How much of the axis of steepness each of the tried stands for."""
+    """The part of the steepness axis that each tried value represents."""
     edges = np.concatenate([[0.0], 0.5 * np.add(STEEPNESS[1:], STEEPNESS[:-1]), [STEEPNESS[-1]]])
     return np.concatenate([[0.0], np.repeat(np.diff(edges), TRIED)])[: len(steep)]

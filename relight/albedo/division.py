@@ -1,4 +1,4 @@
-"""Albedo from captured colour and irradiance: a division that stays tame where next to nothing was received."""
+"""Albedo from captured colour and irradiance: a division that stays stable where almost no light was received."""
 
 from typing import NamedTuple
 
@@ -16,9 +16,9 @@ SOFTNESS = 0.1
 
 
 class Prior(NamedTuple):
-    """What holds the division where little light arrives. albedo, irradiance: (3,) float32, by colour.
+    """The regulariser of the division where little light arrives. albedo, irradiance: (3,) float32, by colour.
 
-    albedo: what a surface has that received nothing. irradiance: where both weigh the same.
+    albedo: that of a surface that received nothing. irradiance: where both weigh the same.
     """
 
     albedo: NDArray[np.float32]
@@ -57,7 +57,7 @@ def albedo_of(
 def prior_of(captured: ArrayLike, irradiance: ArrayLike, shares: ArrayLike | None = None) -> Prior:
     """The Prior of a scene: the median of C / S where S is not small, and SOFTNESS times the median of S.
 
-    shares: (N,) weights of the rows, such as areas; equal by default. Black where there is nothing to go by.
+    shares: (N,) weights of the rows, such as areas; equal by default. Black without data.
     """
     captured, irradiance = checked(captured, "captured colours"), checked(irradiance, "irradiance")
     shares = np.ones(len(captured)) if shares is None else np.asarray(shares, np.float64)
@@ -76,7 +76,7 @@ def prior_of(captured: ArrayLike, irradiance: ArrayLike, shares: ArrayLike | Non
 
 
 def weighted_median(values: Floats, weights: Floats) -> float:
-    """The value at half of the weight, of (N,) values with N > 0; the same in any order but for equal values."""
+    """The value at half of the weight, of (N,) values with N > 0; the same in any order except for equal values."""
     return weighted_quantile(values, weights, 0.5)
 
 

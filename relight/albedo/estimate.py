@@ -29,8 +29,8 @@ LIGHT_BANDS = 5
 fourteen scenes .18 .16 .155 .156 .156. Beyond 5, light from where nothing looks becomes erratic."""
 
 MIN_EVIDENCE = 0.5
-"""Below it the light is not told apart from the albedo. Objects and scenes have .86 to .99, discs, spheres and
-cubes .71 to .88, rolling ground and three walls that meet .2 to .3, two walls .15, planes 0."""
+"""Below it the light is not separated from the albedo. Objects and scenes have .86 to .99, discs, spheres and cubes .71
+to .88, rolling ground and three walls that meet .2 to .3, two walls .15, planes 0."""
 
 
 _BRIGHT_DIPOLE = np.zeros((3 * LIGHT_BANDS**2, 3))
@@ -50,10 +50,10 @@ def estimate(
     """Albedo and light of a scene captured in unknown light: an Estimate.
 
     Of a captured sky, what was not clipped is taken as it is, and what was is at least 1; where it was looked at from
-    within, the contrast of colours tells how much more. Of a sky that shows little, without a sun, the light is the
-    mean of what that tells and of what the scene tells alone. Deterministic; depends on no order of vertices or chunks
-    but in the last bits. Colours that are not finite count as black. Raises InputError
-    unless `captured` is (V, 3).
+    within, the contrast of colours shows how much more. Where the sky shows little and no sun, the light is the mean of
+    the estimate with the sky and the estimate from the scene alone. Deterministic; depends on no order of vertices or
+    chunks but in the last bits. Colours that are not finite count as black. Raises InputError unless `captured` is
+    (V, 3).
     """
     given = evidence or CaptureEvidence()
     scene, sky, volume = CapturedScene(occluder, captured, seed, advance, transport, given), given.sky, given.volume
@@ -61,14 +61,14 @@ def estimate(
     if problem:
         return scene.as_captured(problem)
     if sky is not None and scene.under_sky:
-        told, lit = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
+        seen, lit = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
         if lit is None or not lit.sure:
             alone = estimate(occluder, captured, seed, advance, scene.transport)
             if lit is None or not alone.separable:
                 return alone
             lit = beside_alone(scene, lit, alone.environment)
         light_of_day = lit.environment if given.looks is None else balanced(scene, sky, lit.environment, volume)
-        return scene.result(light_of_day, told, brighter=False)._replace(under_sky=True)
+        return scene.result(light_of_day, seen, brighter=False)._replace(under_sky=True)
     basis = harmonics.evaluate(scene.places.directions, LIGHT_BANDS)
     light = fit.SmoothLight(scene.places.sky, basis, scene.bounced())
     start = np.zeros((LIGHT_BANDS**2, 3))
@@ -98,7 +98,7 @@ def with_known_light(
 ) -> Estimate:
     """Albedo of a scene captured under a known Environment, whose exposure in each colour is found: an Estimate.
 
-    Where a captured sky shows enough of that light, it tells the exposure. Arguments and errors as of `estimate`.
+    Where a captured sky shows enough of that light, it determines the exposure. Arguments and errors as of `estimate`.
     """
     given = evidence or CaptureEvidence()
     scene = CapturedScene(occluder, captured, seed, advance, transport, given)
@@ -134,7 +134,7 @@ def under_light(
     seed: int = 0,
     transport: Transport | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were told before.
+    """Albedo and irradiance, (V, 3) float32 each, of part of a scene whose light and Prior were estimated before.
 
     environment: that of an Estimate, which is in the unit of the captured colours. Other arguments as of `estimate`.
     """

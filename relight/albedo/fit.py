@@ -1,8 +1,8 @@
 """The capture light that makes albedos agree: robust least squares over pairs of places, IRLS Gauss-Newton.
 
-log C = log a + log S. Neighbours mostly are of one material, so that under the right light log C - log S mostly
-agrees between them, and where it does not, it is far apart. Geman and McClure's function of the difference counts what
-is far apart as an edge of the albedo, whatever its height.
+log C = log a + log S. Neighbours mostly share a material, so under the right light log C - log S mostly agrees
+between them, and where it does not, it differs widely. Geman and McClure's function counts a wide difference as an
+edge of the albedo, whatever its height.
 """
 
 import math
@@ -31,7 +31,7 @@ BRIGHTNESS, COLOR = 2.0, 0.25
 (error with one gain .17 against .20 at 0.1), but the whites of a real capture turned to cyan with it."""
 
 CONTRAST_COLOR = 3.0
-"""How much stiffer the prior is for changes of the light's colour with direction than for those of its brightness."""
+"""Stiffness of the prior on changes of the light's colour with direction, over that on changes of its brightness."""
 
 UNIT = 1.0 / math.sqrt(4.0 * math.pi)
 """Log radiance of the first coefficient."""
@@ -72,7 +72,7 @@ class SmoothLight:
 
 
 class KnownLight:
-    """S = exp(unit theta_0) D + bounce: a light known but for its exposure, in each colour."""
+    """S = exp(unit theta_0) D + bounce: a light known except for its exposure, in each colour."""
 
     def __init__(self, direct: Radiance, bounce: Radiance, unit: float) -> None:
         """direct, bounce: (N, 3). unit: log radiance per unit of theta."""

@@ -1,8 +1,8 @@
-"""Closed rooms seen from within: how much of any environment reaches what is seen there.
+"""Closed rooms seen from within: how much of an environment reaches the surfaces seen there.
 
-In a room light comes from lamps and surfaces, and what enters comes through windows and through the holes of the mesh
-alike. Where next to nothing enters, neither can the light of the capture be told from the colours, nor does a new
-environment light anything by what is known: what it changes is assumed (`engine.assumed_light`).
+In a room, light comes from lamps and surfaces, and light from outside enters through windows and through the holes of
+the mesh alike. Where almost none enters, the colours do not show the light of the capture, and a new environment
+lights nothing that is known: its effect is assumed (`engine.assumed_light`).
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ LOOKS = 512
 MOST_CLOSED = 0.15
 """Mean part of the sky that reaches what is seen from where the capture stood, up to which a place is a closed room. A
 trained parlour with two windows has .055, scans of an office .001 and of an exhibition room .013, a trained garden .29.
-The mean over the whole mesh does not tell: the parlour's, with what its windows show outside, is .64."""
+The mean over the whole mesh does not show this: the parlour's, with what its windows show outside, is .64."""
 
 
 def within(scene: Scene) -> NDArray[np.float64]:
@@ -48,13 +48,13 @@ def closed_part(
 
 
 BESIDE = "`placed` adds lamps, `captured` dims the captured light"
-"""What works in every room."""
+"""Advice that works in every room."""
 
 
 def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:
     """Mean visible fraction (V,) over what is seen from the eyes (E, 3), scene frame; 1 where there is nothing to see.
 
-    Backs of faces, which nobody was meant to see, do not count.
+    Backs of faces, which are not meant to be seen, do not count.
     """
     directions = fibonacci_sphere(LOOKS)
     places = np.repeat(Frame.around(scene.vertices, scene.faces).unit(eyes), LOOKS, axis=0)
@@ -70,7 +70,7 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) ->
 def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     """The line on a closed room: what enters it, what was found in it or why nothing was, and what to do.
 
-    found: what a `rooms.Room` tells; None where the light of the room could not be told.
+    found: the report of a `rooms.Room`; None where the light of the room could not be estimated.
     """
     line = f"this is a closed room, where {100.0 * part:.1f}% of the sky reaches what was seen: "
     if found is None:

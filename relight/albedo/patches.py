@@ -1,6 +1,6 @@
 """Patches of surfaces as the capture saw them, and what a light explains of their colours within each material.
 
-Whatever adds noise to the irradiance of a place leaves its correlation with the colours to the right light.
+Noise in the irradiance of a place does not change which light its colours correlate with.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from .seen import SeenPoints
 
 @dataclass(frozen=True)
 class PatchCalibration:
-    """What counts as a patch of a surface, and which patches are of one material.
+    """Thresholds for patches of a surface, and for patches of one material.
 
     cell: side of a patch over the median distance from which patches are seen.
     most_volume, least_visible, smooth: of what is looked at, how far it may be leaves or grass, the least part of its
@@ -141,8 +141,8 @@ def _moments(patches: ColorPatches, log_received: NDArray[np.float64]) -> tuple[
 
 
 class _Within:
-    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches tell,
-    whatever the light. own: their weighted square."""
+    """Log colours less the mean of their material, in weights (N,) that count outliers less: what patches show under
+    any light. own: their weighted square."""
 
     def __init__(self, patches: ColorPatches) -> None:
         self.weight, self._groups = patches.weight, patches.material

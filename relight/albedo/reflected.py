@@ -1,4 +1,4 @@
-"""The light of the capture where gloss shows it: reflections tell its shape, shading confirms it and its contrast."""
+"""The light of the capture where gloss shows it: reflections show its shape, shading confirms it and its contrast."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from . import fit
 from .captured import HEIGHT, WIDTH, CapturedScene
 
 CONTRASTS = (0.5, 1.0, 1.5, 2.0)
-"""Root mean square of the light about its mean, relative to that: reflections tell it up to a factor."""
+"""Root mean square of the light about its mean, relative to that: reflections determine it up to a factor."""
 
 STIFFNESS = 10.0
 """Of the prior about a light that reflections show, against one about a uniform light, which shading must leave."""

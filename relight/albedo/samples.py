@@ -1,4 +1,4 @@
-"""Places on a scene's surface at which its capture light is read, what each sees of the sky, and who is beside whom."""
+"""Places on a scene's surface that sample its capture light, the sky that each sees, and their neighbours."""
 
 from typing import NamedTuple
 
@@ -36,7 +36,7 @@ BATCH = 256
 """Places traced at a time: 6 MB of rays."""
 
 MAX_ROUGHNESS = 0.03
-"""Of places under a captured sky: leaves, grass and what the mesh made of them tell of the mesh, not of light."""
+"""Of places under a captured sky: leaves, grass and their surfaces in the mesh show errors of the mesh, not light."""
 
 _AREA_GRID = 2.0**44  # parts of the squared diagonal that areas are rounded to, so that no sum depends on an order
 

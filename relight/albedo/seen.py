@@ -1,7 +1,7 @@
-"""What a place shows to those who stand where it was captured: looks from there, and how large every vertex is in them.
+"""Views of a place from where it was captured, and the size of every vertex in them.
 
 A mesh of a place has parts that no camera saw: the underside of a lawn, the backs of hedges. Their colours are invented
-and their area is half of the whole, so that neither an estimate of light nor its check may count them by area.
+and their area is half of the whole, so neither an estimate of light nor its check may count them by area.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ LOOKS = 4096
 """Directions from each place where the capture stood: 3 degrees apart; 24 places make 98,000 rays."""
 
 OVER = 60_000
-"""Vertices that stand for what is seen where nobody knows from where."""
+"""Number of vertices that represent the seen surface if the viewpoints are unknown."""
 
 
 class SeenPoints(NamedTuple):
@@ -44,7 +44,7 @@ class SeenPoints(NamedTuple):
 
 
 def looks_over(occluder: Occluder, areas: Floats, seed: int) -> SeenPoints:
-    """What is seen of a scene whose cameras are not known: vertices spread evenly over the area of its surface, as from
+    """The looks at a scene with unknown cameras: vertices spread evenly over the area of its surface, as from
     half its diagonal away. areas: (V,) of vertices. It depends on no order of vertices."""
     from .samples import places
 
@@ -61,7 +61,7 @@ def standing(scene: Scene) -> NDArray[np.float64]:
 
 
 def looks_from(scene: Scene, occluder: Occluder) -> SeenPoints | None:
-    """What is seen all around from where the capture of a place stood, backs of faces left out; None of an object,
+    """The looks all around from the positions of a place's capture, without backs of faces; None for an object,
     and where nothing is seen."""
     eyes = standing(scene)
     if not len(eyes):

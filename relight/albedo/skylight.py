@@ -1,8 +1,8 @@
-"""A capture light of which a part was photographed: what a captured sky binds, what it bounds, and what is free.
+"""A partly photographed capture light: the part that a captured sky fixes, the part that it bounds, and the free part.
 
-Of every direction's light one part is the sky's own radiance, one was clipped and is 1 or more, one was not seen. The
-clipped and the unseen are the exponentials of spherical harmonics of their own: a clipped sky is far brighter than
-what lies beside it, and no few harmonics would hold the step.
+Of every direction's light one part is the sky's radiance, one was clipped and is 1 or more, one was not seen. The
+clipped and the unseen part are exponentials of separate spherical harmonics: a clipped sky is far brighter than its
+surroundings, and a few harmonics cannot hold the step.
 """
 
 from collections.abc import Callable
@@ -42,9 +42,9 @@ UNSEEN_WEIGHT, LEVEL_WEIGHT = 1000.0, 30.0
 """How much stiffer the prior is for what was not seen, and for the mean excess, than for how the excess is spread."""
 
 STRENGTH = 1e-2
-"""Of the prior, against a mean over pairs of places. Under soft light pairs of a garden's places tell more of the
-errors of its mesh than of the light: with 2e-4 everywhere, as without a sky, the patio's light was 67 degrees off and
-its relit splat 3 dB worse than with the sky alone."""
+"""Of the prior, against a mean over pairs of places. Under soft light, pairs of a garden's places show the errors of
+its mesh more than the light: with 2e-4 everywhere, as without a sky, the patio's light was 67 degrees off and its relit
+splat 3 dB worse than with the sky alone."""
 
 GROUND = 0.2
 """What was not seen below the horizon has of what was not seen above: the albedo of the ground around."""
@@ -223,8 +223,8 @@ def told_by_sky(sky: CapturedSky) -> float:
 
 
 def exposure_of(sky: CapturedSky, environment: Environment) -> np.float32 | None:
-    """Captured colour per radiance of a known Environment: the median over what of a CapturedSky binds, weighted by the
-    square of its height, since trees stand low; None where there is too little to tell."""
+    """Captured colour per radiance of a known Environment: the median over the pixels of a CapturedSky that bind,
+    weighted by the square of their height, since trees stand low; None where too few pixels bind."""
     height, width = sky.bound.shape[:2]
     directions = texel_directions(height, width)
     areas = np.repeat(row_solid_angles(height, width), width, axis=1)

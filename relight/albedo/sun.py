@@ -1,7 +1,7 @@
 """A sun, or a lamp as narrow as one, beside the smooth capture light: found where it explains most.
 
-Its shadows have edges that no few harmonics hold. Directions around the brightest one of the smooth light are
-tried by what a Gauss-Newton step that adds light from there would gain, all else following; then the best one is
+Its shadows have edges that a few harmonics cannot hold. Directions around the brightest one of the smooth light are
+rated by the gain of a Gauss-Newton step that adds light from there, with the rest free; then the best one is
 fitted together with the rest.
 """
 

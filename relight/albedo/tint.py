@@ -1,7 +1,7 @@
-"""The colour of captured light that no picture shows: clipped sky, sun, and what was not seen.
+"""The colour of captured light that no picture shows: clipped sky, sun, and the unseen part.
 
-A clipped sky is white in the file, whatever its colour was. What stands under it tells more: soil, stone, brick, wood
-and concrete reflect more red than blue, and by much the same amount, while leaves, and what is painted green, differ.
+A clipped sky is white in the file, whatever its colour was. The surfaces under it show more: soil, stone, brick, wood
+and concrete reflect more red than blue, by much the same amount, while leaves and green paint differ.
 """
 
 from typing import NamedTuple

@@ -18,19 +18,19 @@ from .samples import Samples
 
 
 class SkyLit(NamedTuple):
-    """The Environment of a capture under its sky; sure: whether that sky, or a sun told by its shadows, decided it."""
+    """The Environment of a capture under its sky; sure: whether that sky, or a sun found by its shadows, decided it."""
 
     environment: Environment
     sure: bool
 
 
 def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | None = None) -> SkyLit | None:
-    """The SkyLit of a CapturedScene under a CapturedSky; None where that shows little and colours tell no more.
+    """The SkyLit of a CapturedScene under a CapturedSky; None where that shows little and colours add nothing.
 
-    volume: as in `estimate`. Not sure where the sky shows little, nobody stood within, and no sun is told.
+    volume: as in `estimate`. Not sure where the sky shows little, nobody stood within, and no sun is found.
     """
-    told, sky = skylight.told_by_sky(sky), skylight.unmixed(sky)
-    places, within, little = scene.places, scene.looks is not None, told < skylight.LITTLE_TOLD
+    seen, sky = skylight.told_by_sky(sky), skylight.unmixed(sky)
+    places, within, little = scene.places, scene.looks is not None, seen < skylight.LITTLE_TOLD
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)
@@ -43,9 +43,9 @@ def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | Non
 
 
 def beside_alone(scene: CapturedScene, light: SkyLit, alone: Environment) -> SkyLit:
-    """The SkyLit half of one that is not sure, half of the Environment that colours tell with no sky at all.
+    """The SkyLit half of one that is not sure, half of the Environment estimated from colours without a sky.
 
-    The latter as bright as the former, in the median of what places receive: pairs of places tell no brightness.
+    The latter as bright as the former, in the median irradiance of the places: pairs of places show no brightness.
     """
     under, other = (luminance(scene.direct(each)[scene.places.vertices]) for each in (light.environment, alone))
     gain = np.float32(np.median(under) / max(float(np.median(other)), 1e-9))
@@ -56,7 +56,7 @@ def beside_alone(scene: CapturedScene, light: SkyLit, alone: Environment) -> Sky
 def _by_pairs(
     scene: CapturedScene, sky: CapturedSky, light: skylight.SkyLight, start: NDArray[np.float64]
 ) -> Environment:
-    """The Environment of what a CapturedSky binds, and of the rest as pairs of places tell it."""
+    """The Environment: the part that a CapturedSky binds, and the rest as pairs of places show it."""
     places, prior = scene.places, skylight.prior_of(fit.prior_of)
     found = scene.fitted(light, start, prior)
 

@@ -1,4 +1,4 @@
-"""Objects of animated files: the same triangles in the pose of any time."""
+"""Objects of animated files: the same triangles, posed at any time."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,7 @@ class Acting:
         self._animations = [_animation(asked) for asked in inserts.asked]
         found = [each for each in self._animations if each is not None]
         if not found:
-            raise InputError("`animated`: no object that is put in has an animation; leave it out")
+            raise InputError("`animated`: no inserted object has an animation; leave it out")
         self.duration_s = max(each.duration_s for each in found)
         self.name = found[0].name
         self.first = inserts.starting(self._objects(0.0))

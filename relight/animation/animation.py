@@ -33,7 +33,7 @@ class Animation:
     def __init__(self, path: str | Path, animation: str | int | None = None) -> None:
         """animation: name or number; the first without.
 
-        Raises InputError for a file that is broken, has no triangles or no animation, or not the one that is asked for.
+        Raises InputError for a file that is broken, has no triangles or no animation, or lacks the requested one.
         """
         self._data = GltfData(path)
         with reading(self._data.path):

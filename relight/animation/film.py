@@ -35,7 +35,7 @@ _CAMERA_POSES = 16  # to which a camera is fitted: between them little leaves th
 
 
 class Frames(NamedTuple):
-    """What `animate` wrote. frames: how many. film: whether there is a FILM. exposure: the factor used.
+    """The results of `animate`. frames: their number. film: whether there is a FILM. exposure: the factor used.
 
     note: why there is no film, or "".
     """

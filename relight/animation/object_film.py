@@ -1,4 +1,4 @@
-"""The film of animated objects in a place that stands still: only what they reach is traced from frame to frame."""
+"""The film of animated objects in a static place: each frame retraces only what they reach."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -26,8 +26,9 @@ def film_objects(
 ) -> Frames:
     """Light and draw every frame from the time 0 to the end of the longest animation.
 
-    lit: objects in the light of the place. painter: returns what draws a frame, told some of the poses first. The rest
-    as of `film.animate`. Raises InputError for a folder that is not to be replaced and a rate that is not above 0.
+    lit: objects in the light of the place. painter: takes some of the poses and returns the function that draws a
+    frame. The rest as of `film.animate`. Raises InputError for a folder that may not be replaced and a rate that is not
+    above 0.
     """
     times = frame_times(acting.duration_s, asked.fps)
     check_output(asked.folder, asked.overwrite, MARKER)

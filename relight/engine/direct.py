@@ -1,4 +1,4 @@
-"""Direct light: what harmonics carry of a light, by one product with the transfer, and single suns beside it."""
+"""Direct light: the harmonics of a light, by one product with the transfer, and single suns."""
 
 from typing import TYPE_CHECKING, Protocol
 

@@ -1,4 +1,4 @@
-"""A geometry in which chunks move: what is kept between two poses, and renewed only where a motion reaches."""
+"""A geometry with moving chunks: its light is kept between poses and renewed only where a motion reaches."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING

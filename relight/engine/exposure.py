@@ -1,4 +1,4 @@
-"""How bright a new light is shown on what was captured: as the camera of the capture would have, and not burnt out."""
+"""Exposure of a new light on a captured scene: that of the camera of the capture, without burning out."""
 
 from splat2mesh.base.arrays import Radiance
 

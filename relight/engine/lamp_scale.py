@@ -1,4 +1,4 @@
-"""How long a metre is in a scene, and how bright its captured light: what brightness and sizes of lamps are told in."""
+"""The length of a metre in a scene and the brightness of its captured light: units for lamps."""
 
 import numpy as np
 
@@ -14,19 +14,19 @@ EYE_M = 1.25
 and 1.52 in the median."""
 
 OBJECT_M = 1.0
-"""What is taken for the diagonal of an object, of which nothing tells a size."""
+"""Assumed diagonal of an object, whose size is unknown."""
 
 
 ROOM_LUX, OUTDOOR_LUX = 200.0, 10_000.0
-"""Illuminance that the median light of a capture is taken for, where a person gives lumens or candela: a lit or daylit
-room has 100 to 500 lx, an overcast day 5,000 to 20,000. A photograph does not tell."""
+"""Assumed illuminance of the median light of a capture, for lamps in lumens or candela: a lit or daylit
+room has 100 to 500 lx, an overcast day 5,000 to 20,000. A photograph does not show it."""
 
 
 def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
     """Return the LampScale of a scene: splat units per metre, the median irradiance of the capture, and what a candela
     is beside it.
 
-    A metre is told by how high above the floor the capture stood. An object has no size of its own.
+    The height of the capture above the floor determines a metre. The size of an object is unknown.
     """
     light = luminance(look.irradiance)
     inside = bool(look.capture and "room" in look.capture)
@@ -40,7 +40,7 @@ def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
 
 
 def _eye_height(scene: Scene, occluder: Occluder) -> float | None:
-    """Median height of the capture's standpoints above what is below them, scene units; None where nobody stood."""
+    """Median height of the capture's standpoints above what is below them, scene units; None without standpoints."""
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     if not len(eyes):
         return None

@@ -1,4 +1,4 @@
-"""New light made of several: an environment, what stays of the captured light, and lamps that people placed."""
+"""A mix of lights: an environment, the part of the captured light that stays, and placed lamps."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ from .relighter import Shading
 
 
 class CapturedPart(NamedTuple):
-    """What stays of the captured light. colors: (V, 3) float32, the captured colours under it, lamps as the options
-    say. factor: by which it is dimmed."""
+    """The captured light that stays. colors: (V, 3) float32, the captured colours under it, with lamps as in the
+    options. factor: its dimming."""
 
     colors: NDArray[np.float32]
     factor: float
@@ -44,7 +44,7 @@ def mixed(
     Notes
     -----
     What receives k E of the captured light E and L of lamps sends out c (k E + L) / E = k c + a L: the captured colour
-    c keeps its gloss and its detail, and the albedo a is asked for what is new alone.
+    c keeps its gloss and its detail, and only the new light needs the albedo a.
     """
     kept = np.float32(captured.factor) * captured.colors
     # What the captured light became at each vertex: all of it where nothing was switched off, to the bit.

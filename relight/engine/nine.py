@@ -1,4 +1,4 @@
-"""The transfer that shaders of other programs can hold: for any light, so not planned for one."""
+"""The transfer that shaders of other programs can hold: for any light, so it is not planned for one."""
 
 import numpy as np
 from numpy.typing import NDArray

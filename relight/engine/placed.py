@@ -1,4 +1,4 @@
-"""The light of lamps that people placed, on a scene: direct, and thrown on by its surfaces."""
+"""The light of placed lamps on a scene: direct, and reflected by its surfaces."""
 
 import copy
 import warnings
@@ -38,9 +38,9 @@ NEGLIGIBLE = 0.01
 
 
 class Placed(NamedTuple):
-    """What placed lamps do, unit of the picture. radiance, received: (V, 3) float32, exit radiance and irradiance over
-    pi, bounces included. direct: (V, 3) float32 irradiance over pi without bounces. bounces: relative contribution of
-    each bounce."""
+    """The light of placed lamps, unit of the picture. radiance, received: (V, 3) float32, exit radiance and irradiance
+    over pi, bounces included. direct: (V, 3) float32 irradiance over pi without bounces. bounces: relative contribution
+    of each bounce."""
 
     radiance: NDArray[np.float32]
     received: NDArray[np.float32]
@@ -82,7 +82,7 @@ class LampLight:
 
     @cached_property
     def plan(self) -> LampPlan:
-        """How many rays they call for."""
+        """The number of rays that they need."""
         relighter, beside = self._relighter, self._captured * self._look.irradiance
         more: dict[str, Any] = {"leaf": self._leaf, "least": self._least, "seed": relighter.options.seed}
         with relighter.stages.stage("plan"):
@@ -128,18 +128,18 @@ class LampLight:
         return self._direct(self._emitters, advance, DRAFT_RAYS)
 
     def without_bounces(self, direct: NDArray[np.float32]) -> Placed:
-        """What light does that reaches the scene directly, (V, 3) on white, where surfaces throw none of it on."""
+        """The light of direct irradiance, (V, 3) on white, without bounces."""
         return Placed(self._albedo * direct, direct, direct, [])
 
     def with_bounces(self, direct: NDArray[np.float32]) -> Placed:
-        """What light does that reaches the scene directly, (V, 3) on white, once surfaces throw it on."""
+        """The light of direct irradiance, (V, 3) on white, with bounces."""
         albedo = self._albedo
         if not self._bounces:
             return self.without_bounces(direct)
         with self._relighter.stages.stage("bounces"):
             radiance, bounces = with_bounces(direct, albedo, self._interreflection)
         received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
-        dark = albedo < LEAST_ALBEDO  # what is thrown on to black is not told by what black sends on
+        dark = albedo < LEAST_ALBEDO  # the light that falls on black does not show in the light that black reflects
         received[dark] = np.maximum(received, direct)[dark]
         return Placed(radiance, received.astype(np.float32), direct, bounces)
 
@@ -164,7 +164,7 @@ class LampLight:
 
     @cached_property
     def _receivers(self) -> Occluder:
-        """What hides light, whose vertices receive it by normals that are averaged in a closed room."""
+        """The occluder of the scene; in a closed room its vertices receive light by averaged normals."""
         occluder = self._relighter.occluder
         if self._evenness is None:
             return occluder
@@ -178,7 +178,7 @@ class LampLight:
 
     @cached_property
     def _leaf(self) -> NDArray[np.float32] | None:
-        """Which part of each vertex is a leaf, (V,); None where there are none."""
+        """The leaf share of each vertex, (V,); None without leaves."""
         foliage = self._relighter.precomputed.foliage
         if foliage is None:
             return None
@@ -200,6 +200,6 @@ class LampLight:
 
     @cached_property
     def _interreflection(self) -> "Interreflection":
-        """The bounces by which the light of the capture was estimated, which are there."""
+        """The cached bounces that the estimate of the capture's light used."""
         is_place = self._relighter.scene.is_place
         return self._relighter.transport(CAPTURE_OF_PLACE if is_place else CAPTURE).interreflection

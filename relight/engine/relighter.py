@@ -43,10 +43,9 @@ for afterwards, which then find them there."""
 class Shading(NamedTuple):
     """Light on a scene. radiance: (V, 3) float32 linear exit radiance, in the vertex order of the scene.
 
-    sun_count: how many directions were traced. bounces: relative contribution of each bounce, a list.
-    settings: the Settings by which it was made; more rays than were asked for, where they were there.
-    received: (V, 3) float32 irradiance over pi, unit of `radiance`, where it is known beside it; None where the albedo
-    tells it.
+    sun_count: number of directions traced. bounces: relative contribution of each bounce, a list. settings: the
+    Settings that made it; more rays than requested, where they were cached. received: (V, 3) float32
+    irradiance over pi, unit of `radiance`, where it is known separately; None where it follows from the albedo.
     """
 
     radiance: NDArray[np.float32]
@@ -74,7 +73,7 @@ class Shaded(NamedTuple):
 
 
 class Relighter:
-    """Light on one scene. Whatever depends on the geometry alone is computed once, on first use, for the whole scene.
+    """Light on one scene. Results that depend on the geometry alone are computed once, on first use.
 
     scene: a Scene; the path of a scene folder or mesh file; or a mesh of trimesh, open3d or PyVista.
     options: LightingOptions, or the name of a method; `wishes` are fields of them, such as tolerance=0.02. With a
@@ -143,11 +142,11 @@ class Relighter:
 
     @property
     def rays_traced(self) -> int:
-        """How many rays were shot for transfers and bounces so far; none for what was kept."""
+        """Number of rays traced for transfers and bounces so far; cached results count none."""
         return self.precomputed.rays_traced
 
     def interreflection(self, rays: int = BOUNCE_RAYS) -> "Interreflection":
-        """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, of before."""
+        """The Interreflection of the scene, for the visibility of `transfer`; while chunks move, the earlier one."""
         if self._posed is not None and self._dynamic is not None:
             return self._posed.interreflection(rays, self._dynamic.transfer()[0])
         return self.precomputed.interreflection(rays, self.transfer)
@@ -163,7 +162,7 @@ class Relighter:
 
     @property
     def leaves(self) -> str:
-        """Short text that tells which leaves and grass are taken for volumes, if any; for keys."""
+        """Short text, for keys, that identifies the leaves and grass treated as volumes, if any."""
         foliage = self.precomputed.foliage
         return "" if foliage is None or not self._everything.volume else foliage.key
 
@@ -182,8 +181,8 @@ class Relighter:
     ) -> "Plan | None":
         """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
 
-        albedo_linear: (V, 3) in [0, 1], white without. angles: for how many lights it is to be worth. Until the light
-        has been shaded its error is a prediction.
+        albedo_linear: (V, 3) in [0, 1], white without. angles: the number of lights that share its cost. Until the
+        light has been shaded its error is a prediction.
         """
         if self._planner is None or self.options.method not in PLANNED:
             return None
@@ -208,7 +207,7 @@ class Relighter:
         """
         tint = self._tint(albedo_linear)
         if self._dynamic is not None:
-            settings = self._dynamic.settings  # a new light is not planned while things move
+            settings = self._dynamic.settings  # a new light is not planned while chunks move
         elif settings is None:
             planner = self._planner if self.options.method in PLANNED else None
             settings = self._everything if planner is None else planner.settled(environment, tint)
@@ -272,7 +271,7 @@ class Relighter:
             return self._renewed(*self._dynamic.update(changes, seconds))
 
     def catch_up(self) -> NDArray[np.int64]:
-        """After motion, compute what was left out of it, bounces included: the sorted rows whose light may change."""
+        """After motion, compute what it left out, bounces included: the sorted rows whose light may change."""
         if self._dynamic is None:
             return np.zeros(0, np.int64)
         with self.stages.stage("motion"):

@@ -1,4 +1,4 @@
-"""A geometry at rest: its transfer, of any settings and kept between runs, and the shadows of suns on it."""
+"""A static geometry: its transfer under any settings, kept between runs, and the shadows of suns on it."""
 
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class StaticGeometry:
-    """What a Precomputed tells `direct.DirectLight`; `dynamic.DynamicGeometry` is its counterpart in motion.
+    """The view that `direct.DirectLight` has of a Precomputed; `dynamic.DynamicGeometry` is its counterpart in motion.
 
     To the bit a DynamicGeometry of one body, but its visibility is kept for more bands, more rays and the next run.
     """

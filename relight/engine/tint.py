@@ -1,6 +1,6 @@
-"""The colour of the captured light, where a person knows it better than the estimate does.
+"""The colour of the captured light, if the user knows it better than the estimate.
 
-Light from outside is multiplied in each colour; light between surfaces is as it was seen. Its luminance stays.
+Each colour of the light from outside gets a factor; light between surfaces stays as seen. The luminance stays.
 """
 
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from .appearance import Appearance
 
 LEAST_COLOR = 0.02
-"""Of each colour of the light, at luminance 1: without any of a colour nothing tells the albedo in it."""
+"""Of each colour of the light, at luminance 1: a light without one of the colours does not show the albedo in it."""
 
 WHITE_RADIUS = 0.01
 """Of the scene's diagonal: what lies within it of a place that was white is averaged."""
 
 LEAST_RECEIVED = 1e-4
-"""Of the median irradiance: where less arrives a colour tells nothing of the light."""
+"""Of the median irradiance: where less arrives, a colour does not show the light."""
 
 AT_A_PLACE, AS_TOLD = "`white_at`", "`capture_tint`"
 
@@ -49,8 +49,8 @@ def retinted(look: "Appearance", color: NDArray[np.float64], bounced: NDArray[np
     own = look.environment
     environment = Environment(own.radiance * factor, own.name, own.rotation_deg)
     names = "direction", "concentration", "color", "brightness"
-    told = [np.asarray(each).tolist() for each in described_light(environment)]
-    capture = look.capture | dict(zip(names, told, strict=True))
+    values = [np.asarray(each).tolist() for each in described_light(environment)]
+    capture = look.capture | dict(zip(names, values, strict=True))
     albedo = albedo_of(look.captured, irradiance, prior)
     return look._replace(albedo=albedo, irradiance=irradiance, prior=prior, environment=environment, capture=capture)
 
@@ -75,7 +75,7 @@ def color_where_white(
     direct = received - others
     if own.min() <= 0.0 or direct.min() <= LEAST_RECEIVED * float(np.median(look.irradiance)):
         raise InputError(f"{AT_A_PLACE}: the surface there is too dark to tell the colour of its light")
-    neutral = own * (luminance(received) / luminance(own))  # the irradiance under which it is grey, as bright as told
+    neutral = own * (luminance(received) / luminance(own))  # irradiance that makes it grey, as bright as estimated
     color = np.maximum(neutral - others, LEAST_COLOR * direct) / direct * np.asarray(look.capture["color"])
     return np.asarray(color / luminance(color))
 

@@ -1,4 +1,4 @@
-"""Gloss: what of a captured colour is a reflection, how rough and how strong, and the same reflection of a new light.
+"""Gloss: the reflected part of a captured colour, its roughness and strength, and the reflection of a new light.
 
 found = observed(binding, looks, ...)              which patches reflect, from pictures of the splat
 shape = reflected_light(found)                     the light that they agree on, up to its scale

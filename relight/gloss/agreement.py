@@ -1,7 +1,7 @@
 """The light that glossy patches agree on: their reflections are the same light, blurred by each roughness.
 
 Patches of one place see one light. So the coefficients of patch k are F_k a_l(alpha_k) L_lm: one light L for all, found
-by turns with the strength and roughness of each patch, up to its scale.
+in turn with the strength and roughness of each patch, up to its scale.
 """
 
 import numpy as np
@@ -23,9 +23,9 @@ LEAST_PATCHES, LEAST_EXPLAINED = 3, 0.2
 
 
 HINT, HINTS = 0.2, 2
-"""How much of one half of its places a patch's own light explains that the other half told, and of how many patches,
-for more pictures to be worth their while: .41 in the second patch of a trained glossy table, .13 and .14 of two matt
-trained objects."""
+"""How much of one half of a patch's places the light fitted to the other half explains, and in how many patches, for
+more pictures to be worth their time: .41 in the second patch of a trained glossy table, .13 and .14 of two matt trained
+objects."""
 
 
 def hints_at_gloss(fits: PatchFits) -> bool:
@@ -61,7 +61,7 @@ def reflected_light(fits: PatchFits) -> NDArray[np.float64] | None:
 
 
 def _alone(gram: NDArray[np.float64], moments: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(P,) how much of each half of a patch's places a light of its own explains that the other half told."""
+    """(P,) how much of each half of a patch's places the light fitted to the other half explains."""
     gain = np.zeros(len(gram))
     for patch in range(len(gram)):
         for half in range(2):
@@ -78,7 +78,7 @@ def _agreed(
     count: NDArray[np.int64],
     alone: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]] | None:
-    """(light (K, 3), strength (P,), number of the roughness (P,)), by turns from the patch that tells most."""
+    """(light (K, 3), strength (P,), number of the roughness (P,)), in turn, from the patch that shows most."""
     first = int((alone * np.sqrt(count)).argmax())
     if alone[first] <= 0.0:
         return None

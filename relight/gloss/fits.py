@@ -1,8 +1,8 @@
-"""What depends on the view, patch by patch: sums of squares that tell any light's fit to the mirrored directions.
+"""The view-dependent part, patch by patch: sums of squares that give any light's fit to the mirrored directions.
 
-In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is what a place sends everywhere, and
-falls out of differences from the place's mean over its views. What is left is linear in F a_l L_lm, so that sums over
-pixels, taken once, tell how well any light and any roughness explain them.
+In linear light a pixel shows c = d + f(cosine) F sum_l a_l L_lm Y_lm(mirrored): d is the light that a place sends
+everywhere; it cancels in differences from the place's mean over its views. The rest is linear in F a_l L_lm, so sums
+over pixels, taken once, show how well any light and any roughness explain them.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ from .ggx import fresnel_rise
 from .pixels import SurfacePixels
 
 BANDS = 5
-"""Of the reflected light that is told apart. Harmonics of degree 3 in every Gaussian, turned differently over a curved
+"""Of the reflected light that is resolved. Harmonics of degree 3 in every Gaussian, turned differently over a curved
 surface, show a little more together than each alone."""
 
 PATCHES = 60
@@ -41,7 +41,7 @@ LEAST_VIEWS, LEAST_PIXELS = 4, 500
 """Pixels in which a place is seen, and those of a patch, from which it counts."""
 
 PLANE, CURVED = 0.01, 0.1
-"""`PatchFits.curved` of patches that are always taken for planes, and of those that never are: a trained table top has
+"""`PatchFits.curved` of patches that always count as planes, and of those that never do: a trained table top has
 up to .012, its objects .03 to .45, and patches of one ball .01 to .03."""
 
 NUISANCE_RIDGE = 1e-4
@@ -53,8 +53,8 @@ class PatchFits(NamedTuple):
     """Sums over the pixels of P patches. K = BANDS^2 - 1: all coefficients but the mean, which no difference shows.
 
     patch: (M,) int32, the patch of each node. gram: (P, 2, 2, K, K), moments: (P, 2, 2, K, 3) and power: (P, 2, 3), of
-    each patch, each half of its places and, but for power, each kind: dielectric, metal. pixels: (P,) how many. curved:
-    (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
+    each patch, each half of its places and, except for power, each kind: dielectric, metal. pixels: (P,) how many.
+    curved: (P,) 0 where a patch is plane, towards 1 where its normals face everywhere.
     """
 
     patch: NDArray[np.int32]
@@ -159,7 +159,7 @@ def _sums(
     size = BANDS**2 - 1
     gram, moments = np.zeros((2, KINDS, size, size)), np.zeros((2, KINDS, size, 3))
     power = np.zeros((2, 3))
-    # What changes with the angle alone, as at grazing angles where the splat shows what lies behind, tells nothing.
+    # A change with the angle alone, as at grazing angles where the splat shows what lies behind, is no evidence.
     angle = _less_mean(np.stack([cosine, cosine**2, (1.0 - cosine) ** 5], axis=1), place)
     basis = harmonics.evaluate(mirrored, BANDS)[:, 1:]
     own = _less_mean(color, place)

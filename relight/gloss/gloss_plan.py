@@ -1,4 +1,4 @@
-"""What gloss contributes and costs, for a plan: measured on the scene, but for the fit, which is timed by one pass."""
+"""Contribution and cost of gloss, for a plan: measured on the scene; the fit is timed by one pass."""
 
 import time
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from .reflections import Reflections
 
 
 class GlossPlan(NamedTuple):
-    """What gloss is in a scene.
+    """The gloss of a scene.
 
     surface: share of the surface's nodes that is glossy. light: share of what pictures show of the captured light that
     is reflected. reflectance, alpha: medians over what is glossy, of luminance at normal incidence and of roughness.

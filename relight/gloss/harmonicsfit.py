@@ -18,7 +18,7 @@ STEPS = 4
 
 RIDGE = 0.1
 """Pixels that hold each coefficient back: Gaussians that few pixels show change little. 2 loses 0.15 dB on a trained
-table. A fifth of it for the constant one, which every view tells."""
+table. A fifth of it for the constant one, which every view shows."""
 
 View: TypeAlias = tuple[Blending, NDArray[np.int64], NDArray[np.float64]]
 """Blending of one view; (Q,) the pixels that count; (3,) the eye."""

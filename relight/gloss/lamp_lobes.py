@@ -1,7 +1,8 @@
-"""Highlights of placed lamps: the lobe towards each emitter, as wide as the emitter is seen, behind a shadow ray.
+"""Highlights of placed lamps: the lobe towards each emitter, widened by the emitter's apparent size, behind a shadow
+ray.
 
-Source: Karis, "Real shading in Unreal Engine 4" (SIGGRAPH 2013): a lamp of some size is a point under a lobe that is
-rougher by half the angle it is seen at.
+Source: Karis, "Real shading in Unreal Engine 4" (SIGGRAPH 2013): an extended lamp is a point under a lobe that is
+rougher by half the angle it subtends.
 """
 
 import math
@@ -89,7 +90,7 @@ def _lobe(
     weights: NDArray[np.float64],
     found: NDArray[np.float64],
 ) -> None:
-    """What each point sends to the eye of emitter e, of reflectance 1 and radiance 1."""
+    """The light of emitter e that each point sends to the eye, for reflectance 1 and radiance 1."""
     for i in range(len(points)):
         px, py, pz = points[i]
         nx, ny, nz = normals[i]

@@ -1,4 +1,4 @@
-"""Reflectance and roughness of each patch: what of the captured light's reflection its pixels show."""
+"""Reflectance and roughness of each patch: the share of the captured light's reflection that its pixels show."""
 
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
@@ -14,7 +14,7 @@ from .fits import BANDS, PatchFits
 from .ggx import zonal_factors
 
 ALPHAS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.65)
-"""GGX roughness that is told apart. Degree 3 shows little between the first two; a noisy normal looks rough."""
+"""GGX roughness that is distinguished. Degree 3 shows little between the first two; a noisy normal looks rough."""
 
 DEGREE = harmonics.degrees_and_orders(BANDS)[0][1:]
 FACTORS = np.array([zonal_factors(alpha, BANDS)[DEGREE] for alpha in ALPHAS])
@@ -47,9 +47,9 @@ GLOSS = GlossCalibration()
 
 
 class Gloss(NamedTuple):
-    """What reflects, on M nodes. reflectance: (M, 3) at normal incidence, 0 where nothing does. alpha: (M,) GGX
-    roughness, that of the noise of the normals included. metal: (M,) bool, whether it does not rise at grazing angles.
-    explained: (M,) share of what depends on the view that the reflection explains, its confidence."""
+    """The reflecting materials of M nodes. reflectance: (M, 3) at normal incidence, 0 without reflection. alpha: (M,)
+    GGX roughness, that of the noise of the normals included. metal: (M,) bool, whether it does not rise at grazing
+    angles. explained: (M,) share of the view-dependent part that the reflection explains, its confidence."""
 
     reflectance: NDArray[np.float32]
     alpha: NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""What the pixels of a view mirror: the light where the lobe sees it, the scene's own radiance where that is hidden."""
+"""The light that pixels of a view mirror: the environment where the lobe sees it, else the scene's radiance."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Which way a place of the surface sees the light, and the colour of what hides it elsewhere, in a few numbers."""
+"""The directions in which a surface point sees the light, and the colour of its occluders, in a few numbers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ DIRECTIONS = 192
 """Over the whole sphere, of which half is above a surface."""
 
 RIDGE = 0.02
-"""Of the directions above a surface, on all coefficients but the constant one: half a sphere tells them apart
-badly. Where nothing is hidden the fit stays exact."""
+"""Of the directions above a surface, on all coefficients but the constant one: half a sphere separates them badly.
+Where nothing is hidden the fit stays exact."""
 
 _BATCH = 1 << 12
 
@@ -26,12 +26,11 @@ _BATCH = 1 << 12
 def openness(
     surface: Surface, nodes: Indices, colors: Radiance, scene: Matrix3
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What some nodes of a Surface see above themselves.
+    """The open directions above some nodes of a Surface.
 
     nodes: (N,) their numbers. colors: (M, 3) linear, of all nodes. scene: (3, 3) rotation from the frame of the splat
-    into the scene's.
-    Returns (N, 4) SH coefficients of what is visible, frame of the scene, which mean something above the surface alone,
-    and (N, 3), the mean colour of what hides the rest, 0 where nothing does.
+    into the scene's. Returns (N, 4) SH coefficients of visibility, frame of the scene, valid only above the surface,
+    and (N, 3), the mean colour of the occluders, 0 without any.
     """
     number = np.arange(DIRECTIONS) + 0.5
     height, turn = 1.0 - 2.0 * number / DIRECTIONS, np.pi * (3.0 - np.sqrt(5.0)) * number  # a Fibonacci sphere
@@ -53,8 +52,8 @@ def openness(
         square = np.einsum("nd,di,dj->nij", above.astype(np.float64), basis, basis, optimize=True)
         count = above.sum(axis=1)
         # A coefficient of a function that is 1 everywhere is sqrt(4 pi) in the constant one: then all others stay 0.
-        told = seen @ basis
-        visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, told[:, :, None])[:, :, 0]
+        moments = seen @ basis
+        visible[rows] = np.linalg.solve(square + count[:, None, None] * hold, moments[:, :, None])[:, :, 0]
         second, third = hits.uv[met].T
         shares = np.stack([1.0 - second - third, second, third], axis=1)
         sent = np.einsum("nk,nkc->nc", shares, colors[surface.faces[hits.faces[met]]])

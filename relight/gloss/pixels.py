@@ -1,4 +1,4 @@
-"""What pixels of a picture of the splat see of its surface: where, under which angle, and which way it mirrors."""
+"""The surface that pixels of a splat's picture show: position, angle and mirrored direction."""
 
 from typing import NamedTuple
 
@@ -72,7 +72,7 @@ class SurfacePixels(NamedTuple):
         return self._replace(**{name: getattr(self, name)[rows] for name in names})
 
     def hits(self, surface: Surface, directions: Directions) -> Hits:
-        """What rays (Q, 3) from the pixels' places hit."""
+        """The hits of rays (Q, 3) from the pixels' positions."""
         start = self.points + LIFT * surface.diagonal * self.normals
         return surface.caster.first_hits(np.concatenate([start, directions], axis=1).astype(np.float32))
 

@@ -1,7 +1,7 @@
 """New reflections for relit splats: harmonics of degree 3, fitted to pictures whose pixels mirror the new light.
 
 A single Gaussian's harmonics are noise; together, in a picture, they show the reflection. So the old reflection is
-taken out of pictures and the new one put in, and the harmonics of glossy Gaussians follow by least squares.
+removed from pictures and the new one added, and the harmonics of glossy Gaussians follow by least squares.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ DEGREE = 3
 """Of what is written: viewers draw no more."""
 
 LEAST_LEFT = 0.02
-"""Of a pixel's colour without gloss that is left, however much gloss is taken out of it."""
+"""Of a pixel's colour without gloss that is left, however much gloss is removed from it."""
 
 MOSTLY = 0.5
 """Of what a Gaussian is attached to that must be glossy for it to take part."""
@@ -51,8 +51,8 @@ class Reflections:
         self._glossy = np.flatnonzero(rows[binding.drawn_rows])  # among those drawn
 
     def reflected(self, light: Floats, radiance: Floats) -> list[NDArray[np.float64]]:
-        """What the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance (V, 3) of the
-        vertices."""
+        """The light that the glossy pixels of each view mirror, (Q, 3) each: `MirroredPixels.reflected`, radiance
+        (V, 3) of the vertices."""
         nodes = self._binding.surface.of_vertices(np.asarray(radiance, np.float32))
         return [view.reflected(light, nodes) for view in self._views]
 

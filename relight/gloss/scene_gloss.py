@@ -1,4 +1,4 @@
-"""The gloss of one scene: observed once, kept with the scene, and shown anew in every light."""
+"""The gloss of one scene: observed once, kept with the scene, and redrawn in every light."""
 
 from collections.abc import Callable
 from functools import cached_property, partial
@@ -32,10 +32,10 @@ LEAST_DEGREE = 2
 
 
 class SceneGloss:
-    """What is glossy in a scene that was made from splats.
+    """The gloss of a scene that was made from splats.
 
-    splats: as read. binding: returns their Binding. cache: where what was observed is kept, or None.
-    lamps: returns the LampLight of lamps that shine beside every light, or None.
+    splats: as read. binding: returns their Binding. cache: for the observations, or None. lamps: returns the LampLight
+    of lamps that shine beside every light, or None.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class SceneGloss:
 
     @cached_property
     def fits(self) -> PatchFits | None:
-        """What pictures of the splat show of reflections; None where its harmonics show too little."""
+        """The reflections that pictures of the splat show; None where its harmonics show too little."""
         if self._splats.degree < LEAST_DEGREE:
             return None
         found = self._kept
@@ -90,8 +90,8 @@ class SceneGloss:
 
     def of(self, look: "Appearance") -> Gloss | None:
         """The Gloss of the scene under the light that it was captured in, or None where nothing is glossy."""
-        told = look.capture is None or bool(look.capture["separable"])
-        if look.environment is None or look.room is not None or look.kept or not told or self.fits is None:
+        separable = look.capture is None or bool(look.capture["separable"])
+        if look.environment is None or look.room is not None or look.kept or not separable or self.fits is None:
             return None
         return materials(self.fits, look.environment.sh(harmonics.MAX_BANDS))
 
@@ -102,7 +102,7 @@ class SceneGloss:
         """
         if look.environment is None or self.of(look) is None:
             return relit
-        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of what is told in units of the picture
+        exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of values in units of the picture
         own = look.environment.sh(harmonics.MAX_BANDS)
         light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
         return self.under(relit, look, light, shaded.shading.radiance, received, exposure, beside)
@@ -154,7 +154,7 @@ class SceneGloss:
         return np.stack([rough, metal], axis=1).astype(np.float32)[node]
 
     def plan(self, look: "Appearance") -> GlossPlan | None:
-        """What gloss contributes and costs; None where nothing is glossy. It traces what a light needs next."""
+        """Contribution and cost of gloss; None where nothing is glossy. It traces what a light needs next."""
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:
@@ -166,7 +166,7 @@ class SceneGloss:
         return found
 
     def as_dict(self, look: "Appearance") -> dict[str, Any] | None:
-        """What the report tells, JSON-clean; None where nothing is glossy."""
+        """The entry of the report, JSON-clean; None where nothing is glossy."""
         gloss = self.of(look)
         if gloss is None:
             return None

@@ -1,4 +1,4 @@
-"""Pictures from where a capture is likely to have stood: elsewhere harmonics mean nothing, and show false gloss."""
+"""Pictures from likely positions of the capture: elsewhere harmonics are meaningless and show false gloss."""
 
 import numpy as np
 
@@ -11,13 +11,13 @@ from ..splats.binding import Binding
 from ..splats.looks import Looks
 
 GLANCE = 16
-"""Views that are looked at first, and tell whether anything may be glossy."""
+"""Views that are examined first and show whether anything may be glossy."""
 
 VIEWS, PIXELS = 40, 256
-"""Of an object, and their side: 64 views or 384 pixels tell no more of the light."""
+"""Of an object, and their side: 64 views or 384 pixels show no more of the light."""
 
 LOWEST = 0.1
-"""Sine of the elevation of the lowest: from -.15 on, a table's light of the capture was told a third worse."""
+"""Sine of the elevation of the lowest: from -.15 on, the estimate of a table's captured light was a third worse."""
 
 DISTANCE = 1.15
 """Of the eyes, over that at which the whole just fits in."""

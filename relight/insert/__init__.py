@@ -1,1 +1,1 @@
-"""Objects put into a captured place: lit by it, standing in it, throwing shadow and light on it."""
+"""Objects inserted into a captured place: lit by it, standing in it, casting shadow and light on it."""

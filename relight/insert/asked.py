@@ -1,4 +1,4 @@
-"""What a person asks to have put in: a file, where it goes, which way it faces, how large it is, on what it stands.
+"""A request to insert an object: its file, position, heading and size, and the surface that it stands on.
 
     statue.glb at=1.55,0,-.6
     statue.glb at=1.55,0,-.6 turn=30 scale=.5 on=floor
@@ -23,10 +23,10 @@ from splat2mesh.scene.mesh import Mesh
 Vector: TypeAlias = tuple[float, float, float]
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
-"""What stands behind a file, as name=value."""
+"""The words after a file, as name=value."""
 
 SUPPORTS = ("floor",)
-"""What an object may be let down on."""
+"""The surfaces that an object may be dropped on."""
 
 MOST_SCALE = 1e6
 
@@ -38,7 +38,7 @@ _KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
 
 @dataclass(frozen=True, eq=False)
 class AskedInsert:
-    """An object to be put in.
+    """An object to insert.
 
     source: a mesh file, a splat, or a Mesh whose y points up. at: where its origin goes, in the frame of the splat that
     the scene was made of. turn_deg: about the vertical, counter-clockwise from above. scale: its own units times this
@@ -67,12 +67,12 @@ class AskedInsert:
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Its name."""
         return "mesh" if isinstance(self.source, Mesh) else Path(self.source).name
 
 
 def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
-    """Return the objects that are asked for, in order.
+    """Return the requested objects, in order.
 
     inserted: each an AskedInsert, a Mesh, a path, or a text as above. Raises InputError, in one line, for others.
     """
@@ -90,7 +90,7 @@ def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
 
 
 def described(asked: AskedInsert) -> dict[str, Any]:
-    """Where and how an object is put in, JSON-clean; what it is, its file says."""
+    """Position and pose of an inserted object, JSON-clean; its file describes the object."""
     place = {"at": list(asked.at), "turn_deg": asked.turn_deg, "scale": asked.scale, "on": asked.on}
     return {"name": asked.name, **place, "albedo": asked.albedo and list(asked.albedo)}
 
@@ -120,8 +120,8 @@ def _parsed(text: str) -> list[AskedInsert]:
             raise InputError(f"{next(iter(given))}: a layout sets the positions of its objects")
         return layout
     except InputError as error:
-        told = " ".join(str(error).split()).replace("`", "")
-        raise InputError(f"`inserted` {_clip(text)}: {told}") from None
+        problem = " ".join(str(error).split()).replace("`", "")
+        raise InputError(f"`inserted` {_clip(text)}: {problem}") from None
 
 
 def _layout(path: Path) -> list[AskedInsert] | None:

@@ -1,4 +1,4 @@
-"""How much of a scene objects change, and what that costs, found on a few of its vertices."""
+"""The share of a scene that objects change and its cost, measured on a few of its vertices."""
 
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -24,10 +24,10 @@ SAMPLE = 2048
 
 
 class InsertPlan(NamedTuple):
-    """What objects call for.
+    """The work for inserted objects.
 
-    objects: how many. reach: share of the scene's vertices from which an object is large enough to change their light.
-    changed: share of them whose light it changes visibly, in an even light, without shadows of suns and lamps.
+    objects: their number. reach: share of the scene's vertices from which an object is large enough to change their
+    light. changed: share of them whose light it changes visibly, in an even light, without shadows of suns and lamps.
     splats: share of the splats in reach, None where there are none. rays: for the light on the objects and the change
     of the vertices. seconds: for both.
     """

@@ -1,4 +1,4 @@
-"""Objects that are put in, as arrays: triangles fine enough to carry light, albedo, and what their files show."""
+"""Inserted objects as arrays: triangles fine enough to carry light, albedo, and the pictures of their files."""
 
 import io
 import os
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
     from .splat_object import SplatObject
 
 FINENESS = 48
-"""Edges along the diagonal of an object at least: light is told at its vertices."""
+"""Edges along the diagonal of an object at least: light is computed at its vertices."""
 
 MOST_FACES = 100_000
 """From which an object is not made finer."""
 
 GREY = 0.5
-"""Linear albedo of what has no colours of its own."""
+"""Linear albedo of objects without colours."""
 
 DARKEST, LIGHTEST = 0.02, 0.95
 """As of the albedo of captures: soot to fresh snow."""
@@ -42,12 +42,11 @@ MOST_TEXELS = 1 << 26
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """What has one material.
+    """A part of an object with one material.
 
-    vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, what the texture is
-    multiplied by. uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, the texture in it. material: its
-    index in the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its
-    file.
+    vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, factor on the texture.
+    uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, including the texture. material: its index in
+    the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its file.
     """
 
     vertices: NDArray[np.float32]
@@ -84,7 +83,7 @@ class InsertedObject:
 
 
 def read_object(asked: AskedInsert) -> InsertedObject:
-    """Read what is to be put in. Raises InputError for a file that is missing, broken, or without triangles."""
+    """Read the objects to insert. Raises InputError for a file that is missing, broken, or without triangles."""
     tint = np.ones(3) if asked.albedo is None else np.array(asked.albedo)
     source = asked.source
     if isinstance(source, Mesh):

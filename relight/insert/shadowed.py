@@ -1,8 +1,8 @@
-"""Splats in the shadow of objects: the change of light is found anew on finer triangles about them.
+"""Splats in the shadow of objects: the change of light is recomputed on finer triangles around the objects.
 
-A mesh of a place has vertices a hand apart, and a shadow that touches its object has an edge. So the triangles that
-change are cut until they are fine beside the object, their vertices traced, and the splats bound to them; views from
-where the capture stood, all towards the objects, tell which splats show what.
+A mesh of a place has vertices a hand apart, but a contact shadow has an edge. So the triangles that change are
+subdivided until they are fine near the object, their vertices traced, and the splats bound to them; views from the
+positions of the capture towards the objects show which splats show which triangles.
 """
 
 from dataclasses import replace
@@ -97,7 +97,7 @@ def _changed(light: InsertedLight) -> NDArray[np.bool_]:
 
 
 def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
-    """Views towards the objects from where the capture stood, in the frame of the splats; None where nobody stood.
+    """Views towards the objects from where the capture stood, in the frame of the splats; None without standpoints.
 
     None at all in a closed room: the fit costs a trained parlour a tenth of the truth's shadow, where it gains a garden
     .03 of it.

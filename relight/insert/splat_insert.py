@@ -1,4 +1,4 @@
-"""A splat as an inserted object: its mesh carries the light, in a frame that is upright."""
+"""A splat as an inserted object: its mesh carries the light, in an upright frame."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Splats as objects: they lose the light that they were captured in, and take that of the place they are put in."""
+"""Splats as objects: they lose their captured light and take the light of the place they are inserted into."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ from ..splats import Binding
 
 @dataclass(frozen=True, eq=False)
 class SplatObject:
-    """N Gaussians that are put in, and the mesh that they are lit by.
+    """N inserted Gaussians and the mesh that lights them.
 
     binding: of the splats to their own scene. irradiance: (V, 3) that their mesh received on their capture day. rows:
-    (M,) of the splats that are put in; far background is not. object_from_splat: (4, 4).
+    (M,) of the inserted splats; far background is not among them. object_from_splat: (4, 4).
     """
 
     binding: Binding

@@ -1,4 +1,4 @@
-"""The light that stands around an object: what surfaces send, the sky behind them, suns and lamps."""
+"""The light around an object: the radiance of surfaces, the sky behind them, suns and lamps."""
 
 import copy
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from ..light.suns import Suns
 from ..transfer.occluder import Frame, Occluder
 
 BANDS = 8
-"""Of the harmonics that suns are split off for: as where the light of a capture is told."""
+"""Of the harmonics that suns are split off for: as in the estimate of a capture's light."""
 
 LAMP_RAYS = 32
 """To each lamp in half-shadows."""

@@ -1,1 +1,1 @@
-"""Lamps that people place: their shapes, how they are asked for, and the light that they throw on a scene."""
+"""Placed lamps: their shapes, the text that requests them, and their light on a scene."""

@@ -1,4 +1,4 @@
-"""What a person asks for: a lamp, its colour, and how bright it shall be, in the scene's terms or in a maker's.
+"""A requested lamp: its shape, colour and brightness, in units of the scene or of a manufacturer.
 
 lamp = resolve(asked, scale)  # in units of the picture
 in_words(lamp, scale)         # "as bright as the room at 1.3 m"
@@ -37,14 +37,14 @@ LARGEST_EV = 40.0
 LONGEST_NAME = 80
 
 BULB_M, TUBE_M = 0.05, 0.013
-"""Radii in metres of a bulb and of a fluorescent tube (T8), where nobody names one."""
+"""Radii in metres of a bulb and of a fluorescent tube (T8), where none is given."""
 
 _UNITS: dict[str, Unit] = {"ev": "EV", "lm": "lumen", "lumen": "lumen", "lumens": "lumen", "cd": "candela"}
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """How bright a lamp shall be.
+    """The requested brightness of a lamp.
 
     unit: "picture": `value` times the light of the shape, which is in units of the picture (radiance 1 shows as white).
     "EV": at 1 m on its main axis the lamp gives 2^value times the scene's median captured irradiance. "candela": the
@@ -70,12 +70,12 @@ DEFAULT_BRIGHTNESS = Brightness(2.0, "EV")
 
 @dataclass(frozen=True, eq=False)
 class AskedLamp:
-    """A lamp as asked for, with lengths in the splat's units.
+    """A lamp as requested, with lengths in the splat's units.
 
     shape: where it is and how large; its radiance or intensity says how the light of its faces and channels compares,
     and is the light itself where the unit of the brightness is "picture". color (3,): linear RGB, by which that is
     multiplied; as people name it, of luminance 1. radius_in_metres: the radius of the shape is in metres instead, as
-    nobody named one.
+    none was given.
     """
 
     shape: Lamp
@@ -91,10 +91,10 @@ class AskedLamp:
 
 @dataclass(frozen=True)
 class LampScale:
-    """What brightness and lengths are relative to.
+    """The scale of brightness and lengths.
 
     metre: splat units per metre. irradiance: the median captured one, as luminance in units of the picture: pi for
-    white under a white sky. candela: radiance in the picture of 1 cd/m^2, None where nobody knows.
+    white under a white sky. candela: radiance in the picture of 1 cd/m^2, None if unknown.
     """
 
     metre: float
@@ -130,7 +130,7 @@ def parse_brightness(text: str) -> Brightness:
 
 
 def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
-    """The lamp that was asked for, its light in units of the picture and its lengths in the splat's.
+    """The requested lamp, its light in units of the picture and its lengths in the splat's.
 
     The irradiance at 1 m is taken from the intensity on the main axis, as of a point: what a lamp gives from afar. A
     disc of half a metre really gives 6% less there. Raises InputError for lumens and candela without
@@ -162,7 +162,7 @@ def resolve(asked: AskedLamp, scale: LampScale) -> Lamp:
 
 
 def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
-    """How bright a lamp is, as a person sees it: "as bright as the room at 1.3 m".
+    """The brightness of a lamp in everyday words: "as bright as the room at 1.3 m".
 
     That is the distance on its main axis, as of a point, at which it gives the median captured irradiance. With a
     `LampScale.candela` its lumens follow.
@@ -171,10 +171,10 @@ def in_words(lamp: Lamp, scale: LampScale, place: str = "room") -> str:
     if intensity == 0.0:
         return "dark"
     distance_m = math.sqrt(intensity / scale.irradiance) / scale.metre
-    told = f"as bright as the {place} at {_two_digits(distance_m)} m"
+    text = f"as bright as the {place} at {_two_digits(distance_m)} m"
     if scale.candela is not None:
-        told += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
-    return told
+        text += f", {_two_digits(float(luminance(flux(lamp))) / (scale.candela * scale.metre * scale.metre))} lm"
+    return text
 
 
 def moved(shape: Lamp, offset: Vector) -> Lamp:

@@ -1,7 +1,7 @@
-"""Which of many lamps a vertex takes: the brightest by themselves, and of the others a few by chance.
+"""Which of many lamps a vertex samples: the brightest for certain, and a random few of the others.
 
-Of the others each is as likely as it is bright where the neighbourhood of the vertex is. So the cost of a vertex does
-not grow with the number of lamps, and its light is right on average.
+The probability of each other lamp is proportional to its brightness in the vertex's neighbourhood. So the cost of a
+vertex does not grow with the number of lamps, and its light is right on average.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from splat2mesh.base.threads import over
 from .emitters import Emitters
 
 ALONE = 24
-"""Emitters that a vertex takes by themselves, the brightest; it takes all where there are no more than these."""
+"""Number of brightest emitters that a vertex samples for certain; it samples all if there are no more than these."""
 
 BLOCK = 16
 """Vertices, side by side along a curve through space, that share a list of the brightest. Among 64, which reach over

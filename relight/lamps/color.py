@@ -1,4 +1,4 @@
-"""The colour of a lamp, as a person writes it: a temperature, a hexadecimal colour, a name, or three numbers.
+"""The colour of a lamp, as text: a temperature, a hexadecimal colour, a name, or three numbers.
 
 A colour here is linear Rec. 709 RGB whose luminance is 1, so that it never changes how bright a lamp is.
 """

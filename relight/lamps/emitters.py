@@ -1,7 +1,7 @@
 """Lamps as the kernels see them: balls, triangles and tubes in arrays, in the unit frame of an occluder.
 
 A sphere, a spot and a measured profile are balls; a rectangle is two triangles, a mesh as many as it has. So one list
-holds all lamps, and a sign of ten thousand faces is no other case than a street of ten thousand bulbs.
+holds all lamps, and a sign of ten thousand faces is handled like a street of ten thousand bulbs.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Lamps for engines and renderers: lights of glTF and of USD, so that their own objects are lit as the splat is.
+"""Lamps for engines and renderers: lights of glTF and of USD, to light their objects like the splat.
 
 Both are in units of the picture: where radiance 1 shows as white, so does a white surface in a light of irradiance pi.
 """
@@ -23,7 +23,7 @@ NARROWEST = 1.0 - 1e-6
 """Of a cone, the beam: glTF wants it to be within."""
 
 BEAM, FIELD = 0.5, 0.1
-"""Shares of the brightest intensity at which the beam and the cone of a profile end, as makers of lamps tell them."""
+"""Shares of the brightest intensity at which the beam and the cone of a profile end, as makers of lamps state them."""
 
 FLAT = 0.95
 """Of the area of a mesh, as seen from its best side, from which it shines to one side as a panel does."""

@@ -59,13 +59,13 @@ EVERY = ("color", "brightness", "name")
 """Fields that every lamp may have."""
 
 SHORT = {"cutoff": "cutoff_deg", "beam": "beam_deg", "turn": "turn_deg", "to": "end"}
-"""What a person types -> the field."""
+"""Word of the command line -> field."""
 
 PLACE = {"sphere": "position", "spot": "position", "rectangle": "center", "tube": "start", "profile": "position"}
 """Kind -> where it is, which is also called `at`."""
 
 WARM = blackbody(TEMPERATURES["warm"])
-"""The colour of a lamp that nobody gave one."""
+"""The colour of a lamp without one."""
 
 
 def asked_lamp(kind: str, given: Mapping[str, Any], folder: Path | None = None) -> AskedLamp:
@@ -92,7 +92,7 @@ def renamed(asked: AskedLamp, name: Any) -> AskedLamp:
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """What a word that is not known may mean, as the end of a phrase."""
+    """A suggestion for an unknown word, as the end of a phrase."""
     near = difflib.get_close_matches(str(word).lower()[:40], list(known), 1)
     return f"; did you mean {near[0]}?" if near else ""
 
@@ -104,7 +104,7 @@ def clip(value: Any) -> str:
 
 
 def plain(error: InputError) -> str:
-    """What an error says, in one line, of which no field is taken for an option of the command line."""
+    """The text of an error in one line, in which no field is read as an option of the command line."""
     return " ".join(str(error).split()).replace("`", "")
 
 
@@ -159,7 +159,7 @@ def _flag(fields: Mapping[str, Any], name: str) -> bool:
 
 
 def _light(fields: Mapping[str, Any], color: Vector = WARM) -> tuple[Vector, Brightness]:
-    """Colour and brightness of what is asked for; `color` where nothing says it."""
+    """Requested colour and brightness; `color` where unspecified."""
     absolute = [name for name in ("radiance", "intensity") if name in fields]
     if "color" in fields:
         color = parse_color(fields["color"])
@@ -300,7 +300,7 @@ def _profile(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
 
 
 def changed(asked: AskedLamp, fields: Mapping[str, Any]) -> AskedLamp:
-    """A lamp of a file with what is asked for instead of its own: color, brightness, name."""
+    """A lamp of a file with requested values in place of its own: color, brightness, name."""
     shape, color, brightness = asked.shape, asked.color, asked.brightness
     if "color" in fields:
         color = parse_color(fields["color"])

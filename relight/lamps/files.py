@@ -1,4 +1,4 @@
-"""Files of lamps: JSON, glTF, USD. An IES profile is a part of a lamp, which has a place besides.
+"""Files of lamps: JSON, glTF, USD. An IES profile is only a part of a lamp, which also needs a position.
 
 JSON is a list of lamps, or {"lamps": [...]}: {"type": "sphere", "position": [1.5, 1.5, -1.5], "radius": 0.1,
 "radiance": [70, 55, 38]}. `type` is a key of `fields.FIELDS`, whose fields it may have; lengths as in the splat.

@@ -1,4 +1,4 @@
-"""Lamps in glTF files: the lights of KHR_lights_punctual, and where there are none the meshes that glow.
+"""Lamps in glTF files: the lights of KHR_lights_punctual, or, without any, its emissive meshes.
 
 Source: Khronos, "glTF 2.0 Specification", KHR_lights_punctual, KHR_materials_emissive_strength, KHR_texture_transform.
 """

@@ -115,7 +115,7 @@ def _angles(angles: NDArray[np.float64], most: float) -> NDArray[np.float64]:
 
 
 def _all_round(angle: NDArray[np.float64], candela: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-    """Horizontal angles from 0 to 360 and their columns: by the symmetry that the last angle tells."""
+    """Horizontal angles from 0 to 360 and their columns: by the symmetry that the last angle gives."""
     first, last = angle[0], angle[-1]
     if len(angle) == 1:
         return np.array([0.0, 360.0]), np.repeat(candela, 2, axis=1)

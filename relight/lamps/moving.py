@@ -1,4 +1,4 @@
-"""Lamps from one frame into another: from that of a splat, in which they are given, into that of its scene."""
+"""Lamps from the frame of a splat, in which they are given, to the frame of its scene."""
 
 import math
 from dataclasses import replace

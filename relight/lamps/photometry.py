@@ -1,7 +1,7 @@
-"""How much light a lamp sends out: on its main axis, and in all.
+"""The light that a lamp emits: on its main axis, and in total.
 
-Both in units of the picture, linear RGB: the intensity is radiance x length^2, the flux that x steradian. What a lamp
-hides of itself is not taken out, which tells for meshes alone.
+Both in units of the picture, linear RGB: the intensity is radiance x length^2, the flux that x steradian. Light that a
+lamp hides from itself is not subtracted, which matters for meshes only.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What may be given as a lamp: a shape, a lamp as asked for, a text, a file."""
+"""The forms in which a lamp may be given: a shape, a request, a text, a file."""
 
 import os
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ from .shapes import Lamp, MeshLamp
 
 
 def asked_lamps(placed: Iterable[Any]) -> list[AskedLamp]:
-    """Return the lamps that are asked for, in order.
+    """Return the requested lamps, in order.
 
     Parameters
     ----------

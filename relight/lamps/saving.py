@@ -37,7 +37,7 @@ def write_lamps(
     lamps : sequence of AskedLamp
         At least one.
     scale : LampScale, optional
-        Of the scene: asked for by lamps that the file cannot tell in their own terms.
+        Of the scene: required by lamps whose units the file cannot express.
     about : str
         A line for people.
 
@@ -58,7 +58,7 @@ def write_lamps(
 
 
 def fields_of(asked: AskedLamp, scale: LampScale | None = None) -> dict[str, Any]:
-    """Return the fields by which a file asks for a lamp, `type` first. Raises InputError as `write_lamps` does."""
+    """Return the fields of a lamp in a file, `type` first. Raises InputError as `write_lamps` does."""
     shape, brightness = asked.shape, asked.brightness
     fields: dict[str, Any] = {"type": type(shape).__name__.removesuffix("Lamp").lower()}
     match shape:
@@ -104,7 +104,7 @@ def fields_of(asked: AskedLamp, scale: LampScale | None = None) -> dict[str, Any
 def color_text(light: ArrayLike) -> str | list[float]:
     """Return what `color.parse_color` reads as the colour of a light (3,): to the last bit where that can be found.
 
-    A colour is brought to luminance 1 as it is read, which may round it once more: names are tried first, then the
+    A colour is normalised to luminance 1 when it is read, which may round it again: names are tried first, then the
     colour at other brightnesses.
     """
     red, green, blue = (float(each) for each in np.asarray(light))

@@ -1,6 +1,6 @@
-"""The kinds of lamps: where each stands, how large it is, and the light that it sends out.
+"""The kinds of lamps: position, size and emission of each.
 
-Places are in one frame and one unit of length, the caller's. Light is in units of the picture: a surface of radiance 1
+Positions are in the caller's frame and unit of length. Light is in units of the picture: a surface of radiance 1
 shows as white, as the capture was exposed. Imports nothing heavy.
 """
 

@@ -1,4 +1,4 @@
-"""What stands behind `--lamp`: a place, a kind with a place, or a file, and words such as color=3000K.
+"""The text of `--lamp`: a position, a kind with a position, or a file, then words such as color=3000K.
 
     1.5,1.5,-1.5                                               a warm bulb, +2 EV
     1.5,1.5,-1.5 radius=.1 color=3000K brightness=+1EV

@@ -1,9 +1,9 @@
 """The light of lamps on white vertices, with soft shadows: rays where lamps can contribute, more in half-shadows.
 
-Each pair of vertex and emitter has a closed form for what arrives where nothing hides it (`unoccluded`); rays only tell
-which part of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in
-the half-shadow, and takes all. Of many emitters each vertex takes the brightest by themselves, and of the others a few
-by chance, as likely as they are bright where its neighbourhood is: so the cost of a vertex does not grow with the
+Each pair of vertex and emitter has a closed form for the unoccluded light (`unoccluded`); rays only measure which part
+of it gets through. A few go first. Where they agree, they are enough; where they do not, the vertex is in the
+half-shadow, and takes all. Of many emitters each vertex samples the brightest for certain, and a random few of the
+others, with probability proportional to brightness in its neighbourhood: so the cost of a vertex does not grow with the
 number of lamps, and its light is right on average.
 """
 
@@ -180,7 +180,7 @@ def _visible(
     counts: NDArray[np.int32],
     shift: float,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """What part of the light of each pair gets through, (P,) float32, and whether its rays disagree, (P,) bool."""
+    """The visible part of the light of each pair, (P,) float32, and whether its rays disagree, (P,) bool."""
     free, mixed = np.zeros(len(vertex), np.float32), np.zeros(len(vertex), bool)
     ends = np.append(0, np.cumsum(counts, dtype=np.int64))
     batch = 2**20
@@ -213,8 +213,8 @@ def _free(
     node_weights: NDArray,
     light: NDArray,
 ) -> None:
-    """What each chosen emitter gives each vertex where nothing hides it, for radiance 1, times its weight; 0 for less
-    than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays tell it."""
+    """The unoccluded light of each chosen emitter at each vertex, for radiance 1, times its weight; 0 for less
+    than `least`. A leaf is lit from all sides: by the solid angle of the emitter, as eight of its rays give it."""
     for v in range(begin, end):
         px, py, pz = np.float64(origins[v, 0]), np.float64(origins[v, 1]), np.float64(origins[v, 2])
         nx, ny, nz = np.float64(normals[v, 0]), np.float64(normals[v, 1]), np.float64(normals[v, 2])
@@ -246,7 +246,7 @@ def _pilots(
     most: int,
     pilots: NDArray,
 ) -> None:
-    """How many rays go first: one to what is as small as a point."""
+    """The number of first rays: one to an emitter as small as a point."""
     for pair in range(begin, end):
         e, v = emitter[pair], vertex[pair]
         pilots[pair] = most

@@ -1,4 +1,4 @@
-"""What one emitter gives a white vertex where nothing hides it, in closed form, and the points that shadow rays aim at.
+"""The unoccluded light of one emitter on a white vertex, in closed form, and the targets of its shadow rays.
 
 All is exit radiance of a white surface, irradiance over pi, for an emitter of radiance 1.
 Sources: a sphere, cut by the horizon or not: Snyder, "Area light sources for real-time graphics", 1996. A polygon:
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .emitters import BALL, TRIANGLE, Emitters
 
 INSIDE = np.float32(1.0)
-"""What a vertex inside a glowing ball receives: from all its hemisphere."""
+"""The light of a vertex inside a glowing ball: from all its hemisphere."""
 
 TUBE_NODES = 8
 """Points along a tube that its light is summed over where nothing hides it."""
@@ -133,7 +133,8 @@ def tube_angles(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def directed(emitters: Emitters, e: int, dx: float, dy: float, dz: float, length: float) -> float:
-    """How bright a ball is towards a vertex, part of that along its axis; (dx, dy, dz) leads from the vertex to it."""
+    """The intensity of a ball towards a vertex, as a part of that along its axis; (dx, dy, dz) leads from the vertex to
+    it."""
     if emitters.profile[e] < 0 and emitters.cone[e, 0] >= np.float32(math.pi):
         return 1.0
     ax, ay, az = emitters.first[e]
@@ -173,7 +174,7 @@ def unoccluded(
     nodes: NDArray,
     weights: NDArray,
 ) -> float:
-    """What emitter e gives a vertex where nothing hides it, for radiance 1."""
+    """The unoccluded light of emitter e at a vertex, for radiance 1."""
     kind = emitters.kind[e]
     if kind == BALL:
         dx, dy, dz = emitters.place[e, 0] - px, emitters.place[e, 1] - py, emitters.place[e, 2] - pz

@@ -1,4 +1,4 @@
-"""Lamps in USD files: the lights of UsdLux that have a place.
+"""Lamps in USD files: the lights of UsdLux that have a position.
 
 Source: OpenUSD, usdLux: LightAPI, ShapingAPI, and the lights of each shape.
 """

@@ -1,4 +1,4 @@
-"""A USD file tried in a process of its own: usd-core trusts the counts in it, and takes what memory they say."""
+"""A trial read of a USD file in a separate process: usd-core trusts the counts in it and allocates accordingly."""
 
 import os
 import subprocess
@@ -37,7 +37,8 @@ except Tf.ErrorException as error:
 
 
 def check_opens(path: str | os.PathLike[str], size: int) -> None:
-    """Raise InputError where usd-core fails on a file, crashes, or takes far more memory or time than its size tells.
+    """Raise InputError where usd-core fails on a file, crashes, or takes far more memory or time than its size
+    suggests.
 
     size: bytes of the file. Text that names no other file passes: its parser takes no counts on trust. Memory is
     limited on Linux alone.

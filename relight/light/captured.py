@@ -1,4 +1,4 @@
-"""The light of the capture as a light that can be asked for: what is there stays, and lamps are put beside it."""
+"""The light of the capture as a light to request: it stays, and lamps are added to it."""
 
 import numpy as np
 

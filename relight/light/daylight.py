@@ -1,10 +1,10 @@
-"""The light of a date and a place: the sky's model as an environment, north where the scene has it.
+"""The light of a date and a place: the sky's model as an environment, with north as the scene has it.
 
     request = DaylightRequest.parse("2026-06-21T19:30+02:00", "48.85,2.35", north_deg=20)
     environment = request.environment()
 
 One scale for all: radiance 1 is the mean luminance of a clear noon in June at 48 degrees, as the built-in sky `noon`
-has it, so that dawn, dusk and night are as dark beside it as they are.
+has it, so dawn, dusk and night have their true relative darkness.
 """
 
 import re
@@ -44,7 +44,7 @@ _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 @dataclass(frozen=True)
 class DaylightRequest:
-    """What a person asks for: a date, a place, where north is, and the air.
+    """A requested daylight: date, location, direction of north, and the air.
 
     time: with a zone.
     latitude_deg, longitude_deg: north and east positive.

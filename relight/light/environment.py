@@ -21,7 +21,7 @@ from . import projections, skies
 from .environment_files import read_light
 
 MOST_RADIANCE = 1e12
-"""What is brighter is clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
+"""Brighter pixels are clipped to it, or sums and exposures would leave float32. The sun has 2e9 cd/m^2."""
 
 _ANGLE_DIGITS = 9  # 1e-9 degrees: drops the rounding error of the reduction modulo 360
 
@@ -173,7 +173,7 @@ class Environment:
         return turned_about_y(unrotated, self.rotation_deg)
 
     def derived(self, key: Hashable, compute: Callable[[], Any]) -> Any:
-        """Return what `compute` gives, computed once under this key for the image and all its rotated copies."""
+        """Return the result of `compute`, computed once under this key for the image and all its rotated copies."""
         if key not in self._derived:
             self._derived[key] = compute()
         return self._derived[key]
@@ -227,7 +227,7 @@ def _reduced(angle_deg: float) -> float:
 def _repaired(image: ArrayLike, name: str) -> tuple[NDArray[np.float32], dict[str, int]]:
     """A float32 copy of the image without NaN, infinite or negative values, and how many pixels had each.
 
-    Raises InputError when no pixel is finite. One DataWarning tells the counts.
+    Raises InputError when no pixel is finite. One DataWarning states the counts.
     """
     with np.errstate(over="ignore"):
         image = np.array(image, np.float32)

@@ -25,7 +25,7 @@ LARGEST_FILE = 4 << 30  # bytes; the largest published pictures of light have 2 
 
 
 def read_light(path: Path) -> Radiance:
-    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, told apart by their first bytes."""
+    """(H, W, 3) float pixels of an OpenEXR or Radiance HDR file, distinguished by their first bytes."""
     try:
         exists = os.path.lexists(path)
     except (OSError, ValueError):
@@ -49,7 +49,7 @@ def read_light(path: Path) -> Radiance:
 
 
 def _unknown(path: Path) -> str:
-    """What to say of a file that does not exist: it may be meant as a name, or as a file beside it."""
+    """The message on a missing file: it may be meant as a name, or as a file beside it."""
     beside = [each.name for each in path.parent.iterdir()] if path.parent.is_dir() else []
     lights = [name for name in beside if name.lower().endswith((".exr", ".hdr"))]
     known = {name.lower(): str(path.parent / name) for name in lights}

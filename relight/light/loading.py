@@ -1,4 +1,4 @@
-"""What may be given as a light, as an Environment."""
+"""The forms in which a light may be given, as an Environment."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Lat-long images in fewer texels, each the mean over its solid angle of what it covers."""
+"""Lat-long images in fewer texels, each the mean over the solid angle that it covers."""
 
 from collections.abc import Callable
 

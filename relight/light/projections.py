@@ -1,4 +1,4 @@
-"""Projections of environment images: canonical lat-long, and light probes that are resampled to it.
+"""Projections of environment images: canonical lat-long, and light probes resampled to it.
 
 Canonical lat-long (OpenEXR's definition): row 0 is +y, the centre looks at +z, +x is a quarter from the left.
 """

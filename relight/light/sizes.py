@@ -1,4 +1,4 @@
-"""Sizes that pictures of light announce, held against their files before memory is taken."""
+"""Declared sizes of light pictures, checked against their files before memory is allocated."""
 
 import struct
 from typing import Any
@@ -17,7 +17,7 @@ _LONGEST_HEADER = 1 << 20
 
 
 def check_pixels(name: object, width: int, height: int, size: int) -> None:
-    """Check the size that a picture announces before memory is taken for it.
+    """Check the size that a picture declares before memory is allocated for it.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def check_exr(name: object, data: bytes) -> None:
 
 
 def _channels(packed: bytes) -> int:
-    """How many channels a channel list names: each a name, a zero and 16 bytes."""
+    """The number of channels in a channel list: each a name, a zero and 16 bytes."""
     count, at = 0, 0
     while at < len(packed) and packed[at]:
         at = packed.index(b"\0", at) + 17

@@ -159,7 +159,7 @@ _SUNS = {"noon": ((-35.0, 60.0), (1.05, 1.0, 0.92), 5.0), "sunset": ((-60.0, 6.0
 """Azimuth and elevation in degrees, colour, and light on level ground over that of the sky."""
 
 _HAZE, _HAZE_HEIGHT = 0.8, 0.02
-"""Part of the air's light in that of the farthest ground, and the slope, as a sine, by which 1/e of it is left."""
+"""Share of the air's light in that of the farthest ground, and the slope, as a sine, at which 1/e of it is left."""
 
 
 def _image(name: str) -> NDArray[np.float32]:

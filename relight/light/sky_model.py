@@ -22,7 +22,7 @@ LUMINOUS_EFFICACY = 683.0
 """Lumens per watt: the data are integrals of spectral radiance over the CIE 1931 curves, in watts."""
 
 LEAST_TURBIDITY, MOST_TURBIDITY = 1.0, 10.0
-"""What the model was fitted to: 1 is pure air, 3 a clear day, 10 dense haze."""
+"""Range that the model was fitted to: 1 is pure air, 3 a clear day, 10 dense haze."""
 
 _DATA = Path(__file__).parent / "data" / "hosek_wilkie_rgb.npz"
 
@@ -38,7 +38,7 @@ _ALL_BLUE_DEG = -8.0  # glow along the horizon has gone, as seen: in the middle 
 _ALMANAC_DEG = -6.0  # the end of civil twilight: from here on the illuminance is that of the almanac
 
 NIGHT_DEG = -18.0
-"""Elevation of the sun at which the night begins, and the light stays as it is: 0.0006 lux."""
+"""Elevation of the sun at which the night begins; below it the light stays constant: 0.0006 lux."""
 
 _ALMANAC_FITS = (  # lowest elevation in degrees, coefficients of its powers
     (-0.8, (2.88, 22.26, -207.64, 1034.30)),

@@ -77,7 +77,7 @@ class Rest(Environment):
     """
 
     def __init__(self, whole: Environment, image: Radiance, suns: Suns, width: float, variances: Floats) -> None:
-        """Make it of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns taken out."""
+        """Make it of an unrotated Environment: the image (H, W, 3) of what stays, and the Suns removed."""
         super().__init__(image, whole.name)
         self.repaired = whole.repaired
         self._whole, self._suns, self.width, self.variances = whole, suns, width, variances
@@ -155,7 +155,7 @@ def _split(environment: Environment, bands: int, tolerance: float, limit: int) -
 
 
 class _Cut(NamedTuple):
-    """The result of cutting at a level: texels, the share of each that stays, and the spots taken out."""
+    """The result of cutting at a level: texels, the share of each that stays, and the spots removed."""
 
     row: Indices
     column: Indices

@@ -1,4 +1,4 @@
-"""Responses as a few numbers each: what usual lights tell apart, and nothing else.
+"""Responses as a few numbers each: only what usual lights distinguish.
 
 Rows are weighed by the second moment of usual lights, turned by all angles about the vertical: light comes from above
 and from the horizon, and varies slowly. Part of it is even in all directions of a band, for lights that are not usual.
@@ -38,7 +38,7 @@ class Basis(NamedTuple):
     directions: NDArray[np.float32]
 
     def colors(self, vectors: Floats) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """What the mean and the directions make of lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
+        """The response of the mean and the directions to lights (T, COEFFICIENTS, 3): (T, 3) and (D, T, 3) float32."""
         vectors = np.asarray(vectors, np.float32)
         return np.einsum("kc,tkc->tc", self.mean, vectors), np.einsum("dkc,tkc->dtc", self.directions, vectors)
 

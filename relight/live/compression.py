@@ -27,14 +27,15 @@ CANDIDATES = 4
 """Nearest clusters among which a row takes the one that shows it best: against the nearest alone 8% less error."""
 
 REFITS = 2
-"""How often rows choose anew and components follow."""
+"""How often rows choose again and components follow."""
 
 LARGEST = 127
 """Weights and components are signed bytes."""
 
 
 class CompressionLevel(NamedTuple):
-    """How much is kept. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a weight."""
+    """The size of the compressed data. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a
+    weight."""
 
     clusters: int
     weights: int
@@ -183,7 +184,7 @@ def _nearest(
     """The nearest centres, (N, k), nearest first."""
     score = np.zeros(centers.shape[1], np.float32)
     for n in range(begin, end):
-        for c in range(len(score)):  # a slice would have Numba compile how shapes are told, which takes seconds
+        for c in range(len(score)):  # a slice would have Numba compile the printing of shapes, which takes seconds
             score[c] = half[c]
         for d in range(centers.shape[0]):
             x = rows[n, d]

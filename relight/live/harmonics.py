@@ -1,4 +1,5 @@
-"""Harmonics about the vertical: turning light about it then turns pairs of coefficients, one line in any engine.
+"""Harmonics about the vertical: a turn of the light about it then rotates pairs of coefficients, one line in any
+engine.
 
 Coefficient i = l (l + 1) + m is that of our basis at the direction (z, x, y) instead of (x, y, z): the polar axis is
 +y, the azimuth is the longitude atan2(x, z). m > 0 goes with cos(m longitude), m < 0 with sin(|m| longitude).

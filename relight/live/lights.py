@@ -1,4 +1,4 @@
-"""Lights as they travel: a small image for the sky, coefficients about +y, and a few suns."""
+"""Lights as the bundle stores them: a small image for the sky, coefficients about +y, and a few suns."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ IMAGE = (64, 128)
 """Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
 
 MOST_SUNS = 4
-"""Each is a shadow map for whoever draws. What is left in the harmonics is blurred by as much as they blur."""
+"""Each costs the renderer a shadow map. The rest is blurred as much as the harmonics blur."""
 
 
 NEAR_DEG = 3.0
@@ -116,7 +116,7 @@ def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> Por
         values = response.values[:, :direct, c].astype(np.float64)
         values[:, :few] += response.values[:, direct:LAMPS, c]
         normal = (values * shares[:, None]).T @ values / shares.sum()
-        held = (1.0 + degree) ** 4 * 1e-5 * np.trace(normal)  # what no vertex tells stays small
+        held = (1.0 + degree) ** 4 * 1e-5 * np.trace(normal)  # coefficients that no vertex shows stay small
         held[0] = 0.0
         left = shares * (1.0 - response.values[:, LAMPS, c])
         light[:, c] = np.linalg.solve(normal + np.diag(held), values.T @ left / shares.sum())

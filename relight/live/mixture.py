@@ -1,4 +1,4 @@
-"""What a request has beside its environment, as terms of what is live: captured light, and lamps that were put in."""
+"""The light of a request beside its environment, as terms of the live light: captured light and added lamps."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,8 +20,8 @@ MOST_LAMPS = 32
 class Mixture(NamedTuple):
     """asked: whether the options want light beside the environment. captured: the factor on the captured light that was
     asked for, or None. env_scale: factor on environments. light: LampLight, or None. lamps: in the splat's frame.
-    names: of the lamps. colors: (V, 3) captured colours with the captured lamps as asked for; None for unchanged.
-    exposed: whether the exposure was asked for; else what is beside the environment is exposed as the capture was.
+    names: of the lamps. colors: (V, 3) captured colours with the captured lamps as requested; None for unchanged.
+    exposed: whether the exposure was requested; else what is beside the environment is exposed as the capture was.
     """
 
     asked: bool = False

@@ -1,4 +1,4 @@
-"""The mesh behind the splats as glTF: it hides suns, stops a walker and catches shadows."""
+"""The mesh behind the splats as glTF: it occludes suns, blocks a walker and receives shadows."""
 
 from pathlib import Path
 

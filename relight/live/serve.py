@@ -1,4 +1,4 @@
-"""A folder with a page, shown on this machine alone: browsers let no page read files beside it from a disk."""
+"""Serve a folder with a page on this machine only: browsers do not let a page read local files beside it."""
 
 import io
 import os

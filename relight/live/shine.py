@@ -1,7 +1,7 @@
-"""Glossy splats in a few bytes each: what they are made of, which way they see the light, what hides it elsewhere.
+"""Glossy splats in a few bytes each: material, the directions in which they see the light, and their occluders.
 
 Light is reflected about the mirrored direction, blurred by the lobe of a material. A reader blurs any light for each
-roughness, takes out the reflection of the captured light, and adds that of the new one: docs/live.md.
+roughness, removes the reflection of the captured light, and adds that of the new one: docs/live.md.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -54,7 +54,7 @@ class Shine(NamedTuple):
         return self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict[str, Any]:
-        """What live.json says of it: dict, JSON-clean."""
+        """Its entry in live.json: dict, JSON-clean."""
         return {
             "file": FILE,
             "bytes": ROW,
@@ -110,9 +110,9 @@ def _materials(
 ) -> tuple[list[dict[str, Any]], list[dict[str, Any]], NDArray[np.int64]]:
     """The materials and the levels of roughness of some nodes, and the number of each one's material."""
     alpha = np.maximum(gloss.alpha[nodes], np.float32(LEAST_ALPHA)).astype(np.float64).round(6)
-    told = np.concatenate([gloss.reflectance[nodes].astype(np.float64), alpha[:, None]], axis=1)
-    told = np.concatenate([told, gloss.metal[nodes][:, None]], axis=1)
-    distinct, number = np.unique(told, axis=0, return_inverse=True)
+    rows = np.concatenate([gloss.reflectance[nodes].astype(np.float64), alpha[:, None]], axis=1)
+    rows = np.concatenate([rows, gloss.metal[nodes][:, None]], axis=1)
+    distinct, number = np.unique(rows, axis=0, return_inverse=True)
     if len(distinct) > MOST_MATERIALS:
         raise ValueError(f"expected up to {MOST_MATERIALS} materials, found {len(distinct)}")
     alphas = np.unique(distinct[:, 3])

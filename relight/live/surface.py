@@ -1,5 +1,5 @@
-"""What suns and the view of the albedo need of a splat, in 8 bytes: where its surface lies, which way it faces, how
-much a light on it changes it."""
+"""The data of a splat that suns and the albedo view need, in 8 bytes: position and normal of its surface, and how much
+a light on it changes it."""
 
 from typing import TYPE_CHECKING, NamedTuple
 

@@ -1,7 +1,7 @@
-"""Light beside the environment: placed lamps and what was captured, each a term with strength and colour of its own.
+"""Light beside the environment: placed lamps and captured light, each a term with its strength and colour.
 
-The change of light of a splat is that of the environment plus, for every term, strength x colour x what the term holds
-for the splat: its light ratio under that lamp, were it white. A term is stored where it shines alone, as runs of rows
+The change of light of a splat is that of the environment plus, for every term, strength x colour x the term's value
+for the splat: its light ratio under that lamp, were it white. A term is stored only where it shines, as runs of rows
 of three bytes, logarithms of the ratio.
 """
 
@@ -25,7 +25,7 @@ MOST = 2.0**12
 """Largest light ratio that is stored: all that was not black is white by then."""
 
 MARGIN = 8.0
-"""Below the least ratio that is stored, how far the channels of a splat go on: what is thrown on is coloured."""
+"""How far the channels of a splat extend below the least stored ratio: bounced light is coloured."""
 
 GAP = 2
 """Rows between two runs up to which they are one: 8 bytes name a run, 3 a row."""
@@ -65,7 +65,7 @@ class Term(NamedTuple):
         return b"" if self.runs is None else self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict:
-        """What live.json says of it: dict, JSON-clean."""
+        """Its entry in live.json: dict, JSON-clean."""
         return {
             "kind": self.kind,
             "name": self.name,
@@ -80,7 +80,7 @@ class Term(NamedTuple):
         }
 
     def values(self, count: int) -> NDArray[np.float32]:
-        """The light ratio of so many splats as it is read again, (count, 3)."""
+        """The light ratio of so many splats as read back, (count, 3)."""
         if self.runs is None:
             return np.ones((count, 3), np.float32)
         stored = np.asarray(self.peak) * 2.0 ** ((self.rows.astype(np.float64) - 255.0) / self.steps)

@@ -1,4 +1,4 @@
-"""What a picture shows behind a scene: the light that it is in, as sharp as that is known and no sharper."""
+"""The background of a picture: the light of the scene, only as sharp as it is known."""
 
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ COARSE = 2.0
 """Pixels that a texel may cover before it shows as a square: wider ones are shown out of focus."""
 
 DEFOCUS = 1.2
-"""Standard deviation of the blur of such an image, in texels: the grain is gone, what it is of can still be told."""
+"""Standard deviation of the blur of such an image, in texels: the grain is gone, its subject is still recognisable."""
 
 PADDING = 8  # texels repeated across the seam, more than a cubic spline or the blur's centre reaches
 

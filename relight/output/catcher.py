@@ -1,4 +1,4 @@
-"""A soft shadow on the ground that an object stands on: what it hides of the light from above."""
+"""A soft shadow on the ground under an object: the light from above that it occludes."""
 
 from typing import TYPE_CHECKING
 
@@ -24,7 +24,7 @@ REACH = 4.0
 """Half of that side, in radii of the object: beyond it no shadow is drawn."""
 
 CROWDED = 0.3
-"""How much nearer to one another the points in the middle are than they would be evenly spread: feet are small."""
+"""Factor by which points in the middle are denser than evenly spread ones: feet are small."""
 
 DIRECTIONS, SHARED = 512, 4
 """Directions of the upper hemisphere from which light is looked for, and those that share the light of a texel: they

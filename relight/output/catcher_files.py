@@ -1,4 +1,4 @@
-"""catcher.ply and catcher.exr: what objects that were put in do to the place, as factors on its light."""
+"""catcher.ply and catcher.exr: the effect of inserted objects on the place, as factors on its light."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,8 @@ RATIOS = ("ratio_r", "ratio_g", "ratio_b")
 """Properties of catcher.ply beyond those of any splat."""
 
 BLACK = 1e-4
-"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it tells nothing, and is 1."""
+"""Linear light below which a colour is black: a third of a step of a byte. A ratio to it carries no information, and is
+1."""
 
 
 def write_catcher(
@@ -77,7 +78,7 @@ def _over(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np
 
 
 def _write_splats(path: Path, splats: Splats, ratio: NDArray[np.float32], source: Path | None) -> None:
-    """Splats whose colours are their ratios, which no view changes, and these once more as numbers of their own."""
+    """Splats whose colours are their ratios, which no view changes, and the ratios as separate properties."""
     sh = ((ratio - np.float32(0.5)) / np.float32(SH_C0))[:, None]
     write_relit_ply(path, Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh), source)
     rows: NDArray[Any] = np.array(Ply.open(path).rows("vertex"))

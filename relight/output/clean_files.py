@@ -1,4 +1,4 @@
-"""clean_splat.ply: the splats that a scene was made from without the floaters among them."""
+"""clean_splat.ply: the source splats of a scene without floaters."""
 
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +35,7 @@ class CleanFiles:
 
     @property
     def told(self) -> dict[str, int]:
-        """What the report tells of them."""
+        """Their entry in the report."""
         return {"splats": len(self.keep), "floaters": int(np.count_nonzero(~self.keep))}
 
     def write(self, folder: Path) -> list[str]:

@@ -1,4 +1,4 @@
-"""Write what engines take: the mesh with live light, the splat as albedo with its proxy, splats as glTF and USD."""
+"""Write files for engines: the mesh with live light, the splat as albedo with its proxy, splats as glTF and USD."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -98,10 +98,10 @@ class EngineFiles:
         from .live_glb import FILE, write_live_glb
 
         if placed.lamps or isinstance(light, CapturedLight):
-            told = (
+            message = (
                 "live.glb shows the light of an environment alone, neither captured light nor placed lamps on its mesh"
             )
-            warnings.warn(f"{told}; lamps are in the file as lights, for other objects", DataWarning, stacklevel=2)
+            warnings.warn(f"{message}; lamps are in the file as lights, for other objects", DataWarning, stacklevel=2)
         if self._nine is None:
             with self._stages.stage("live mesh"):
                 self._nine = nine_coefficients(self._relighter, self._appearance.albedo)
@@ -110,7 +110,7 @@ class EngineFiles:
         return [FILE]
 
     def _albedo(self, bound: Callable[[], Any]) -> tuple[Splats, NDArray[np.float32]]:
-        """The splats with the light of the capture taken out, and their normals (N, 3)."""
+        """The splats with the light of the capture removed, and their normals (N, 3)."""
         from ..splats import albedo_splats, normals_of, shown_as_sky
 
         if self._bare is None:

@@ -1,7 +1,7 @@
-"""Roughness and metalness per vertex for glTF, which has them in textures alone.
+"""Roughness and metalness per vertex for glTF, which stores them only in textures.
 
 One small picture holds every pair: roughness rises along its columns, metalness from the first row to the second. The
-texture coordinates of a vertex are its own pair, so that what a renderer interpolates is the pair itself.
+texture coordinates of a vertex are its pair, so a renderer interpolates the pair itself.
 """
 
 from typing import Any

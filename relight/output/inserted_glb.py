@@ -1,7 +1,7 @@
-"""inserted.glb: the objects that were put in, in their light, with the materials and pictures of their files.
+"""inserted.glb: the inserted objects in their light, with the materials and pictures of their files.
 
-The light is in COLOR_0, with which the picture of a material is multiplied; materials are unlit, so that no viewer
-lights them again. What is brighter than 1 ends there, as in `relit.glb`.
+The light is in COLOR_0, which multiplies the picture of a material; materials are unlit, so no viewer lights them
+again. Values above 1 are clipped, as in `relit.glb`.
 """
 
 import json

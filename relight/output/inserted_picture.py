@@ -1,6 +1,6 @@
 """Pictures of objects among splats: a splat for each sample of a pixel that meets an object, drawn with the others.
 
-So what stands before an object hides it, and the edges of both are smooth.
+So splats before an object occlude it, and the edges of both are smooth.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""Where the light comes from, in a corner of a picture: a ball of chrome, a matt one, and an arrow."""
+"""An inset that shows the light in a corner of a picture: a chrome ball, a matt ball, and an arrow."""
 
 from typing import TYPE_CHECKING
 

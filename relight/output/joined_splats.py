@@ -1,4 +1,4 @@
-"""Splats of objects behind those of the place they are put in, in one file, whose first rows stay as they are."""
+"""Splats of objects after those of the place they are inserted into, in one file whose first rows stay unchanged."""
 
 import os
 import tempfile
@@ -39,5 +39,5 @@ def append_splats(path: str | os.PathLike[str], splats: Splats) -> None:
 
 
 def _coefficients(names: tuple[str, ...]) -> int:
-    """How many coefficients beyond the constant one each channel has."""
+    """The number of coefficients of each channel beyond the constant one."""
     return max(sum(name.startswith("f_rest_") for name in names) // 3, 1)

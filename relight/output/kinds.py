@@ -1,4 +1,4 @@
-"""What relight can write, by the word of `--format`, and how the files are named."""
+"""The outputs of relight, by the word of `--format`, and the names of their files."""
 
 FILES = {
     "glb": "relit.glb",
@@ -21,22 +21,22 @@ FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
 """Those that `engine_files.EngineFiles` writes."""
 
 AROUND = ("probe", "catcher")
-"""Those that tell of the light around, and of what objects change in it, which `around_files.AroundFiles` writes."""
+"""Those that hold the light around and the changes that objects make in it; `around_files.AroundFiles` writes them."""
 
 WITHOUT_LIGHT = ("clean-splat",)
 """Those that no light changes, which `clean_files.CleanFiles` writes."""
 
 APART = ("live", "web", "passes", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
-"""Those that have a writer of their own, which tells the names of its files."""
+"""Those with a separate writer, which names its files."""
 
 OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
 """Those that need the splats that the scene was made from."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
-"""What a tile of a city can be written as; sog is one streamed SOG of all."""
+"""The formats of a tile of a city; sog is one streamed SOG of all."""
 
 HARMONICS = ("zero", "keep")
-"""What becomes of an albedo splat's colour that depends on the view: reflected light of the capture, which goes."""
+"""Treatments of an albedo splat's view-dependent colour: it is reflected light of the capture, which is removed."""
 
 COLOR_SPACES = ("srgb", "acescg")
 """In which passes are written, linear both."""
@@ -45,7 +45,7 @@ SUN = "sun"
 """The pass that is a part of direct light."""
 
 BAKED = ("texture", "transfer")
-"""What `--bake` can make: textured meshes, and images of the transfer for shaders."""
+"""The outputs of `--bake`: textured meshes, and images of the transfer for shaders."""
 
 SHEET = "sheet.png"
 """The picture with all lights."""

@@ -1,4 +1,4 @@
-"""Placed lamps in glTF files, so that what an engine puts beside a relit scene is lit by the same lamps."""
+"""Placed lamps in glTF files, so the same lamps light what an engine adds to a relit scene."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple

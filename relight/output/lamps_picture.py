@@ -1,4 +1,4 @@
-"""A picture that numbers the lamps of a captured room, each seen from where the capture stood."""
+"""A picture that numbers the lamps of a captured room, each seen from a position of the capture."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any

@@ -1,6 +1,6 @@
-"""The mesh with live light: albedo and transfer at its vertices, so that a shader of any engine can light it.
+"""The mesh with live light: albedo and transfer at its vertices, so a shader of any engine can light it.
 
-The format is told in docs/engines.md, loaders stand in integrations/.
+docs/engines.md describes the format; the loaders are in integrations/.
 """
 
 import os
@@ -76,7 +76,7 @@ def write_live_glb(
 
 
 def described(light: "Environment", exposure: float) -> dict:
-    """What KEY holds: JSON values."""
+    """The value of KEY: JSON."""
     unturned = light.rotated(-light.rotation_deg)
     return {
         "version": FORMAT_VERSION,

@@ -1,4 +1,4 @@
-"""A picture of the scene with an arrow on the ground that points north, as the sun of a date takes it."""
+"""A picture of the scene with an arrow on the ground that points north, as used for the sun of a date."""
 
 from typing import TYPE_CHECKING
 
@@ -28,7 +28,7 @@ OUTLINE = np.array(
 """Of an arrow of length 1 along x, its tip first."""
 
 LETTER = 0.62
-"""How far from its middle, of its length, the N stands."""
+"""Distance of the N from the middle of the arrow, as a share of its length."""
 
 NEAREST = 1e-3
 """Of its distance: what comes nearer to the camera than this is not drawn."""
@@ -81,8 +81,8 @@ def north_picture(
 
 
 def _ground(view: "View", depth: NDArray[np.float32], scene: "Scene") -> NDArray[np.float64]:
-    """(3,) scene frame: what the camera sees where the arrow shall lie; below the middle of the scene where it sees
-    nothing there."""
+    """(3,) scene frame: the point that the camera sees at the arrow's position; below the middle of the scene where it
+    sees nothing there."""
     column, row = round(ANCHOR[0] * view.width), round(ANCHOR[1] * view.height)
     found = float(depth[row, column])
     if not found < NOWHERE:

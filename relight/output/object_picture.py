@@ -1,4 +1,4 @@
-"""Pictures of objects on a mesh that no splat was the source of."""
+"""Pictures of objects on a mesh that was not made from a splat."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,7 +1,7 @@
-"""Render passes: an OpenEXR file for each camera with albedo, light by its ways, normals and depth of the mesh.
+"""Render passes: an OpenEXR file for each camera with albedo, light by its path, normals and depth of the mesh.
 
-The light that surfaces receive is told per pixel as what makes the albedo there the picture: pi times the light they
-send out by that way, over the albedo. So all passes together are the picture in any colour space, on edges too.
+The light that surfaces receive is stored per pixel as the factor from albedo to picture: pi times the light they send
+out by that path, over the albedo. So all passes together give the picture in any colour space, on edges too.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,7 +27,7 @@ FOLDER = "passes"
 """Of their files where there are several cameras."""
 
 BLACK = 1e-6
-"""Albedo, premultiplied, below which a pixel tells nothing of light."""
+"""Albedo, premultiplied, below which a pixel does not show light."""
 
 Parts = Mapping[str, NDArray[np.float32]]
 

@@ -1,4 +1,4 @@
-"""Cameras of a capture in the frame of the scene that was made of it."""
+"""Cameras of a capture in the frame of the scene made from it."""
 
 from dataclasses import replace
 

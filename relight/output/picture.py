@@ -1,4 +1,4 @@
-"""The picture of a relit scene: what was relit, on the ground, before the light, with an inset that tells the light."""
+"""The picture of a relit scene: the relit mesh on the ground, before the light, with an inset that shows the light."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -103,7 +103,7 @@ class RelitPicture:
     ) -> NDArray[np.float32]:
         """Display values, (H, W, 3) float32 sRGB, of the light and of the ground, without the scene.
 
-        wanted: (H, W) bool, the pixels that are asked for; the others are black.
+        wanted: (H, W) bool, the requested pixels; the others are black.
         """
         image = np.zeros((*wanted.shape, 3), np.float32)
         if environment is None:

@@ -1,4 +1,4 @@
-"""The mesh of a scene as a stand-in for its splat: what receives shadows, is hit by rays and is walked on."""
+"""The mesh of a scene as a proxy of its splat: for shadows, ray casts and walking."""
 
 import os
 from typing import TYPE_CHECKING

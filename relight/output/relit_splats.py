@@ -1,4 +1,4 @@
-"""Splats relit as the mesh that they are bound to is, and their files."""
+"""Splats relit like the mesh that they are bound to, and their files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,7 @@ class RelitSource:
         from ..splats import shown_as_sky, under_sky
         from ..splats.sky import dimmed
 
-        assert self._splats is not None  # else nobody asks
+        assert self._splats is not None  # not called otherwise
         if self._sky_rows is None:
             self._sky_rows = shown_as_sky(self._splats, self._scene, self._appearance)
         light, shading, exposure, backdrop = shaded[:4]

@@ -1,4 +1,4 @@
-"""A sheet of pictures side by side, each with its name: what was captured, its albedo, and lights."""
+"""A sheet of named pictures side by side: the capture, its albedo, and lights."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The scene that results are written of, as every writer of files takes it."""
+"""The scene of the results, in the form that every writer takes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class WrittenScene:
     splats: (Splats, paths of their files), None where no result needs them. binding: returns the Binding of the splats;
     called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo
     splat as captured, else it is hidden. seed: of all that is sampled. lamps: function of a light and its exposure:
-    what was put in beside it. gloss: None where gloss stays as captured.
+    what was added to it. gloss: None where gloss stays as captured.
     """
 
     relighter: "Relighter"

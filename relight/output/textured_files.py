@@ -1,4 +1,4 @@
-"""Textured scenes as files: GLB with the picture inside, and transfer as images that a shader can light."""
+"""Textured scenes as files: GLB with the picture inside, and transfer as images for shaders."""
 
 import io
 from pathlib import Path
@@ -32,7 +32,7 @@ def write_textured_glb(
     scene: "Scene",
     baked: "Baked",
     image: NDArray,  # (size, size, 3) uint8 sRGB
-    unlit: bool = True,  # shown as it is; False: lit by whoever shows it, as a matt surface
+    unlit: bool = True,  # shown unlit; False: lit by the viewer, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
 ) -> None:

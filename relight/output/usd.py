@@ -1,4 +1,4 @@
-"""A relit scene as USD: splats, the mesh that stands in for them, and the light as a dome.
+"""A relit scene as USD: splats, their proxy mesh, and the light as a dome.
 
 Source: OpenUSD 26.03 and later, usdVol ParticleField3DGaussianSplat, usdLux DomeLight.
 """
@@ -61,7 +61,7 @@ def write_usd(
     rows = showable(first)
     shown = {name: placed(splats.take(rows), scene.scene_from_splat) for name, splats in looks.items()}
     with staged_file(folder / FILE) as staging:
-        named = staging.with_suffix(".usdc")  # USD tells the kind of a file by its ending
+        named = staging.with_suffix(".usdc")  # USD infers the kind of a file from its suffix
         stage = pxr.Usd.Stage.CreateNew(str(named))
         pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.y)
         pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)

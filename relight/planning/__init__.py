@@ -1,1 +1,2 @@
-"""What a scene and a light call for, measured on a sample: only that is computed (`relight.planning.effects.plan`)."""
+"""The effects that a scene and a light need, measured on a sample; only these are computed
+(`relight.planning.effects.plan`)."""

@@ -1,4 +1,4 @@
-"""Settings worth considering for a light on a scene: what each costs, how far off it is, and which of them is best."""
+"""Candidate settings for a light on a scene: the cost and error of each, and the best of them."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +35,7 @@ SUN_PARTS, LEAST_SUN_TOLERANCE = (0.6, 0.2), 0.001
 in the last light of the day needs the smaller part."""
 
 SUN_WIDTH = 0.8
-"""Of the split's tolerance is taken for what is lost where a patch shines as a point: 0.2 to 1.5 were measured."""
+"""Assumed error of patches that shine as points, over the split's tolerance: 0.2 to 1.5 were measured."""
 
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
@@ -137,7 +137,7 @@ class Choice:
         return [(each.seconds, each.error, each.settings) for each in found]
 
     def sun_count(self, settings: Settings) -> int:
-        """How many suns the settings lead to: found, or expected."""
+        """The number of suns under the settings: found, or expected."""
         split = self._splits.get((settings.bands, settings.sun_tolerance))
         if split is not None:
             return len(split[1])
@@ -181,8 +181,10 @@ class Choice:
             left = measured.open_truncation(settings.bands, **self.rest(settings))
             rows.append(("bands", left, f"{settings.bands} kept"))
         if self._leaves is not None:
-            told = f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
-            rows.append((VOLUME, self._leaves.error, told if settings.volume else "skipped"))
+            leaves = (
+                f"{settings.volume} directions for {self._leaves.vertices:,} vertices, {self._leaves.seconds:.2f} s"
+            )
+            rows.append((VOLUME, self._leaves.error, leaves if settings.volume else "skipped"))
         if measured.bounced is None:
             rows.append((BOUNCES, None, "skipped: the surface is white, or they were not requested"))
         else:
@@ -231,7 +233,7 @@ class Choice:
         return SHADOWING if gains and installed("onnxruntime") else SHADOWING[:1]
 
     def _analytic(self) -> Iterator[Settings]:
-        """Settings without rays, where none are asked for."""
+        """Settings without rays, where none are requested."""
         leafy = self._leaves is not None and self._leaves.directions  # there is no light through leaves without shadows
         if self._method in (None, "analytic") and not self._effects and not leafy:
             for bands in BANDS if self._bands is None else (self._bands,):
@@ -283,7 +285,7 @@ class Choice:
         return self._known_there[settings]
 
     def but_noise(self, settings: Settings) -> float:
-        """Predicted error of the settings but for the noise of their rays."""
+        """Predicted error of the settings except for the noise of their rays."""
         measured = self.measured
         parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
         parts += [0.0 if self._leaves is None else self._leaves.lost]
@@ -312,7 +314,7 @@ class Choice:
         return self.measured.ray_noise(deviation, settings.bands, **self.rest(settings))
 
     def rest(self, settings: Settings) -> dict[str, Any]:
-        """What stays of the light beside the suns: an image where they were found, else a level."""
+        """The rest of the light beside the suns: an image where they were found, else a level."""
         if not settings.sun_tolerance:
             return {}
         key = settings.bands, settings.sun_tolerance

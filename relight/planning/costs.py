@@ -1,4 +1,4 @@
-"""Predict what settings cost and how noisy their rays are, by laws with measured constants.
+"""Predict the cost of settings and the noise of their rays, by laws with measured constants.
 
 Times are multiples of the time of one shadow ray, which the sample measures, so they carry over to other machines as
 far as the ratio of NumPy to Embree does. `scripts/bench frontier` prints predicted against measured times.
@@ -36,7 +36,7 @@ NEURAL_GAIN = {32: 0.88, 64: 0.84}
 
 
 def expected_suns(tolerance: float) -> float:
-    """How many suns a split within a tolerance may need."""
+    """The number of suns that a split within a tolerance may need."""
     return SUNS_AT[0] * (SUNS_AT[1] / tolerance) ** 0.5
 
 

@@ -1,4 +1,4 @@
-"""From a sample of the scene to a plan: the cheapest settings that keep an error, or the best that keep a time."""
+"""From a sample of the scene to a plan: the cheapest settings within an error, or the best within a time."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -94,7 +94,7 @@ def planned(
 def leaves_for(
     error: float, leafy: float, wish: float, effects: frozenset[str] | None, direction_s: float, vertices: int
 ) -> Leaves:
-    """How leaves and grass are lit: as volumes where their being surfaces costs too much, or where that is asked for.
+    """How leaves and grass are lit: as volumes if surfaces cost too much, or on request.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def leaves_for(
     wish : float
         The tolerance.
     effects : frozenset of str or None
-        The effects that were asked for; None where nobody said.
+        The effects that were requested; None if unspecified.
     direction_s : float
         Seconds for each direction from which light comes to them.
     vertices : int

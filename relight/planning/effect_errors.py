@@ -1,4 +1,4 @@
-"""What each effect contributes to the light of a scene, measured on a sample: relative errors of leaving it out.
+"""The contribution of each effect to the light of a scene, measured on a sample: relative errors without it.
 
 All are relative L2 of exit radiance over vertices and colours, the largest over TURNS rotations of the light.
 """

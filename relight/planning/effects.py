@@ -1,4 +1,4 @@
-"""The effects of light transport that a scene can be lit with, and which of them a scene calls for."""
+"""The effects of light transport, and which of them a scene needs."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +25,12 @@ def plan(
     angles: int = 1,
     **options: Any,
 ) -> "Plan":
-    """What a Scene under an Environment, at any rotation of it, calls for: a `planning.plan.Plan`.
+    """The settings for a Scene under an Environment, at any rotation of it: a `planning.plan.Plan`.
 
-    On a sample of the vertices it measures what each effect gives, and picks the cheapest settings whose predicted
-    error (relative L2 of exit radiance) is within the tolerance. albedo_linear: (V, 3), white without. angles: for how
-    many lights. options: of LightingOptions, such as budget_s. Raises InputError for a scene that cannot be lit.
+    On a sample of the vertices it measures the contribution of each effect, and picks the cheapest settings whose
+    predicted error (relative L2 of exit radiance) is within the tolerance. albedo_linear: (V, 3), white without.
+    angles: for how many lights. options: of LightingOptions, such as budget_s. Raises InputError for a scene that
+    cannot be lit.
     """
     from ..transfer.occluder import Occluder
     from ..transfer.volume import Foliage

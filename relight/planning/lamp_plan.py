@@ -1,4 +1,4 @@
-"""How many rays placed lamps call for, measured on a sample of the vertices, and what they contribute and cost."""
+"""The number of rays that placed lamps need, measured on a sample of the vertices, and their contribution and cost."""
 
 import time
 from typing import Any, NamedTuple
@@ -36,7 +36,7 @@ LEAST_LIGHT = 1e-9
 
 
 class LampPlan(NamedTuple):
-    """What placed lamps call for.
+    """The rays for placed lamps, with their error and time.
 
     rays: for each vertex and lamp in half-shadows. share: of the direct light, theirs. error: relative root mean square
     of that light, over the sample. seconds: for the whole scene. curve: [(seconds, error, rays)], quickest first.

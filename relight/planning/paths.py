@@ -1,4 +1,4 @@
-"""Measure how much light bounces, by a few random paths from the vertices of a sample, without matrix or transfer.
+"""Measure the bounced light by a few random paths from the vertices of a sample, without matrix or transfer.
 
 The product of two halves of the paths is the squared size of each bounce without bias from noise.
 """
@@ -12,7 +12,7 @@ from ..sh import harmonics
 from .sample import Sample
 
 PATHS = 24  # of each vertex, in two halves
-DEPTH = 4  # bounces that are followed; what comes after is taken for a geometric series
+DEPTH = 4  # bounces that are followed; later ones are assumed to be a geometric series
 SMOOTH_BANDS = 3  # of the light that paths meet: a sun would make them noisy, and surfaces see it as wide
 
 

@@ -1,4 +1,4 @@
-"""A plan: what will be done, how far off it will be, what it will take, and why; in memory, as JSON, as a table."""
+"""A plan: the work, its predicted error and time, and the reasons; in memory, as JSON, as a table."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,15 +11,15 @@ from ..transfer.settings import Settings
 
 @dataclass
 class Plan:
-    """What a scene and a light call for.
+    """The settings that a scene and a light need, with predicted error and time.
 
     settings: Settings. error: predicted relative L2 of exit radiance over the scene, for every rotation of the light.
-    seconds: predicted, for the scene and as many lights as asked for. sun_count: how many.
-    tolerance, budget_s: as asked, of LightingOptions; None for the other. vertices, rays: size of the sample.
-    contributions: [(effect, error without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing
-    quicker beats. planning_s: what the plan took. checked: the error as measured on the sample after the work.
-    choice: what it was chosen from, which tells that error for Settings and a transfer (S, K) of the sample's `rows`,
-    and what they contribute; None in a plan kept from before.
+    seconds: predicted, for the scene and the requested number of lights. sun_count: how many. tolerance, budget_s: as
+    asked, of LightingOptions; None for the other. vertices, rays: size of the sample. contributions: [(effect, error
+    without it or None, decision)]. curve: [(seconds, error, Settings)] that nothing quicker beats. planning_s: what the
+    plan took. checked: the error as measured on the sample after the work. choice: the candidates, which give that
+    error for Settings and a transfer (S, K) of the sample's `rows`, and their contributions; None in a plan kept from
+    before.
     """
 
     settings: Settings
@@ -60,7 +60,7 @@ class Plan:
 
     @classmethod
     def from_dict(cls, kept: dict[str, Any]) -> "Plan":
-        """A plan that was kept. Raises KeyError or TypeError for what is none."""
+        """A plan from its dict. Raises KeyError or TypeError for anything else."""
         return cls(
             settings=_settings_from(kept["settings"]),
             error=kept["predicted_error"],

@@ -1,4 +1,4 @@
-"""Plans for the lights of one scene: made once for each, kept between runs, checked after the work and mended."""
+"""Plans for the lights of one scene: made once for each, kept between runs, checked after the work and corrected."""
 
 import json
 from typing import TYPE_CHECKING, Any

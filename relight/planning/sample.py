@@ -1,4 +1,4 @@
-"""A small sample of a scene's vertices and all that they see, which plans measure in place of the whole scene."""
+"""A small sample of a scene's vertices and of what they see, measured by plans instead of the whole scene."""
 
 import copy
 import time
@@ -24,9 +24,9 @@ LEAST_PER_CHUNK = 16
 BATCH_RAYS = 2**16
 
 TIMED_BATCHES, STRETCHES, STRETCH_VERTICES, TIMED_RAYS = 5, 16, 256, 16
-"""What tells the time of a ray: batches of vertices that lie side by side, as in the work, where rays find what those
-before them left in the caches. Of vertices far apart they take longer, the more the larger the mesh. The median counts:
-the first batch wakes threads."""
+"""How the time of a ray is measured: batches of vertices that lie side by side, as in the work, where rays find in the
+caches what earlier rays left there. Of vertices far apart they take longer, the more the larger the mesh. The median
+counts: the first batch wakes threads."""
 
 
 class Sample:

@@ -1,7 +1,7 @@
-"""What is lost where a patch of light shines as a point, measured on a sample by rays all over the patch.
+"""The error of a patch of light that shines as a point, measured on a sample by rays all over the patch.
 
 The split of suns estimates it for walls that may stand anywhere; in the shade of needles it is up to eight
-times as much.
+times larger.
 """
 
 import math
@@ -28,10 +28,10 @@ FEW = 16
 def width_error(
     sample: Sample, tint: Floats | float, suns: Suns, variances: Floats, total: NDArray[np.float64]
 ) -> float:
-    """Relative L2 of exit radiance, over four rotations of the light, by which suns are off that shine as points.
+    """Relative L2 error of exit radiance, over four rotations of the light, of suns that shine as points.
 
     sample: Sample. tint: (S, 1, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
-    patches, as `sun_split.Rest` has them; patches are taken for discs. total: (TURNS,) norms of all light.
+    patches, as `sun_split.Rest` has them; patches are treated as discs. total: (TURNS,) norms of all light.
     """
     if not len(suns):
         return 0.0

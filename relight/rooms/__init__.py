@@ -1,5 +1,5 @@
 """Closed rooms: light comes from lamps and surfaces, and new light only through windows.
 
-room = find(relighter, captured)      its lamps, their strength, the albedo of its surfaces; None where nothing tells
-radiance = room.relit(...)            the captured colours times what the light changes by
+room = find(relighter, captured)      its lamps, their strength, the albedo of its surfaces; None if nothing shows it
+radiance = room.relit(...)            the captured colours times the change of light
 """

@@ -1,4 +1,4 @@
-"""Light averaged along the surface, against the unevenness that noisy normals and few rays give it."""
+"""Light averaged along the surface, to remove the unevenness of noisy normals and few rays."""
 
 import numpy as np
 from numpy.typing import NDArray

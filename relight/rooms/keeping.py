@@ -77,7 +77,7 @@ def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
     """
     if "room_told" not in kept:
         return None
-    told = json.loads(str(kept["room_told"]))
+    report = json.loads(str(kept["room_told"]))
     prior = Prior(*(kept[f"prior_{name}"] for name in Prior._fields))
     environment = Environment(kept["room_environment"], "windows")
     arrays = {name: kept[f"room_{name}"] for name in ARRAYS}
@@ -90,5 +90,5 @@ def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
         brightness=brightness,
         prior=prior,
         trust=kept["trust"],
-        told=told,
+        told=report,
     )

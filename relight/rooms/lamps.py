@@ -1,7 +1,7 @@
-"""Lamps of a room: connected parts of its surface that were captured white, and the light that each sends out.
+"""Lamps of a room: connected parts of its surface that were captured white, and the emission of each.
 
-A photograph shows a lamp as white, however bright it is. Where it is and how large it is can be seen; how bright it is
-cannot, and is solved for from what it lights (`strengths`).
+A photograph shows a lamp as white, however bright it is. Its position and size are visible; its brightness is not, and
+is solved for from the surfaces that it lights (`strengths`).
 """
 
 from typing import NamedTuple

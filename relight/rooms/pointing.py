@@ -1,4 +1,4 @@
-"""Lamps that a person points at: what the colours alone did not tell for a lamp, grown from the place on it."""
+"""Lamps that a person points at: lamps not found by colour alone, grown from the place pointed at."""
 
 from collections.abc import Sequence
 
@@ -77,8 +77,8 @@ def lamps_at(
         away = np.linalg.norm(occluder.origins - place, axis=1)
         nearest = float(away.min())
         if not nearest <= FAR:
-            told = f"the nearest surface is {nearest:.0%} of the scene's diagonal away"
-            raise InputError(f"`lamps` {name}: {told}; expected a place on a lamp, in the frame of the splat")
+            problem = f"the nearest surface is {nearest:.0%} of the scene's diagonal away"
+            raise InputError(f"`lamps` {name}: {problem}; expected a place on a lamp, in the frame of the splat")
         around = np.flatnonzero(away <= nearest + NEAR)
         known = [*found, *more]
         meant = [number for number, lamp in enumerate(known) if np.isin(around, lamp.rows).any()]
@@ -86,8 +86,8 @@ def lamps_at(
             seed = around[np.lexsort((away[around], -captured[around].max(axis=1)))[0]]
             peak = float(captured[seed].max())
             if peak < LEAST_PEAK:
-                told = f"what is there was captured at {peak:.2f} of white; a lamp is at {LEAST_PEAK:g} or more"
-                raise InputError(f"`lamps` {name}: {told}")
+                problem = f"what is there was captured at {peak:.2f} of white; a lamp is at {LEAST_PEAK:g} or more"
+                raise InputError(f"`lamps` {name}: {problem}")
             more.append(_grown(occluder, captured, areas, bounce, int(seed), known))
             meant = [len(known)]
         numbers.append(min(meant, key=lambda number: away[[*found, *more][number].rows].min()))

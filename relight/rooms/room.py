@@ -28,7 +28,7 @@ from .pointing import lamps_at
 from .seen import seen_from
 
 LEAST_EVIDENCE = 0.5
-"""Evidence below which an emitter cannot be told from the colours of what it lights."""
+"""Evidence below which an emitter cannot be separated from the colours of the surfaces it lights."""
 
 LEAST_OF_WINDOWS = 0.8
 """The same for windows, whose sky has more freedom: colours at random have 0.73, rooms 0.91 to 0.98."""
@@ -54,15 +54,15 @@ HEIGHT, WIDTH = 64, 128
 
 
 class Room(NamedTuple):
-    """What a closed room is lit by, scene of V vertices, unit of the captured colours.
+    """The light in a closed room, scene of V vertices, unit of the captured colours.
 
     albedo: (V, 3) float32. irradiance: (V, 3) float32, by which it gives the captured colours. by_lamps: (V, 3)
-    float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, what lamps send out
-    themselves, 0 elsewhere. lamp_light: (L, V, 3) float32, what each lamp gives white surfaces directly. lamp_of: (V,)
-    int16, which lamp a vertex is of, -1 for none. environment: the capture's, black without windows. brightness:
-    luminance of the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`.
-    trust: (V,) float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room.
-    told: dict for the report.
+    float32, radiance of all that the lamps light, bounces included. glow: (V, 3) float32, emission of the lamps, 0
+    elsewhere. lamp_light: (L, V, 3) float32, direct light of each lamp on white surfaces. lamp_of: (V,) int16, the lamp
+    that a vertex belongs to, -1 for none. environment: the capture's, black without windows. brightness: luminance of
+    the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. trust: (V,)
+    float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room. told: dict for
+    the report.
     """
 
     albedo: NDArray[np.float32]
@@ -116,7 +116,7 @@ def room_of(
     Returns
     -------
     room : Room or None
-        None where its light cannot be told.
+        None where its light cannot be estimated.
     reason : str
         Why not; empty with a Room.
 
@@ -162,7 +162,7 @@ def room_of(
     reason = "neither a lamp nor a window was found in it" if solved is None else _unlikely(solved)
     numbers: list[int] = []
     if pointed is not None:
-        if reason:  # nobody was told their numbers
+        if reason:  # their numbers were never reported
             found, lights = [], []
         bounce = interreflection.bounce(captured)
         at = frame.unit(pointed.places)
@@ -190,9 +190,9 @@ def room_of(
         brightness = float(max(weight @ luminance(outside), 1e-6) / max(weight @ visible, 1e-12))
     emitters = list(zip(found, lights, solved.radiance, strict=False))
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
-    told = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
-    told |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
-    return Room(**lit, environment=environment, brightness=brightness, told=told), ""
+    report = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
+    report |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
+    return Room(**lit, environment=environment, brightness=brightness, told=report), ""
 
 
 def _rows_of_lamps(
@@ -203,7 +203,7 @@ def _rows_of_lamps(
     captured: Radiance,
     areas: Floats,
 ) -> list[int]:
-    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room tells."""
+    """Which lamps are lamps: those that send more than they could reflect, and whose strength the room shows."""
     bounce, kept = interreflection.bounce(captured), []
     for k, lamp in enumerate(found):
         weight = areas[lamp.rows] / areas[lamp.rows].sum()
@@ -238,7 +238,7 @@ def _in_place(
 
 
 def _unlikely(solved: strengths.Strengths) -> str:
-    """Why the Strengths are not to be believed, or an empty text."""
+    """Why the Strengths are not reliable, or an empty text."""
     least = np.full(len(solved.evidence), LEAST_EVIDENCE)
     least[len(solved.radiance) :] = LEAST_OF_WINDOWS
     if (solved.evidence < least).all():
@@ -297,7 +297,7 @@ def _report(
 ) -> dict[str, Any]:
     """Dict for the report: lamps with place, size, strength and evidence; windows; how the room was explained.
 
-    assumed_albedo: the median that how bright all of them are together was taken from; the room does not tell it.
+    assumed_albedo: the median albedo that their total brightness was derived from; the room does not determine it.
     """
     lamp_facts = [
         {

@@ -1,4 +1,4 @@
-"""What the capture saw from where it stood in a room: only there is light judged, and only that is reported."""
+"""The surfaces that the capture saw in a room: light is judged and reported only there."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,8 +1,8 @@
-"""How bright the lamps of a room are, and the clipped sky in its windows, told by the shadows and the falloff of light.
+"""Brightness of the lamps of a room and of the clipped sky in its windows, from the shadows and the falloff of light.
 
-C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows of the sky that was seen
-unclipped, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
-neighbours, which mostly are of one material, mostly agree in albedo (`albedo.fit`). Surfaces need no unknowns: that is
+C = a S, S = K + sum over emitters of s_j Q_j + B C: what a place receives through windows from the unclipped
+sky, from each emitter, and from the surfaces around it, which were seen to send out C. Under the right strengths
+neighbours, which mostly share a material, mostly agree in albedo (`albedo.fit`). Surfaces need no unknowns: that is
 inverse global illumination. Source: Yu et al., "Inverse global illumination" (1999).
 """
 
@@ -40,9 +40,9 @@ STRENGTH = 2e-3
 """Weight of the prior on how emitters differ, against a mean over pairs of places."""
 
 STIFF = 1e3
-"""How much stiffer the prior is for what all emitters have in common: pairs of a scanned office would rather have no
-lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo says how
-bright all are together, and pairs say how much each is of it."""
+"""Extra stiffness of the prior on the common brightness of all emitters: pairs of a scanned office would rather have no
+lamps at all (albedo .8), since the errors of its mesh make the light of lamps uneven. So the median albedo decides the
+brightness of all together, and pairs decide the share of each."""
 
 LOG_STRENGTHS = -8.0, 8.0
 """Range, about the start, in which the logarithm of the strength common to all emitters is sought."""
@@ -93,7 +93,7 @@ def solve(places: RoomIrradiance, colors: NDArray[np.float64]) -> Strengths | No
     Returns
     -------
     Strengths or None
-        None where the places tell nothing.
+        None where the places show nothing.
     """
     from scipy.optimize import minimize_scalar  # most scenes are no room, and it takes .3 s to import
 

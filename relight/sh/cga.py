@@ -148,7 +148,7 @@ def to_matrix(motors: Floats) -> NDArray[np.float64]:
 
 
 def move(motors: Floats, points: Points) -> NDArray[np.float64]:
-    """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss told in `up`."""
+    """Points (..., 3) float64 moved by motors: down(apply(motors, up(points))), without the loss described in `up`."""
     rotor, shift = rotor_and_translation(motors)
     return _turned(rotor, _vectors(points)) + shift
 
@@ -244,7 +244,7 @@ def _write_vertex_motors(points: Points, normals: Directions, motors: NDArray[np
         if not abs(x) + abs(y) + abs(z) < FLOAT32_MAX:
             broken += 1
         square = nx * nx + nz * nz
-        lean, length = np.sqrt(square), np.sqrt(square + ny * ny)  # the latter 1, but for its rounding to float32
+        lean, length = np.sqrt(square), np.sqrt(square + ny * ny)  # the latter 1, up to rounding to float32
         if ny >= 0.0:
             s, e12, e23 = length + ny, nx, -nz
         elif lean > 0.0:

@@ -1,4 +1,4 @@
-"""Bring vertex normals to length 1, whatever the file held."""
+"""Normalise vertex normals to length 1."""
 
 import warnings
 

@@ -1,4 +1,4 @@
-"""Rotors: rotations in four numbers, how they combine, and what they do to light.
+"""Rotors: rotations in four numbers, their composition, and their action on light.
 
 A rotor is R = cos(a/2) - sin(a/2) B for a turn by the angle a in the plane of the unit bivector B; it takes x to
 R x ~R. Arrays (..., 4) hold its coefficients of (1, e12, e13, e23), float64, in the scene frame; leading axes

@@ -1,4 +1,4 @@
-"""The splat with the light of the capture taken out, and normals, for a renderer that lights splats by itself."""
+"""The splat without the light of the capture, and normals, for a renderer that lights splats."""
 
 from typing import TYPE_CHECKING
 

@@ -1,7 +1,6 @@
 """Attach each Gaussian to points of the mesh, by position, orientation and distance.
 
-The mesh is welded and sorted by the bits of its vertices, so that the division into chunks changes no bit of the
-result.
+The mesh is welded and sorted by the bits of its vertices, so the division into chunks changes no bit of the result.
 """
 
 from collections.abc import Mapping

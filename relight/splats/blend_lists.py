@@ -1,4 +1,4 @@
-"""What every Gaussian gives every pixel of a view, in lists of tiles: found as `splat2mesh.render.rasterize` draws."""
+"""The weight of every Gaussian in every pixel of a view, in lists of tiles, as `splat2mesh.render.rasterize` draws."""
 
 from typing import Any, TypeAlias
 

@@ -1,8 +1,8 @@
-"""Which Gaussians make up each pixel of some views, and by how much: kept once, it draws any colours by sums.
+"""The Gaussians of each pixel of some views and their weights: kept once, they draw any colours by sums.
 
 Rendering sums the colours of Gaussians by weights that no light changes. So the weights are found once (`blend_lists`),
-and every picture and its transpose is a product of sparse rows.
-Each tile has one thread, and what goes to the Gaussians is added in a fixed order: bits do not depend on threads.
+and every picture and its transpose is a product of sparse rows. Each tile has one thread, and sums over the Gaussians
+have a fixed order: bits do not depend on threads.
 """
 
 from collections.abc import Callable, Sequence
@@ -177,7 +177,7 @@ def _gather(
     values: NDArray[np.float32],
     seen: NDArray[np.float32],
 ) -> None:
-    """What each run of a view's tiles sees, (R, C); first is the view's first tile."""
+    """The picture of each run of a view's tiles, (R, C); first is the view's first tile."""
     unit, width = ONE / UNIT, values.shape[1]
     for tile in range(first + begin, first + end):
         at, base = items[tile], tile * AREA

@@ -1,9 +1,9 @@
-"""Floaters: splats that no surface and no leaf holds, in the air between visitors and what they look at.
+"""Floaters: splats in the air between visitors and what they look at, that belong to no surface and no leaf.
 
-Training leaves them before its cameras, where they explain a photograph or two. Three things must come together: the
-mesh is far, so that no surface holds it; few other splats are near, so that it is no leaf, twig or wire that the mesh
-lacks; and what lies behind is covered without it, so that no hole opens. Near and far are told as angles, as seen from
-the nearest place where people stand.
+Training leaves them before its cameras, where they explain a photograph or two. A floater meets three conditions: the
+mesh is far, so it belongs to no surface; few other splats are near, so it is no leaf, twig or wire that the mesh
+lacks; and the background is covered without it, so no hole opens. Near and far are angles, as seen from the
+nearest place where people stand.
 """
 
 from typing import NamedTuple
@@ -33,7 +33,7 @@ REACH_OUTSIDE = 0.02
 """The same of an object that was captured from around it, whose eyes stand a diagonal away."""
 
 NEIGHBORS = 4
-"""How many other splats must be within that reach to hold one: floaters come alone or in small clouds."""
+"""The number of other splats within that reach that make one no floater: floaters come alone or in small clouds."""
 
 COVERED = 0.9
 """Opacity of all that stays, in a pixel of the splat, from which nothing is missed there."""
@@ -48,7 +48,7 @@ NEAR = 0.002
 """Near plane, in diagonals of the scene."""
 
 OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
-"""Eyes around an object of which nobody knows from where it was captured, their distance in its diagonals, and their
+"""Eyes around an object whose capture positions are unknown, their distance in its diagonals, and their
 field of view."""
 
 SHORT = 0.98
@@ -88,7 +88,7 @@ def floaters(splats: Splats, scene: Scene) -> Indices:
 
     splats: every row of the source, in its frame. Sky and far background are none, nor is what nobody sees: behind a
     wall, invisible, or damaged. Of an object only splats in the box of its mesh are looked at: farther out nothing
-    tells floaters from a sky.
+    distinguishes floaters from a sky.
     """
     possible = sound(splats) & (splats.opacities >= INVISIBLE_OPACITY)
     possible[scene.background_splats] = False

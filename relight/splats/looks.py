@@ -1,4 +1,4 @@
-"""What the fit of relit splats looks at: pictures of them, and which place of the mesh each pixel shows."""
+"""The views for the fit of relit splats: pictures of them, and the mesh point that each pixel shows."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
 
 DEPTH_TOLERANCE = 0.03
-"""Of the diagonal: where mesh and splats are further apart in a view, the picture tells nothing of the mesh's light."""
+"""Of the diagonal: where mesh and splats are further apart in a view, the picture does not show the mesh's light."""
 
 OBJECT_DISTANCE = 0.5
 """Diagonals from which a view sees a scene at least: what is nearer lets mesh and splats be apart by as much less, so

@@ -1,7 +1,7 @@
 """The sky of a relit splat: its far background shows the new environment, stays as it was, or goes.
 
-Far splats are a picture of the light of the capture day. Each takes the radiance that arrives from where it stands, as
-seen from the middle of the scene, and no longer depends on the view. Out there stand lawns, hedges and houses as well:
+Far splats are a picture of the light of the capture day. Each takes the radiance that arrives from its direction, as
+seen from the middle of the scene, and no longer depends on the view. Lawns, hedges and houses are far away too:
 they are no sky, and take the change of light of the mesh's edge.
 """
 
@@ -31,9 +31,9 @@ BELOW, HIGH = np.sin(np.radians((-3.0, 8.0)))
 there. These numbers and those below were chosen by eye on a trained garden and three generated places."""
 
 DARK, LEVEL = 0.12, 0.75
-"""Part of the sky's luminance below which a far splat is a surface whatever its hue, and the quantile of what is high
-that tells that luminance: surfaces send back a part of the light of the sky, and clouds are darker than it, but not by
-so much."""
+"""Part of the sky's luminance below which a far splat is a surface whatever its hue, and the quantile of the high
+splats that gives that luminance: surfaces reflect a part of the light of the sky, and clouds are darker than it, but
+not by so much."""
 
 GREEN, GREEN_PART, WARM, WARM_PART = 0.06, 0.8, 0.12, 0.6
 """Excess of green over red and blue, and of red over blue, in sRGB, of leaves and of bricks, and parts of the sky's
@@ -65,7 +65,7 @@ def sky_rows(
 ) -> Indices:
     """Which of the far background is sky and not a surface far away: (K,) of its rows, in their order.
 
-    Where the mesh is told, rows of other splats follow: those that look like sky, are about as far away, and lie
+    Where the mesh is given, rows of other splats follow: those that look like sky, are about as far away, and lie
     nowhere near the mesh. Training leaves some of a sky nearer than the rest.
     """
     some = splats.take(rows)
@@ -86,7 +86,7 @@ def sky_rows(
 
 
 class Backdrop(NamedTuple):
-    """What sky is told by, in the frame of the splats. middle: (3,) of the scene. up: (3,). level: luminance of what is
+    """What identifies sky, in the frame of the splats. middle: (3,) of the scene. up: (3,). level: luminance of what is
     high up. least: distance from the middle from which the sky begins, inf where there is none."""
 
     middle: Vector
@@ -132,7 +132,7 @@ def _seen(
 
 
 def _surface(height: Floats, color: Floats, level: float) -> Mask:
-    """(N,) bool: what its place and colour tell to be no sky of such luminance."""
+    """(N,) bool: splats that are, by position and colour, no sky of such luminance."""
     bright, (red, green, blue) = luminance(linear_from_srgb(color)), color.T
     surface = (height < BELOW) | (bright < DARK * level)
     surface |= (green - np.maximum(red, blue) > GREEN) & (bright < GREEN_PART * level)

@@ -1,7 +1,7 @@
-"""Leaves and grass: a change of light that is that of a neighbourhood, where a vertex's own normal means nothing.
+"""Leaves and grass: the change of light of a neighbourhood, since the normal of a single vertex is meaningless.
 
-Every blade would take the light of its own noisy normal: grass turns into a patchwork. In a volume the normals of a
-neighbourhood face every way, and what they receive together is what a wide phase function would.
+If every blade took the light of its noisy normal, grass would turn into a patchwork. In a volume the normals of a
+neighbourhood face every way, and together they receive what a wide phase function would.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ class Neighborhoods:
         self,
         points: Points,  # (M, 3)
         volume: Floats,  # (M,) in [0, 1], 0 for surfaces
-        wanted: Mask | None = None,  # (M,) bool, whose change of light is asked for: the others' stays; all without
+        wanted: Mask | None = None,  # (M,) bool, whose change of light is requested: the others' stays; all without
         near: NDArray[np.int32] | None = None,  # that of one for the same, which finds it again
     ) -> None:
         self._rows = np.flatnonzero(volume > LEAST)

@@ -1,4 +1,4 @@
-"""relit_splat.ply: INRIA's layout, a row for each row of the source, in its order."""
+"""relit_splat.ply: INRIA's layout, one row for each row of the source, in its order."""
 
 import os
 from pathlib import Path

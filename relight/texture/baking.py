@@ -45,7 +45,7 @@ class Baked:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "Baked":
-        """What `arrays` made of it."""
+        """The result of `arrays`, read back."""
         atlas: dict[str, Any] = {name: arrays[f"atlas_{name}"] for name in _ATLAS}
         for name in ("vertices", "size", "texel_size"):
             atlas[name] = atlas[name].item()
@@ -74,10 +74,10 @@ class Baked:
 
 @dataclass(frozen=True, eq=False)
 class KnownColors:
-    """What is known of the light in captured colours; with nothing they are taken for albedo.
+    """Knowledge of the light in captured colours; without any they are treated as albedo.
 
     irradiance: (V, 3) on the capture day, unit of the captured colours. prior: of `albedo_of`, which divides by it.
-    albedo: (V, 3) where it is known; then no splat is asked for it.
+    albedo: (V, 3) if known; then it is not taken from splats.
     """
 
     irradiance: Radiance | None = None

@@ -1,8 +1,8 @@
 """The colour of a splat at the texels of a mesh: pictures of the splat projected onto it and averaged.
 
-A mesh with few faces passes above and below what the splat shows. A picture tells what the eye sees at a texel, so the
-mean of many looks right from everywhere, and the needles that training leaves average out. Draw the splats as wide as
-training saw them: as they are in the file, close views show gaps between them.
+A mesh with few faces passes above and below the surface of the splat. A picture shows what the eye sees at a texel, so
+the mean of many looks right from everywhere, and the needles that training leaves average out. Draw the splats as wide
+as training saw them: with the widths of the file, close views show gaps between them.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The part of a city that the light of a place depends on: its own mesh, what lies near it, all else coarse."""
+"""The part of a city that the light of a place depends on: its mesh, its surroundings, and the rest coarse."""
 
 from typing import NamedTuple
 
@@ -16,18 +16,19 @@ from .parts import TilePart, parts_of
 from .shared import Shared, joined_meshes, scene_of
 
 NEAR = 2.0
-"""How far around its core a tile sees its neighbours as they are, in distances between stations. With 1 a wall in the
-shadow of a house next door, which is coarse then, was lit by a low sun: error .29 in a tile of a city of ten million;
-.021 with 2, .023 with 3."""
+"""Reach around its core within which a tile sees its neighbours unsimplified, in distances between stations. With 1 a
+wall in the shadow of a house next door, which is coarse then, was lit by a low sun: error .29 in a tile of a city of
+ten million; .021 with 2, .023 with 3."""
 
 MIDDLE = 8.0
-"""How far around its core a tile sees the twins of others that are made for it, rather than what all the city holds of
-them, which is the less the more tiles there are. A house as high as half a distance casts its shadow so far from a sun
+"""Reach around its core within which a tile sees the twins of others made for it, rather than those of the whole city,
+which are coarser the more tiles there are. A house as high as half a distance casts its shadow so far from a sun
 at 4 degrees."""
 
 EXACT = 0.1
-"""How far around its box a part finds light at every vertex, in distances between stations: splats near its border take
-light from there. What lies farther only sends light on, and takes that of neighbours (`transfer.receivers`)."""
+"""Reach around its box within which a part computes light at every vertex, in distances between stations: splats near
+its border take light from there. Farther vertices only bounce light, and take that of neighbours
+(`transfer.receivers`)."""
 
 LOWEST = 0.005
 """Elevation, in radians, below which nothing of a distant tile reaches and it is left out: the coarse scene of a tile

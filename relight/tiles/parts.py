@@ -13,20 +13,20 @@ GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 2.8e-6, 1.2e-6, 1.0e-6
 a splat of the tile."""
 
 USUAL_GB = 4.0
-"""Of a process, where nobody says."""
+"""Of a process, by default."""
 
 LEAST_VERTICES = 64
 """Of a part: what has fewer is mostly surroundings."""
 
 LEAST_SHARE = 1 / 64
-"""Of the distance within which a part sees what is around it as it is, at least, before it is cut on."""
+"""Least share of the distance within which a part sees its surroundings unsimplified, before it is cut further."""
 
 
 class TilePart(NamedTuple):
     """A rectangle of a tile that is lit by itself.
 
     core: (2, 2) lowest and highest x and z of the tile. box: (2, 2) of the part. distance: around it within which
-    everything is seen as it is.
+    everything is seen unsimplified.
     """
 
     core: NDArray[np.float64]
@@ -41,7 +41,7 @@ class TilePart(NamedTuple):
 
     @property
     def grown(self) -> NDArray[np.float64]:
-        """(2, 2) the box and what is seen around it as it is."""
+        """(2, 2) the box with the surroundings that are seen unsimplified."""
         return grown(self.box, self.distance)
 
 
@@ -58,7 +58,7 @@ def parts_of(
     own: NDArray,  # (V, 2) x and z of a tile's vertices
     around: NDArray,  # (W, 2) of those of its neighbours that lie near it
     core: NDArray,  # (2, 2) lowest and highest x and z
-    distance: float,  # around it within which it sees all as it is
+    distance: float,  # around it within which it sees all unsimplified
     most: float,  # vertices, of `room_for`
 ) -> list[TilePart]:
     """The parts of a tile. Cuts go across the longer side, at half of the vertices.

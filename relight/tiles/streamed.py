@@ -1,4 +1,4 @@
-"""A relit city as a streamed SOG: what a viewer loads near is fine, and coarse far away.
+"""A relit city as a streamed SOG: a viewer loads it fine nearby and coarse far away.
 
 sog/lod-meta.json        the tree: where each level of each leaf lies
 sog/0_00003/meta.json    level 0, all splats of tile 3, beside its images; levels 1 and more are ever fewer
@@ -66,7 +66,7 @@ def _bound(splats: Splats) -> dict[str, list[float]]:
 
 
 def lod_meta(leaves: list[dict[str, Any]], environment: bool) -> dict[str, Any]:
-    """What lod-meta.json says, of the leaves of all tiles. environment: whether there is one."""
+    """The content of lod-meta.json for the leaves of all tiles. environment: whether there is one."""
     names = sorted({lod["file"] for leaf in leaves for lod in leaf["lods"].values()})
     number = {name: index for index, name in enumerate(names)}
     counts = [0] * LOD_LEVELS

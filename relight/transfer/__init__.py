@@ -1,8 +1,8 @@
 """Radiance transfer: how every vertex of a white scene receives light from every direction.
 
 A transfer is (V, K) float32, K = B^2 coefficients in the basis of `relight.sh.harmonics`; the exit radiance of a
-white diffuse vertex is its row times the light's coefficients. It holds Lambert's A_l / pi, so that under
-a constant sky of radiance 1 an unoccluded vertex gives exactly 1. Here: what needs no heavy import.
+white diffuse vertex is its row times the light's coefficients. It includes Lambert's A_l / pi, so under
+a constant sky of radiance 1 an unoccluded vertex gives exactly 1. This module imports nothing heavy.
 """
 
 from splat2mesh.base.errors import InputError

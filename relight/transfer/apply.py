@@ -1,8 +1,8 @@
 """The one product that a new light costs: radiance = max(transfer . light + other light, 0) x albedo, memory-bound.
 
 A transfer (V, K) is kept in blocks of 128 vertices, coefficient after coefficient: every load and every sum is then a
-whole vector, where rows of 9 numbers leave most of it unused. Each vertex is summed over k in one order, in a lane of
-its own: the bits depend neither on the number of threads nor on the part of the vertices that is asked for.
+whole vector, where rows of 9 numbers leave most of it unused. Each vertex is summed over k in one order, in its
+own lane: the bits depend neither on the number of threads nor on the requested part of the vertices.
 Against copying as many bytes in the same run, one product takes 1 to 2.5 times as long (docs/dynamic.md).
 """
 

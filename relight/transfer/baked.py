@@ -2,7 +2,7 @@
 
 Between two poses in which nothing moves further than a tenth of the scene's diagonal, blending is 1 to 2% off; over
 half of that, half a percent (an arm over a table; hard shadows of suns do not blend and are not part of it). Poses lie
-close where that is needed: an interval is halved until the pose in its middle is what blending makes of its ends.
+close where needed: an interval is halved until blending its ends gives the pose in its middle.
 """
 
 import bisect

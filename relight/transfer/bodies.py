@@ -1,4 +1,4 @@
-"""Bodies of a dynamic scene: what moves as one, where its rays begin, and which of them what stops.
+"""Bodies of a dynamic scene: the parts that move as one, their ray origins, and which body stops which ray.
 
 Everything here lives in the unit frame of the first pose, which stays (Frame). See `dynamic`.
 """
@@ -38,9 +38,9 @@ def placed(frame: Frame, vertices: Points) -> NDArray[np.float32]:
 
 
 class Sight:
-    """What hides the rays of a body's nodes, as bits (N, bytes) uint8 of `numpy.packbits`.
+    """The occlusion of the rays of a body's nodes, as bits (N, bytes) uint8 of `numpy.packbits`.
 
-    rays: Hemisphere or Beams. fixed: bits of rays that the body itself or what never moves stops. others: number of
+    rays: Hemisphere or Beams. fixed: bits of rays that the body itself or static geometry stops. others: number of
     another body -> bits of rays that it stops and these do not.
     """
 
@@ -81,7 +81,7 @@ class Sight:
         return hidden
 
     def _stopped(self, body: "Body") -> NDArray[np.uint8]:
-        assert body.box is not None  # a body without faces stops nothing, and nobody asks
+        assert body.box is not None  # never called for a body without faces, which stops nothing
         return blocked(self.rays, self._nodes, body.box, body.occluded, self.fixed)
 
 
@@ -157,7 +157,7 @@ class Body:
         self._distinct = order[new_node]
 
     def _join(self) -> None:
-        """Find the nodes and who is beside whom, in the pose as it is."""
+        """Find the nodes and their neighbours in the current pose."""
         self.rings = Rings(self.origins, self.normals, self.faces, self.ranks)
         self._joined = True
         self.nodes = self.rings.vertices
@@ -185,7 +185,7 @@ def _stand_off(
 ) -> None:
     """Ray origins off the surface: as `occluder._origins`, for known places (V,) and one vertex for each normal there.
 
-    least: offset that the coordinates need to be told apart. rounding: of the coordinates as they came.
+    least: offset that the coordinates need to be distinct. rounding: of the coordinates as they came.
     """
     count = place.max() + 1 if len(place) else 0
     common, shortest = np.zeros((count, 3), np.float32), np.full(count, np.inf)

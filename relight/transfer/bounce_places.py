@@ -1,7 +1,7 @@
-"""Where the rays of bounces meet surfaces: what is traced, and kept, and from which the matrix of bounces follows.
+"""Where the rays of bounces meet surfaces: traced once and kept; the matrix of bounces follows from it.
 
-A place is one number: the face, and where on it to a part of its edge. That takes four bytes, of which the corners and
-weights that rows have follow in less time than it would take to read them.
+A place is one number: the face, and the position on it to a fraction of its edge. It takes four bytes; computing the
+corners and weights of a row from it takes less time than reading them would.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ BATCH_RAYS = 2**18
 
 
 class BouncePlaces(NamedTuple):
-    """What R cosine-distributed rays from each of M vertices meet first, in a mesh of V.
+    """The first hits of R cosine-distributed rays from each of M vertices, in a mesh of V.
 
     rows: (M,) int32, the vertices that rays start from, along a curve. hits: (V,) int32, how many of each vertex's met
     something. used: (M,) int32, how many of those met the front of a face. places: (P,) uint32 or uint64, where, row
@@ -62,8 +62,8 @@ class BouncePlaces(NamedTuple):
             part = rows[start : start + batch]
             some, shot, met = used[start : start + batch], buffer[: len(part)], np.zeros(len(part), np.int32)
             sampling.shoot(occluder.origins[part], occluder.normals[part], azimuths, seed, shot)
-            told = occluder.first_hits(shot)[1:]
-            in_slices(_meet, len(part), shot, *told, occluder.faces, occluder.normals, places, some, met)
+            first = occluder.first_hits(shot)[1:]
+            in_slices(_meet, len(part), shot, *first, occluder.faces, occluder.normals, places, some, met)
             hits[part] = met
             found.append(places[: len(part)][np.arange(rays) < some[:, None]].astype(kind))
             advance(len(part))
@@ -97,7 +97,7 @@ class BouncePlaces(NamedTuple):
 
 
 def batch_of(rays: int) -> int:
-    """How many vertices with so many rays are worked on at once."""
+    """Vertices per batch at this number of rays."""
     return max(1, BATCH_RAYS // rays)
 
 

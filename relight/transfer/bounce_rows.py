@@ -1,4 +1,4 @@
-"""Loops over the rows of the bounce matrix: unpacked from the places that rays met, and multiplied with radiance."""
+"""Loops over the rows of the bounce matrix: unpacked from the places that rays met, and multiplied by radiance."""
 
 import numpy as np
 from numba import njit

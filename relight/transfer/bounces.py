@@ -8,8 +8,8 @@ of light and albedo. Source: Neumann series of the rendering equation (Kajiya 19
 A hit takes the radiance of the face's vertices, interpolated, which is how the output mesh shows it. So light leaks
 into contacts whose shadow is smaller than a face: on a tabletop the error is 1.3% of all light with 118,000
 faces, 4.6% with 20,000, 16% with 5,000, and 95% of that (squared) is in 5% of the vertices, which see next to no sky.
-A hit on the back of a face counts as black: a closed body is dark inside, and what leaves the back of an open
-surface no vertex knows. Which side is the front, the vertex normals say, not the winding.
+A hit on the back of a face counts as black: a closed body is dark inside, and no vertex holds the radiance of the back
+of an open surface. The vertex normals define the front, not the winding.
 """
 
 import math
@@ -48,12 +48,11 @@ A third of the time of one by one; 16 gain nothing more."""
 class Interreflection:
     """The matrix B of a scene: sparse, (V, V), non-negative, rows that sum to at most the hidden fraction.
 
-    Vertices that agree in position and normal (seams of chunks) are columns of their own, each with its albedo; cutting
-    a scene into chunks changes no bit.
-    rays: per vertex. hits: (V,) int32, how many of them met something. back_hits: which share of these, over the
-    scene, met the back of a face. entries: how many met a front. nbytes: memory of the matrix.
-    shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose rows were
-    traced; None for all.
+    Vertices that agree in position and normal (seams of chunks) are separate columns, each with its albedo; cutting a
+    scene into chunks changes no bit. rays: per vertex. hits: (V,) int32, how many of them met something. back_hits:
+    which share of these, over the scene, met the back of a face. entries: how many met a front. nbytes: memory of the
+    matrix. shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose
+    rows were traced; None for all.
     """
 
     def __init__(
@@ -104,7 +103,7 @@ class Interreflection:
 
     @property
     def entries(self) -> int:
-        """How many places rays met from the front."""
+        """The number of hits on fronts."""
         return len(self._corners)
 
     @property

@@ -1,4 +1,4 @@
-"""Arrays that come from outside: their shapes and values, looked at once and refused in one line."""
+"""Checks of arrays from callers: their shapes and values, checked once and refused in one line."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from splat2mesh.base.errors import InputError
 
 
 def check_shape(name: str, array: ArrayLike, expected: Sequence[int]) -> None:
-    """Raise InputError unless an array has a shape. name: of the array, as the message shall call it."""
+    """Raise InputError unless an array has a shape. name: of the array, as the message names it."""
     if np.shape(array) != tuple(expected):
         raise InputError(f"{name} must have shape {tuple(expected)}, found {np.shape(array)}")
 

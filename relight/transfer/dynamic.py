@@ -1,8 +1,8 @@
-"""Transfer of a scene in which bodies move: only rays that the motion can have changed are traced again.
+"""Transfer of a scene with moving bodies: only rays that the motion can have changed are traced again.
 
 Visibility is kept as bits, one per ray and body: a ray is free if no body stops it. When a body moves, its own vertices
-are traced anew; every other vertex keeps its bits but for this one body, and of these it needs only the rays that
-meet the body's box now (`reach`). Transfer is summed and averaged again around what came out different.
+are traced again; every other vertex keeps its bits except for this body, and of these it needs only the rays that
+now meet the body's box (`reach`). Transfer is summed and averaged again around changed vertices.
 The result is, to the bit, that of a new DynamicTransfer of the moved scene with the same frame and ranks: rays
 depend on the rank of their vertex, which stays, and not on history.
 """
@@ -38,7 +38,7 @@ Changes: TypeAlias = Mapping[int, tuple[Points, Directions]]
 
 
 class Anchor(NamedTuple):
-    """What a transfer takes over from another, so that both trace the same rays.
+    """The state that a transfer takes from another, so both trace the same rays.
 
     frame: that of the scene without. ranks: (V,) below V, by which vertices get their rays; without, along a curve.
     """
@@ -50,10 +50,9 @@ class Anchor(NamedTuple):
 class DynamicTransfer:
     """Transfer of a whole scene that is kept up to date while some of its chunks move.
 
-    Neighbours are averaged within a body only; but for that, the first transfer is that of `raytraced_scene`, to the
-    bit if there is one body.
-    transfer: (V, K) float32, vertex order of the scene. bodies: list of Body; the first holds all that never moves.
-    stale: set of the numbers of bodies whose transfer is old, because they were too fast.
+    Neighbours are averaged within a body only; except for that, the first transfer is that of `raytraced_scene`, to the
+    bit if there is one body. transfer: (V, K) float32, vertex order of the scene. bodies: list of Body; the first holds
+    all that never moves. stale: set of the numbers of bodies whose transfer is old, because they were too fast.
     """
 
     def __init__(

@@ -1,4 +1,5 @@
-"""Suns on bodies that move: a bit for every vertex, sun and body, of which a motion renews only what it can reach."""
+"""Suns on bodies that move: a bit for every vertex, sun and body, of which a motion renews only those that it can
+reach."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Which side of a face a ray met. The vertex normals say which is the front, not the winding."""
+"""The side of a face that a ray met. The vertex normals define the front, not the winding."""
 
 import numpy as np
 from numba import njit
@@ -19,7 +19,7 @@ def met_in_front(occluder: Occluder, hits: Hits, directions: Directions) -> Mask
     occluder : Occluder
         What the rays were shot at.
     hits : Hits
-        Of N rays, as `Occluder.first_hits` tells them.
+        Of N rays, as `Occluder.first_hits` returns them.
     directions : ndarray, (N, 3)
         Of the rays, unit frame.
 

@@ -1,8 +1,8 @@
-"""What the mixing network looks at: several estimates of every shadow, and numbers about them that no rotation changes.
+"""The inputs of the mixing network: several estimates of every shadow, and rotation-invariant numbers about them.
 
 The estimates are the rays' own, those after one and two steps that keep to neighbours in agreement (`filtering`), and
-those after one and two more that go by the normals alone: from noisy and true to smooth and biased. Nothing here
-depends on the number of bands but the bands themselves, so that fewer bands are the first part of more.
+those after one and two more that go by the normals alone: from noisy and unbiased to smooth and biased. Only the bands
+depend on the number of bands, so fewer bands are the first part of more.
 """
 
 import math
@@ -22,8 +22,8 @@ from .neighbors import Neighbors
 from .sampling import legendre_factors
 
 CENTER, *OTHERS = ESTIMATES = ("agreeing 2", "own", "agreeing 1", "smooth 1", "smooth 2")
-"""What so many steps of averaging gave. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some with
-weights taken from the averaged shadows, gain 1 to 5% more; two and four smooth steps from the own rays, instead of
+"""Estimates by number of averaging steps. Differences of OTHERS to CENTER are what is mixed. Twelve estimates, some
+with weights taken from the averaged shadows, gain 1 to 5% more; two and four smooth steps from the own rays, instead of
 the last two, up to 5% above 64 rays and nothing below. Neither is worth its time."""
 
 LOG_BAND = len(ESTIMATES)

@@ -1,9 +1,9 @@
-"""Neighbours share their rays: the noise of traced transfer is averaged away along the surface, what differs stays.
+"""Neighbours share their rays: the noise of traced transfer is averaged along the surface, real differences stay.
 
-What is averaged is the visibility, not the transfer: the line a + b . d of `sampling.gather` and what it leaves
-are taken over from the neighbours, in world space, and the cosine about the vertex's own normal is applied afterwards.
-A neighbour counts less the further its shadow differs from the vertex's own, measured by the noise that the
-number of rays and the visible fraction lead one to expect. Every step is of one ring.
+The average is over visibility, not transfer: the line a + b . d of `sampling.gather` and its remainder are taken from
+the neighbours, in world space, and the cosine about the vertex's own normal is applied afterwards. A neighbour counts
+less the more its shadow differs from the vertex's own, relative to the noise expected from the number of rays and
+the visible fraction. Every step is of one ring.
 """
 
 import math
@@ -30,7 +30,7 @@ STRICT_RAYS = 20
 to 20 B rays, then falling with the square root of the rays: for a coarse mesh in low bands their bias is too much."""
 
 FLOOR = np.float32(0.01)
-"""Least f (1 - f) assumed: a shadow of less than a ray or two is not to be told from none."""
+"""Least f (1 - f) assumed: a shadow of less than a ray or two cannot be distinguished from none."""
 
 GUIDE_BANDS = 3
 """Degrees below this are compared; more cost time, and find the same shadows."""
@@ -63,7 +63,7 @@ class Rows(Protocol):
 
 
 def steps_for(rays: int, bands: int) -> int:
-    """How many steps of `average` are worth their bias at so many rays per vertex (scripts/bench rays)."""
+    """The number of steps of `average` worth their bias at a number of rays per vertex (scripts/bench rays)."""
     if rays > MAX_RAYS:
         return 0
     return 2 if rays <= TWO_STEPS_RAYS * bands else 1
@@ -85,7 +85,7 @@ def average(
     does not depend on the order of vertices or faces, nor on the number of threads.
     """
     count, bands = len(model), min(GUIDE_BANDS, math.isqrt(rest.shape[1]))
-    noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, but for f (1 - f)
+    noise = NOISE * rays**NOISE_POWER * bands**2  # variance of all that is compared, except for f (1 - f)
     strict = min(1.0, STRICT_RAYS * math.isqrt(rest.shape[1]) / rays) ** 0.5
     accepted = np.float32(noise * TOLERANCE * strict)
     lobe = (harmonics.lambert_coefficients(bands) / np.pi).astype(np.float32)
@@ -118,7 +118,7 @@ def _guides(
     squared: NDArray[np.float32],
     guide: NDArray[np.float32],
 ) -> None:
-    """What shadows take from the transfer, T - A, in the lowest degrees."""
+    """The loss of transfer to shadows, T - A, in the lowest degrees."""
     for i in range(begin, end):
         for k in range(guide.shape[1]):
             guide[i, k] = rest[vertices[i], k]

@@ -1,4 +1,4 @@
-"""What a transfer is kept under, which kept ones serve for others, and how it is written: in 16 bits a number."""
+"""Keys of cached transfers, which cached ones serve for others, and their format: 16 bits a number."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ _BATCH = 1 << 14  # rows
 
 
 Key: TypeAlias = tuple[str, int, int, str, int, str]
-"""What a transfer is told apart by: method, bands, rays, chunks with shadows, seed, leaves."""
+"""What identifies a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
 
 
 def key_of(settings: tuple[Any, ...]) -> Key | None:

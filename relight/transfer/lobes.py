@@ -1,4 +1,4 @@
-"""The light that a straight line explains of the visibility of a vertex, in closed form: see `sampling`."""
+"""The transfer of the linear part of a vertex's visibility, in closed form: see `sampling`."""
 
 import math
 

@@ -1,8 +1,8 @@
-"""Who stands beside whom: the vertices of a scene as nodes in an order of their own, and the ring around each.
+"""Neighbours: the vertices of a scene as ordered nodes, and the ring around each.
 
-Vertices that agree in position and normal are one node (seams of chunks); vertices that share a position are beside
-each other, and beside everything that is one edge away from any of them (seams of textures). The nodes are ranked
-along a curve through space by their own bits, so that nothing here depends on the order of vertices or faces.
+Vertices that agree in position and normal are one node (seams of chunks); vertices that share a position are neighbours
+of each other, and of everything one edge away from any of them (seams of textures). The nodes are ranked along a curve
+through space by their own bits, so nothing here depends on the order of vertices or faces.
 """
 
 import numpy as np

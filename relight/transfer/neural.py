@@ -1,8 +1,8 @@
-"""Transfer with shadows from few rays: a small network mixes several averages of what they saw.
+"""Transfer with shadows from few rays: a small network mixes several averages of them.
 
-The network sees numbers that no rotation changes and answers with weights, degree by degree (`features`), so its
-transfer turns with the scene; and with the error that it expects. One network serves all numbers of bands and rays.
-Where nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
+The network takes rotation-invariant numbers and returns weights, degree by degree (`features`), so its transfer turns
+with the scene; it also returns the error that it expects. One network serves all numbers of bands and rays. Where
+nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
 """
 
 from functools import lru_cache
@@ -42,7 +42,7 @@ def neural(
     """Transfer of all white vertices in the shadow of everything: (V, K) float32, as `raytraced_scene`.
 
     Vertices of equal position and normal get equal rows; no order of vertices or faces and no division into chunks
-    changes a bit. The transfer of fewer bands is the first part of that of more, but for the roundings.
+    changes a bit. The transfer of fewer bands is the first part of that of more, up to rounding.
     Raises InputError for bands outside 1..10, rays outside 1..65536, and without onnxruntime.
     """
     return neural_with_confidence(occluder, bands, rays, seed, advance)[0]

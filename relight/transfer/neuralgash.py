@@ -1,9 +1,9 @@
 """Transfer predicted from position and normal alone: the network of the Neural-GASh paper.
 
-Each vertex becomes a motor, 32 numbers, from which a multilayer perceptron tells the transfer of three bands. It knows
-the vertex, and not what stands around it, so that shadows are a guess by the average of what it was trained on. Its
-error is three quarters of that without shadows, four times that of 25 rays (`relight/models/neural-gash.md`).
-Source: Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
+Each vertex becomes a motor, 32 numbers, from which a multilayer perceptron predicts the transfer of three bands. It
+knows the vertex but not its surroundings, so shadows are a guess from the average of its training data. Its error is
+three quarters of that without shadows, four times that of 25 rays (`relight/models/neural-gash.md`). Source:
+Geronikolakis et al., "Neural-GASh", arXiv:2507.13917, 2025.
 """
 
 import numpy as np
@@ -39,7 +39,7 @@ def neural_gash(
 ) -> NDArray[np.float32]:
     """Transfer of white vertices as the network guesses it: (V, 9) float32, in the basis of `relight.sh.harmonics`.
 
-    The network gives three colours, equal but for its own rounding as its labels were; this is their mean, cut to what
+    The network gives three colours, equal up to rounding, as its labels were; this is their mean, cut to what
     a white vertex can have. Depends on the vertex and the bounds of the scene, and to 1e-6 on no order or batch.
     Normals are used as `unit_normals` returns them. Raises InputError for shapes that do not fit, vertices that are not
     finite, and without onnxruntime.

@@ -20,7 +20,7 @@ def with_received(
     albedo: NDArray[np.float32] | None,  # (V, 3) linear; white without
     interreflection: Interreflection | None = None,  # Interreflection, for bounces
 ) -> NDArray[np.float32]:
-    """What every vertex receives by each of nine coefficients, bounces included, (V, 9, 3) float32.
+    """The light that every vertex receives from each of nine coefficients, with bounces, (V, 9, 3) float32.
 
     Exit radiance is this times the albedo; it holds that of other vertices only.
     """

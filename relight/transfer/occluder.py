@@ -1,4 +1,4 @@
-"""Everything that can hide light, as one set of triangles, and where its rays begin."""
+"""All occluders of light as one set of triangles, and the origins of their rays."""
 
 from typing import NamedTuple
 
@@ -91,7 +91,7 @@ class Occluder:
         return self._caster.occluded(rays, far)
 
     def first_hits(self, rays: Rays) -> Hits:
-        """What the rays (..., 6) float32 meet first, unit frame: Hits."""
+        """The first hits of rays (..., 6) float32, unit frame: Hits."""
         return self._caster.first_hits(rays)
 
 

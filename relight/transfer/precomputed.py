@@ -1,4 +1,5 @@
-"""What depends on a scene's geometry alone: computed on first use, extended rather than repeated, kept between runs."""
+"""Results that depend on the geometry alone: computed on first use, extended rather than repeated, kept between
+runs."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -43,9 +44,9 @@ ALIKE = 2
 class Precomputed:
     """Occluder, visibility, transfer and interreflection of a scene.
 
-    A transfer of more bands or more rays than are asked for serves as well: its first bands are the transfer of fewer.
-    From kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow
-    are traced anew. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
+    A transfer of more bands or more rays than requested serves as well: its first bands are the transfer of fewer. From
+    kept visibility, more bands need no ray and twice the rays only the new half. Rays that are too few to grow are
+    traced again. rays_traced: how many rays were shot for transfers and matrices so far. foliage: the Foliage of the
     scene, or None. shown: returns (V,) bool, the vertices whose light is shown; None for all of them.
     """
 
@@ -310,15 +311,15 @@ class Precomputed:
         return visibility
 
     def _leaves(self, settings: Settings) -> str:
-        """Text for a file's name that tells volumes apart."""
+        """Text for a file's name that identifies the volumes."""
         leaves = f"{self._volumes.key}x{settings.volume}" if settings.volume else SURFACES
         return self._with_receivers(leaves) if settings.rays else leaves
 
     def _with_receivers(self, text: str) -> str:
-        """Text for a file's name, with that which tells the traced vertices apart unless they are all."""
+        """Text for a file's name, with the key of the traced vertices unless they are all."""
         return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
     def _key(self, settings: Settings, rays: int) -> Key:
-        """What a transfer is told apart by, as its file says."""
+        """What identifies a transfer, as in its file."""
         method, chunks = settings.method.replace("-", "_"), chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)

@@ -77,7 +77,7 @@ def trace(
     rays: int,
     offsets: Callable[[slice], NDArray[np.float32]],
 ) -> Iterator[tuple[slice, tuple[NDArray[np.float32], NDArray[np.float32]]]]:
-    """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` tells them apart."""
+    """Visibility of batches of vertices: their slice, and (model, rest) as `sampling.gather` separates them."""
     azimuths = sampling.fibonacci_azimuths(rays)
     batch = max(1, BATCH_RAYS // rays)
     buffer = np.zeros((min(batch, len(origins)), rays, 6), np.float32)

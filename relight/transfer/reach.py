@@ -1,9 +1,9 @@
-"""Which rays can meet a body at all: what lies behind the horizon, beside its cone, or past its boxes is never traced.
+"""Which rays can meet a body at all: those below the horizon, outside its cone, or past its boxes are never traced.
 
 A body is wrapped into one box. From a vertex, the sphere around the box fills a cone; the rays of a vertex are ranked
-by their height above the horizon (`sampling.fibonacci_azimuths`), so that the cone leaves one run of ranks, and of
-these only rays through the box are handed on. All of it errs to the safe side. For an arm over a table this takes
-5 ns a ray of all, of which a tenth reaches Embree, at 100 ns; several boxes per body cost more than they spare.
+by their height above the horizon (`sampling.fibonacci_azimuths`), so the cone leaves one run of ranks, and of
+these only rays through the box are passed on. All of it errs to the safe side. For an arm over a table this takes
+5 ns a ray of all, of which a tenth reaches Embree, at 100 ns; several boxes per body cost more than they save.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
-"""Which vertices light is traced for, and how the others take theirs over from neighbours.
+"""The vertices that light is traced for, and how the others take theirs from neighbours.
 
-The mesh of a place has several vertices for each splat, and undersides that nobody saw. Where splats are all that is
-shown, light is found at the vertices that they use, and at some of the others, which bounces meet. What lies between
-takes the mean of the neighbours whose normals agree.
+The mesh of a place has several vertices for each splat, and unseen undersides. Where only splats are shown, light is
+computed at the vertices that they use, and at some of the others, which bounces meet. The vertices in between
+take the mean of the neighbours whose normals agree.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -34,7 +34,7 @@ Ring: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int32],
 class Receivers:
     """The vertices of a scene that light is traced for.
 
-    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that tells them from others, "every" for all.
+    traced: (V,) bool. rows: (S,) int64, their indices. key: short text that identifies them, "every" for all.
     """
 
     def __init__(self, traced: Mask, rings: Iterable[Ring] = ()) -> None:
@@ -73,7 +73,7 @@ class Receivers:
             rings.append((nodes, starts, columns, weights))
             reached[nodes] = True
         traced |= ~reached
-        # What was nodes is vertices from here on: one stands for each node, and its copies take over from it.
+        # What was nodes is vertices from here on: one stands for each node, and its copies take their light from it.
         stands = neighbors.vertices
         rings = [
             (stands[nodes], starts, stands[columns].astype(np.int32), weights)
@@ -137,7 +137,7 @@ _PARTS = "nodes", "starts", "columns", "weights"
 def _count(
     begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], reached: Mask, taken: NDArray[np.int64]
 ) -> None:
-    """How many neighbours each node that was not reached may take over from."""
+    """Most neighbours that an unreached node takes its light from."""
     for i in range(begin, end):
         if not reached[i]:
             for at in range(starts[i], starts[i + 1]):

@@ -1,4 +1,4 @@
-"""Exit radiance under the full image, without spherical harmonics: what everything faster is measured against."""
+"""Exit radiance under the full image, without spherical harmonics: the reference for every faster method."""
 
 import math
 

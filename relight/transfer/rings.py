@@ -1,7 +1,7 @@
-"""Averaging over neighbours where the mesh moves: who is beside whom stays, and only what changed is averaged again.
+"""Averaging over neighbours of a moving mesh: neighbours stay, and only changed vertices are averaged again.
 
-Neighbours are those of the pose in which they were found, whatever the motion does to the angles between them: a pair
-that is now further apart than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds nothing to any sum.
+Neighbours are those of the first pose, whatever the motion does to the angles between them: a pair that now differs by
+more than `neighbors.MIN_COSINE` stays in the rows, with weight 0, which adds nothing to any sum.
 So the result is that of `filtering.average` over the whole mesh, to the bit.
 """
 
@@ -18,7 +18,8 @@ from .filtering import average
 from .neighbors import MIN_COSINE, SHARPNESS, Neighbors, _sort_rows
 
 WHOLE = 0.5
-"""Where more than this part of the nodes would be averaged anew, all are: to pick them out costs more than it saves."""
+"""Where more than this part of the nodes would be averaged again, all are: to pick them out costs more than it
+saves."""
 
 _FAR = np.int8(127)
 
@@ -109,7 +110,7 @@ class Rings(Neighbors):
 
 
 class _Part(NamedTuple):
-    """What `filtering.average` needs of Neighbors."""
+    """The part of Neighbors that `filtering.average` needs."""
 
     vertices: NDArray[np.int64]
     starts: NDArray[np.int64]

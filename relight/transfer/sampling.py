@@ -1,9 +1,9 @@
 """Ray directions about the normals and their sums in spherical harmonics: the compiled inner loops.
 
-The visibility V of a vertex is told apart into what a straight line explains and the rest. A ridge fit gives
-V(d) = a + b . d, whose transfer is known in closed form (`lobes.add_model`); the rays then only have to carry
-what is left, V - a - b . d (`gather`). Against V alone that is a linear control variate.
-A vertex is computed from its own row alone, so neither the vertex order nor chunking changes a bit.
+The visibility V of a vertex is split into a linear part and the rest. A ridge fit gives V(d) = a + b . d, whose
+transfer is known in closed form (`lobes.add_model`); the rays then only have to carry what is left, V - a - b . d
+(`gather`). Against V alone that is a linear control variate. A vertex is computed from its own row alone, so neither
+the vertex order nor chunking changes a bit.
 """
 
 import math
@@ -109,7 +109,7 @@ def _hash(position: NDArray[np.float32], normal: NDArray[np.float32], seed: np.u
     """64 bits from six float32 and the seed; zeros of either sign count as one."""
     state = _mix(seed + np.uint64(0x9E3779B97F4A7C15))
     values = np.empty(6, np.float32)
-    for i in range(3):  # slices would have Numba compile how shapes are told, which takes seconds
+    for i in range(3):  # slices would have Numba compile the printing of shapes, which takes seconds
         values[i], values[3 + i] = position[i], normal[i]
     for word in (values + np.float32(0.0)).view(np.uint32):
         state = _mix((state ^ np.uint64(word)) + np.uint64(0x9E3779B97F4A7C15))

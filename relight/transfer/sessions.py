@@ -54,5 +54,5 @@ def open_session(
 
 
 def workers_of(session: "InferenceSession") -> int:
-    """How many threads may run a session at once: as many as there are cores, but an accelerator serves one."""
+    """The number of threads that may run a session at once: one per core, but an accelerator serves one."""
     return cores() if session.get_providers()[0] == "CPUExecutionProvider" else 1

@@ -1,18 +1,18 @@
-"""How a scene is lit: the method and its numbers, as they are planned, forced, cached and reported."""
+"""How a scene is lit: the method and its numbers, as planned, forced, cached and reported."""
 
 from typing import NamedTuple
 
 SHADOWS, SUN, BOUNCES, VOLUME = EFFECTS = ("shadows", "sun", "bounces", "volume")
 """shadows: everything hides light from everything. sun: light too concentrated for spherical harmonics shines as single
-directions, traced anew for every light and angle. bounces: light that surfaces send to one another, by their albedo.
+directions, traced again for every light and angle. bounces: light that surfaces send to one another, by their albedo.
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
 BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512
 """Where nothing is planned: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
 
 BOUNCE_TOLERANCE = 1e-3
-"""What bounces still to come may contribute, where nothing is planned: well below what the rays leave. A tabletop gets
-there in six bounces, an object in three."""
+"""Contribution below which further bounces are dropped where nothing is planned: well below the error of the rays. A
+tabletop reaches it in six bounces, an object in three."""
 
 
 GLOSS = "gloss"

@@ -1,4 +1,4 @@
-"""A light as it is applied: coefficients for the transfer and suns beside them, found once for an image."""
+"""A light as applied: coefficients for the transfer and separate suns, computed once for an image."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +19,7 @@ def image_key(environment: Environment) -> str:
 
 
 def _checked(kept: Mapping[str, NDArray[Any]], bands: int) -> Mapping[str, NDArray[Any]]:
-    """What was kept of a light. Raises ValueError where its arrays do not fit each other or are not finite."""
+    """A light from its cached arrays. Raises ValueError where its arrays do not fit each other or are not finite."""
     directions, weights = kept["directions"], kept["weights"]
     fits = kept["coefficients"].shape == (bands**2, 3) and directions.shape == weights.shape == (len(directions), 3)
     if not (fits and all(each.dtype.kind == "f" and np.isfinite(each).all() for each in kept.values())):

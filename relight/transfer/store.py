@@ -1,10 +1,10 @@
-"""What was computed for a geometry, kept in the scene folder: files that are whole or not there at all.
+"""Results for a geometry, cached in the scene folder: files that are complete or absent.
 
     cache/transfer-raytraced-8-128-0.npz
 
-Each file carries the key of the geometry that it was made for, and the settings as JSON: its name is for people, and is
-never parsed. It is checked (size and CRC of every array) as it is read. What does not fit, from another geometry,
-another version or a torn write, counts as not there; files of older versions are removed.
+Each file carries the key of its geometry and the settings as JSON: its name is for people and is never parsed. It is
+checked (size and CRC of every array) while it is read. A file that does not fit, from another geometry, another version
+or a torn write, counts as absent; files of older versions are removed.
 """
 
 import contextlib
@@ -77,7 +77,7 @@ class Cache:
         return self._read(self._path(self.folder, kind, settings), _told(settings)) if self.folder else None
 
     def restored(self, make: Callable[[dict[str, NDArray[Any]]], Made], kind: str, *settings: object) -> Made | None:
-        """What `make` makes of the arrays that are kept, or None, also where it cannot: then they count as not there.
+        """The result of `make` on the cached arrays, or None where it fails: then they count as absent.
 
         make(arrays) must check what it uses: a scene folder, with its cache, may come from anybody.
         """
@@ -92,7 +92,7 @@ class Cache:
     def settings_of(self, kind: str) -> list[tuple[Any, ...]]:
         """[settings] of every file of a kind and this geometry, as `put` was given them; what is no number is text.
 
-        They are what a file says: whoever uses them must check them.
+        They are the unchecked content of a file: the caller must check them.
         """
         found = [_label(path) for path in self._files() if path.name.startswith(f"{kind}-")]
         return [tuple(settings) for key, settings in filter(None, found) if key == self._key]
@@ -210,7 +210,7 @@ def geometry_key(scene: "Scene") -> str:
 
 
 def array_key(*arrays: NDArray[Any] | None) -> str:
-    """Short text that differs for any two lists of arrays; None among them counts as an array of its own."""
+    """Short text that differs for any two lists of arrays; None among them counts as a distinct array."""
     digest = hashlib.blake2b(digest_size=8)
     for array in arrays:
         digest.update(b"none" if array is None else str(array.shape).encode() + np.ascontiguousarray(array).tobytes())

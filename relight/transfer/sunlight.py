@@ -1,4 +1,4 @@
-"""Light from single directions with hard shadows: one ray for every vertex and every sun before it."""
+"""Light from single directions with hard shadows: one ray for every vertex and every sun above its horizon."""
 
 import numpy as np
 from numba import njit
@@ -26,7 +26,7 @@ def sunlight(
 ) -> NDArray[np.float32]:
     """Exit radiance of white vertices under suns alone: (V, 3) float32, sum of weight / pi max(0, n d) visible.
 
-    Exact but for float32: a ray is shot wherever n d > 0, and what faces away takes none. Rays begin at the
+    Exact up to float32: a ray is traced wherever n d > 0; surfaces that face away take none. Rays begin at the
     occluder's origins, off the surface. A vertex's own faces count like any others: they hide a sun that the
     vertex normal sees and a face that rises above the normal's plane does not, as in `raytraced`.
     A vertex's row depends on its position, its normal, the suns in their order and the occluder alone: its sum runs

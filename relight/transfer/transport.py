@@ -1,4 +1,4 @@
-"""How light moves in a scene as if all of it were white: what albedo, lamps and objects build on."""
+"""Light transport in the all-white scene: the basis for albedo, lamps and objects."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
@@ -20,7 +20,7 @@ Sunlit: TypeAlias = Callable[[Suns], NDArray[np.float32] | None]
 class Transport(NamedTuple):
     """Light on the white scene of V vertices.
 
-    transfer: (V, K) of direct light. interreflection: of bounced light. sunlit: of suns; None to trace them anew.
+    transfer: (V, K) of direct light. interreflection: of bounced light. sunlit: of suns; None to trace them again.
     """
 
     transfer: Transfer

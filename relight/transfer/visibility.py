@@ -1,7 +1,7 @@
-"""What the rays of every vertex meet, kept as single bits: from them a transfer in any number of bands follows.
+"""The visibility of every vertex, kept as one bit per ray: a transfer in any number of bands follows from it.
 
 A ray is a bit, not six floats: its direction follows from the rank of its node and the seed. So more bands need no
-ray again, and more rays only those that are new: 128 rays of a million vertices are 16 MB.
+new rays, and more rays only the additional ones: 128 rays of a million vertices are 16 MB.
 """
 
 import numpy as np
@@ -114,7 +114,7 @@ class Visibility:
     def gathered(
         self, bands: int, rest: NDArray[np.float32] | None = None, rows: Indices | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """What the rays of every node say, as `sampling.gather` tells it apart: model (N, 4), rest (N, K) float32.
+        """The visibility of every node from its rays, split as in `sampling.gather`: model (N, 4), rest (N, K) float32.
 
         Given a `rest` and `rows`, (N,) indices into it, it is filled there: no node needs memory of its own.
         """

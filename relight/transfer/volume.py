@@ -1,12 +1,12 @@
-"""Leaves and grass: light that reaches them through one another, and that they send on to all sides alike.
+"""Leaves and grass: light that reaches them through one another, and that they scatter evenly to all sides.
 
-A leaf's own normal, as a splat tells it, is noise. So what is a volume has a phase that does not depend on direction:
-its exit radiance is albedo times the mean over the sphere of the light that gets there, and of that in a direction d
-the part exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep
-their clamped cosine and their rays; what is in between takes a share of both.
-Under a constant sky of radiance 1 what nothing hides gives exactly 1, as a surface does.
+A leaf's normal, as a splat gives it, is noise. So a volume has a phase that does not depend on direction: its exit
+radiance is albedo times the mean over the sphere of the light that reaches it; from a direction d, the part
+exp(-tau(d)) does (Beer-Lambert), with tau from the coarse grid of the scene's optical depth. Surfaces keep their
+clamped cosine and their rays; vertices in between take a share of both. Under a constant sky of radiance 1 an
+unoccluded vertex gives exactly 1, as a surface does.
 
-A grid has no detail, and its light none: it is marched from probes among the vertices, between which they interpolate.
+A grid has no detail, and neither has its light: it is marched from probes among the vertices, which interpolate them.
 """
 
 import math
@@ -40,7 +40,7 @@ side of a plant is lit. Relit splats of two gardens whose light is known, in dB:
 24.9 so, 26.9 and 24.7 as nothing but volumes."""
 
 WHOLLY = 0.98
-"""Volume from which a vertex is nothing else, and needs no rays."""
+"""Volume share from which a vertex is only a volume, and needs no rays."""
 
 NOISE = {128: 0.06, 256: 0.034, 512: 0.021, 1024: 0.0125, 2048: 0.007}
 """Relative error of the light of volumes by directions, over 4,096: the worst of three lights in a trained garden."""
@@ -62,7 +62,7 @@ _BATCH = 1 << 20  # marches in memory at once
 
 
 class Foliage:
-    """What of a scene is a volume, and how light reaches it.
+    """The volumes of a scene, and how light reaches them.
 
     vertices: (V, 3), and depth, in the scene frame. volume: (V,) in [0, 1]. rows: (R,) int64, the vertices that take
     part. share: (R, 1) float32 in [0, 1], how far each is a volume. key: text that differs for any two of a geometry.
@@ -147,8 +147,8 @@ def settled(
     volume: Floats,  # (V,) in [0, 1], as measured for each
     depth: OpticalDepth,
 ) -> NDArray[np.float32]:
-    """How far each vertex is a volume, (V,) float32 in [0, THROUGHOUT], as all about it have it: one leaf decides
-    nothing, and in grass no blade is left wholly a surface."""
+    """The volume share of each vertex, (V,) float32 in [0, THROUGHOUT], averaged over its surroundings: one leaf
+    decides nothing, and in grass no blade stays wholly a surface."""
     lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
     mean = lattice.interpolate(lattice.means(volume))[:, 0]
     share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)

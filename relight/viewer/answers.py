@@ -1,4 +1,4 @@
-"""What the worker has answered a session: the newest results, whether they are of the present wish, what is missing."""
+"""The worker's answers to a session: the newest results, whether they match the current wish, and what is missing."""
 
 from typing import Any, Protocol
 
@@ -10,7 +10,7 @@ from .lighting import ConvergedLight, FinishedShading, LightWish, SessionLight, 
 
 
 class LightWorker(Protocol):
-    """What answers the wishes of a session: `worker.ProcessWorker`, or another that does the same."""
+    """The interface that answers the wishes of a session: `worker.ProcessWorker`, or another implementation."""
 
     def submit(self, wish: LightWish) -> None:
         """Ask for the newest wish; what an older one still needs is dropped."""
@@ -25,7 +25,7 @@ class LightWorker(Protocol):
 class Answers:
     """The wishes of a session and what came of them. A Session says what its wish is.
 
-    progress: (label, fraction or None) of the work under way, or None. message: what there is to tell, or "".
+    progress: (label, fraction or None) of the work under way, or None. message: the text to show, or "".
     """
 
     available: frozenset[str]
@@ -40,7 +40,7 @@ class Answers:
 
     @property
     def wish(self) -> LightWish:
-        """What the present state needs from the worker."""
+        """The results that the current state needs from the worker."""
         raise NotImplementedError
 
     @property
@@ -50,7 +50,7 @@ class Answers:
 
     @property
     def lamps_settled(self) -> bool:
-        """Whether the light of lamps that were put in is complete."""
+        """Whether the light of added lamps is complete."""
         return True
 
     @property
@@ -60,7 +60,7 @@ class Answers:
 
     @property
     def objects_settled(self) -> bool:
-        """Whether the light of objects that were put in is complete."""
+        """Whether the light of inserted objects is complete."""
         return True
 
     @property
@@ -123,7 +123,7 @@ class Answers:
 
     @property
     def waiting_for(self) -> str:
-        """What is still missing in the picture, in words; "" when it is complete."""
+        """The effects still missing in the picture, in words; "" when it is complete."""
         if self.complete or self.light is None:
             return ""
         if self._lit() is not None:

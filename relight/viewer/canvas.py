@@ -65,7 +65,7 @@ class Canvas:
         self._drawn = None
 
     def clear(self, scale: float) -> None:
-        """Begin anew with units of so many pixels."""
+        """Begin again with units of so many pixels."""
         self._rectangles, self._written, self.scale = [], [], scale
 
     def rectangle(self, left: float, base: float, width: float, height: float, color: tuple[int, ...]) -> None:
@@ -94,7 +94,7 @@ class Canvas:
     def show(self) -> bool:
         """Hand rectangles and texts to VTK; returns whether they differ from what is shown.
 
-        Texts keep their actors, which draw themselves anew when they change.
+        Texts keep their actors, which draw themselves again when they change.
         """
         drawing = self._rectangles, self._written
         if drawing == self._drawn:

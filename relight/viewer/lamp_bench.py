@@ -1,9 +1,9 @@
-"""The light of the lamps of a session while they change: at once by one ray a vertex, exactly when the hand rests.
+"""The light of a session's lamps while they change: at once by one ray a vertex, exactly when the input rests.
 
-The light is a sum of terms, one a lamp, traced as if the lamp were white. Colour and brightness scale a term; a place
-needs a new one, and the other lamps keep theirs. A glimpse of the new term is taken at once. The rest follows in a
-thread: the exact term, what its light bounces, and at last all lamps together as a relight lights them, which is what
-stays. States that were finished are kept, so that undo shows them at once, to the bit.
+The light is a sum of terms, one a lamp, traced as if the lamp were white. Colour and brightness scale a term; a new
+position needs a new one, and the other lamps keep theirs. A glimpse of the new term is taken at once. The rest follows
+in a thread: the exact term, its bounces, and finally all lamps together as a relight lights them, which is the lasting
+result. Finished states are kept, so undo shows them at once, to the bit.
 """
 
 import queue
@@ -29,7 +29,7 @@ MOST_FINISHED = 8
 """States whose light is kept: 2.4 MB each for 100,000 vertices."""
 
 MOST_ALONE = 32
-"""Lamps with terms of their own. Of more, those that were there at the start and were not touched share one."""
+"""Lamps with separate terms. Beyond this number, unchanged lamps from the start share one."""
 
 MOST_GLIMPSES = 4
 
@@ -43,10 +43,10 @@ Value = TypeVar("Value")
 
 
 class LampTerm(NamedTuple):
-    """What a lamp does, as if it were white: (V, 3) float32.
+    """The light of a lamp, as if it were white: (V, 3) float32.
 
-    direct: on the white scene. radiance, received: what bounces add to exit radiance and irradiance over pi; None until
-    they are there. axis: (3,), intensity on its main axis, in proportion to which all is.
+    direct: on the white scene. radiance, received: contribution of bounces to exit radiance and irradiance over pi;
+    None until computed. axis: (3,), intensity on its main axis, to which all is proportional.
     """
 
     direct: Light
@@ -65,7 +65,7 @@ class LampSum(NamedTuple):
 class LampBench:
     """The light of a LampBoard on a LampSource. `poll` it often.
 
-    ready: whether glimpses can be taken. message: what there is to tell of the present lamps, or "".
+    ready: whether glimpses can be taken. message: the text to show on the present lamps, or "".
     """
 
     def __init__(self, source: LampSource, board: LampBoard, first: SessionMixture | None) -> None:
@@ -98,7 +98,7 @@ class LampBench:
 
     @property
     def message(self) -> str:
-        """What there is to tell of the present lamps, or ""."""
+        """The text to show on the present lamps, or ""."""
         return self.failure or (DARK if self.board.state in self._dark else "")
 
     def prepare(self) -> None:
@@ -129,7 +129,7 @@ class LampBench:
         return changed
 
     def mixture(self) -> SessionMixture | None:
-        """What is shown beside the environment now; None for nothing."""
+        """The light now shown beside the environment; None for none."""
         state, shown = self.board.state, (self.board.state, self._news)
         if shown == self._shown:
             return self._mixture
@@ -150,7 +150,7 @@ class LampBench:
     # In the window's thread
 
     def _sum(self, state: BoardState) -> LampSum:
-        """What lamps do, of the terms that are there, and of glimpses."""
+        """The light of lamps, from finished terms and glimpses."""
         found: list[LampSum] = []
         for lamps in self._groups(state):
             key, axis = _key(lamps), self._axis(lamps, white=True)
@@ -171,7 +171,7 @@ class LampBench:
         return LampSum(radiance, received)
 
     def _parts_of(self, lamps: Sequence[BoardLamp], term: LampTerm) -> LampSum:
-        """What a term gives in the colour of its lamp, kept until either changes."""
+        """The light of a term in the colour of its lamp, kept until either changes."""
         number, asked = lamps[0]
         bounced = term if term.radiance is not None else self._bounced.get(number)
         kept = self._parts.get(number)
@@ -246,7 +246,7 @@ class LampBench:
         self._trace(state, self._check(state))
 
     def _check(self, state: BoardState) -> Callable[..., None]:
-        """What ends the work on a state once another is wanted."""
+        """Ends the work on a state once another is wanted."""
 
         def check(_: int = 0) -> None:
             if self._wanted != state:
@@ -262,7 +262,7 @@ class LampBench:
         axis, white = np.zeros(3), np.zeros(3)
         if len(state.lamps) == 1:
             axis, white = self._axis(state.lamps), self._axis(state.lamps, white=True)
-        alone = bool((axis > 0.0).all())  # then the whole tells the term
+        alone = bool((axis > 0.0).all())  # then the whole determines the term
         if not alone:
             self._trace(state, check)
         elif _key(state.lamps) not in self._terms:  # soft shadows before a plan is made
@@ -316,12 +316,12 @@ def without_color(asked: AskedLamp) -> AskedLamp:
 
 
 def _bare(lamps: Sequence[BoardLamp]) -> list[AskedLamp]:
-    """What a term is traced of."""
+    """The lamp that a term is traced for."""
     return [without_color(lamps[0].asked)] if len(lamps) == 1 else [lamp.asked for lamp in lamps]
 
 
 def _key(lamps: Sequence[BoardLamp]) -> Hashable:
-    """What a term depends on: of a lamp alone its shape, which moves with it."""
+    """The key of a term: only the shape of a lamp, which includes its position."""
     if len(lamps) == 1:
         asked = lamps[0].asked
         return asked.shape, asked.radius_in_metres
@@ -329,7 +329,7 @@ def _key(lamps: Sequence[BoardLamp]) -> Hashable:
 
 
 def _share(wanted: NDArray[np.float64], given: NDArray[np.float64]) -> Light:
-    """What a term is multiplied by, (3,) float32, from intensities on the main axis."""
+    """The factor on a term, (3,) float32, from intensities on the main axis."""
     return np.divide(wanted, given, out=np.zeros(3), where=given > 0.0).astype(np.float32)
 
 

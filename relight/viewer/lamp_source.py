@@ -1,4 +1,4 @@
-"""What the lamps of a session are lit by: the engine, as the session needs it."""
+"""The light of a session's lamps: the engine, in the form that the session needs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -13,7 +13,7 @@ from .mixture import SessionMixture
 
 
 class LampParts(Protocol):
-    """What lamps do, as of `engine.placed.Placed`: (V, 3) float32 exit radiance, and irradiance over pi."""
+    """The light of lamps, as of `engine.placed.Placed`: (V, 3) float32 exit radiance, and irradiance over pi."""
 
     @property
     def radiance(self) -> NDArray[np.float32]: ...
@@ -35,10 +35,10 @@ class LampTracer(Protocol):
         """Direct light of some of them on the white scene, (V, 3)."""
 
     def without_bounces(self, direct: NDArray[np.float32]) -> Any:
-        """What direct light (V, 3) does, as LampParts."""
+        """The effect of direct light (V, 3), as LampParts."""
 
     def with_bounces(self, direct: NDArray[np.float32]) -> Any:
-        """What it does with what surfaces throw on, as LampParts."""
+        """Its effect with bounces, as LampParts."""
 
 
 class LampSource(NamedTuple):

@@ -1,8 +1,8 @@
-"""Answer the wishes of a session from the engine, in the order in which a person wants to see the results.
+"""Answer the wishes of a session from the engine, in the order in which the user wants to see the results.
 
 The only module of the viewer that knows the engine. It runs in the worker process (`worker`) and answers
-each wish with a few results: first the light, then the transfers with which the window shades at once, then what takes
-longer. It knows nothing of windows.
+each wish with a few results: first the light, then the transfers with which the window shades at once, then slower
+results. It knows nothing of windows.
 """
 
 import time
@@ -64,11 +64,12 @@ STAGES = {
     "sunlight": "tracing suns",
     "bounce rays": "tracing bounces",
 }
-"""What the panel calls the stages of the engine; others keep their names."""
+"""Names of the engine's stages on the panel; others keep their names."""
 
 
 class LightWish(NamedTuple):
-    """What the window wants lit. environment, albedo: names. effects: frozenset of `relight.planning.effects.EFFECTS`.
+    """The light that the window wants. environment, albedo: names. effects: frozenset of
+    `relight.planning.effects.EFFECTS`.
 
     reference: whether it also wants converged light at every vertex, for the error view.
     """
@@ -220,7 +221,7 @@ class SessionLighting:
     def _reference(self, wish: LightWish) -> ConvergedLight | None:
         if not wish.reference:
             return None
-        if self._converged is None:  # rays of its own: what is shown must not be measured by itself
+        if self._converged is None:  # separate rays: the picture must not be measured by itself
             self._converged = Relighter(self.scene, "raytraced", seed=self._options.seed + 1, stages=self.stages)
         shading = self._converged.shading(self._environment(wish), self.albedos[wish.albedo], CONVERGED)
         return ConvergedLight(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
@@ -269,7 +270,7 @@ class SessionLighting:
 
 
 def keys(wish: LightWish) -> dict[str, Any]:
-    """What each kind of result depends on: a dict in the order of `SessionLighting.answers`."""
+    """The dependencies of each kind of result: a dict in the order of `SessionLighting.answers`."""
     plan = wish.environment, wish.tolerance, wish.albedo
     lit = (*plan, wish.angle_deg, wish.effects)
     return {

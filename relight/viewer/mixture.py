@@ -1,4 +1,4 @@
-"""What a session shows beside its environment: what stays of the captured light, and lamps that people placed."""
+"""The light of a session beside its environment: the kept part of the captured light, and placed lamps."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class SessionMixture(NamedTuple):
         return np.asarray(self.radiance + np.float32(self.env_scale) * radiance, np.float32)
 
     def receives(self, received: Received) -> Received:
-        """Return what tells the irradiance of all parts. received: of the environment alone, as of a SplatLook."""
+        """Return a function for the irradiance of all parts. received: of the environment alone, as of a SplatLook."""
 
         def mixed(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.floating]:
             if not (radiance.any() and self.env_scale > 0.0):

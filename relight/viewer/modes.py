@@ -1,4 +1,4 @@
-"""What the session colours the surface by, in each of its modes."""
+"""The colours of the surface in each mode of the session."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
@@ -94,7 +94,7 @@ MODES = {
 
 
 def vertex_errors(session: "SessionView") -> NDArray | None:
-    """How far what is shown is from the reference, (V,) float32: the difference over the reference's length and
+    """The error of the picture against the reference, (V,) float32: the difference over the reference's length and
     `DARKEST`, or None while there is no reference."""
     reference, shown = session.reference, session.radiance()
     if reference is None or shown is None:

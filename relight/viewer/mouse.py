@@ -31,7 +31,7 @@ class MouseWindow(ControlledWindow, Protocol):
 
 
 class Mouse:
-    """What the mouse does in a Window. lamps: the LampTool. objects: the ObjectTool."""
+    """The actions of the mouse in a Window. lamps: the LampTool. objects: the ObjectTool."""
 
     def __init__(self, window: MouseWindow) -> None:
         self._window = window
@@ -41,7 +41,7 @@ class Mouse:
         self._clicks: tuple[int, int] | None = None  # where a click would put a lamp
 
     def press(self, button: str) -> Callable[[], None]:
-        """What a button does that is pressed."""
+        """The action of a pressed button."""
 
         def pressed() -> None:
             window = self._window

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
 
 TOKEN_BYTES = 16
-"""Of the token in the address: whoever does not have it cannot talk to the session, not even from this machine."""
+"""Bytes of the token in the address: without it nobody can talk to the session, not even from this machine."""
 
 
 def show_widget(window: "Window") -> Any:
@@ -35,7 +35,7 @@ def show_widget(window: "Window") -> Any:
 
 
 def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lambda url: None) -> None:
-    """Serve a Window to browsers until it is closed; `announce` is told the address, which holds a token.
+    """Serve a Window to browsers until it is closed; `announce` receives the address, which holds a token.
 
     Only this machine can reach it. port: 0 for any free one. Raises InputError where trame is missing, and for a port
     that is taken.

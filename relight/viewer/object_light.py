@@ -1,4 +1,4 @@
-"""The light of a session as the objects in it stand in."""
+"""The light of a session on its objects."""
 
 from collections.abc import Hashable
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def light_key(session: "SessionView") -> Hashable:
-    """What the light on objects depends on, besides where they stand."""
+    """The dependencies of the light on objects, besides their poses."""
     state, board = session.state, None if session.board is None else session.board.state
     return state.environment, state.angle_deg, state.lamps, session.effects, board
 

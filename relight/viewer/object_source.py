@@ -1,4 +1,4 @@
-"""What the objects of a session are lit by: the engine, as the session needs it."""
+"""The light of a session's objects: the engine, in the form that the session needs."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What is written on the window: buttons, sliders, figures and help, drawn again whenever one of them changes."""
+"""The text on the window: buttons, sliders, figures and help, redrawn when one of them changes."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -147,8 +147,8 @@ class Panel:
             if control.row == "choices" and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
-        told = session.message or session.failure or session.told
-        warning = note or told or (session.splats.failure if session.splats else "")
+        notice = session.message or session.failure or session.told
+        warning = note or notice or (session.splats.failure if session.splats else "")
         if warning:
             follows, color = warning, _WARNING
         else:
@@ -158,7 +158,7 @@ class Panel:
         self._plate(_MARGIN, BOTTOM + 30, self._canvas.fitted(follows, room), color)
 
     def _plate(self, left: float, base: float, string: str, color: tuple[int, ...]) -> None:
-        """A line of text on a plate of its own, over the scene."""
+        """A line of text on a separate plate, over the scene."""
         if string:
             self._canvas.rectangle(left - 8, base, self._canvas.width(string, SMALL) + 16, 20, _BAR)
             self._canvas.text(left, base + 5, string, color, SMALL)

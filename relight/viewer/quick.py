@@ -40,7 +40,7 @@ def display_bytes(
     exposure: float,  # display value per unit of radiance
     out: NDArray | None = None,  # (V, 3) uint8 to write into
 ) -> NDArray:
-    """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, but for one in the last place.
+    """sRGB bytes (V, 3) as of `bytes_from_unit(tone_map(radiance * exposure))`, up to one in the last place.
 
     Source: Khronos PBR Neutral, as `relight.light.tonemap.compress_highlights`.
     """

@@ -1,8 +1,8 @@
 """The moving picture where OpenGL draws on the CPU: a rasteriser that remembers what every pixel sees.
 
 A frame under another light then only mixes three colours for each pixel. Software OpenGL transforms and rasterises all
-triangles again for every picture, which takes it ten times as long or more (`scripts/bench session`). Still pictures
-are OpenGL's, with smooth edges; a test holds the two together.
+triangles again for every picture, which takes ten times as long or more (`scripts/bench session`). Still pictures
+are OpenGL's, with smooth edges; a test compares the two.
 
 A pixel looks along d. With the corners a, b, c of a triangle as columns, the weights w of a w0 + b w1 + c w2 = d are
 linear in d: w0 = d . (b x c) / det, and so on. Where none is negative the triangle is hit, at a depth of one over their

@@ -1,4 +1,4 @@
-"""Record a turn of the light as a film, every picture with all effects."""
+"""Record a turn of the light as a film, each frame with all effects."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""What a session shows, and what a film of a turntable is, each as one frozen value. Imports nothing heavy."""
+"""The requests for a session and for a turntable film, each as one frozen value. Imports nothing heavy."""
 
 import os
 from collections.abc import Mapping
@@ -46,13 +46,13 @@ class SessionRequest:
     lamps : dict of str to (V, 3), optional
         Name of an albedo -> radiance of what the lamps of a room light, beside every environment.
     lamps_known : bool
-        Whether those can be told from other light, and dimmed.
+        Whether those can be separated from other light, and dimmed.
     mixture : SessionMixture, optional
         What is shown beside the environment: captured light and placed lamps.
     lamp_source : LampSource, optional
-        What lights lamps that are put in; without it none can be.
+        Lights added lamps; without it none can be added.
     object_source : ObjectSource, optional
-        What lights objects that are put in.
+        Lights inserted objects.
     splats : SplatSource, optional
         What the scene was made of: shown, relit, in place of the mesh.
     """

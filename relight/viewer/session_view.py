@@ -1,4 +1,4 @@
-"""What modes, splats and objects read of a session. Types alone, so that they import no session."""
+"""The attributes of a session that modes, splats and objects read. Types only, so they import no session."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Protocol

@@ -1,7 +1,7 @@
-"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, by kept shares while the
-light does.
+"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, from kept weights while the
+light moves.
 
-A light moves no splat: while the camera stands, which splats make up each pixel, and by how much, is found once
+A light moves no splat: while the camera stands still, the splats of each pixel and their weights are computed once
 (`relight.splats.blending`), and a picture in another light is a sum of colours.
 """
 
@@ -28,7 +28,7 @@ NEAR = 0.002
 
 
 class SplatLayer(NamedTuple):
-    """What is seen of splats. color: (H, W, 3) float32 sRGB, premultiplied. alpha: (H, W). Top row first."""
+    """A picture of splats. color: (H, W, 3) float32 sRGB, premultiplied. alpha: (H, W). Top row first."""
 
     color: NDArray[np.float32]
     alpha: NDArray[np.float32]
@@ -66,7 +66,7 @@ class SplatPainter:
         return SplatLayer(seen.color, seen.alpha)
 
     def again(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
-        """The same but for what is less than 1/512 of a pixel: slower once for a view, then much faster."""
+        """The same except for what is less than 1/512 of a pixel: slower once for a view, then much faster."""
         seen = self._seen
         if (
             seen is None

@@ -151,7 +151,7 @@ class Stage:
         return self._raster.paint(shown, captured, split or 0.0, sky, angle_deg or 0.0, backdrop)
 
     def behind(self, orbit: Orbit, size: tuple[int, int], angle_deg: float | None = None) -> NDArray:
-        """What stands behind the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
+        """The background of the scene, (H, W, 3) uint8, bottom row first: the sky at an angle, or without."""
         if self._behind is None:
             self._behind = Raster(np.zeros((0, 3)), np.zeros((0, 3)), self._scene.diagonal)
         self._behind.look(orbit, size)
@@ -200,7 +200,7 @@ class Stage:
 
 
 def pixels(render_window: Any) -> NDArray:
-    """What a window shows, (H, W, 3) uint8, top row first."""
+    """The picture of a window, (H, W, 3) uint8, top row first."""
     grabber = vtkWindowToImageFilter()
     grabber.SetInput(render_window)
     grabber.SetInputBufferTypeToRGB()
@@ -255,7 +255,7 @@ def _dome() -> tuple[vtkActor, vtkTexture]:
 
 
 class _Objects(NamedTuple):
-    """What is shown of objects. shown: (W, 3) uint8, which `array` reads."""
+    """The displayed objects. shown: (W, 3) uint8, which `array` reads."""
 
     light: "InsertedLight"
     exposure: float

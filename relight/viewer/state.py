@@ -1,4 +1,4 @@
-"""What a person can set in a session: names, ranges, and the lights there are to choose from."""
+"""The settings of a session: names, ranges, and the available lights."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -57,7 +57,7 @@ class State:
 
 
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:
-    """The value that a field of the State takes when `value` is asked for. choices: dict of field -> its names.
+    """The value that a field of the State takes when `value` is requested. choices: dict of field -> its names.
 
     Raises InputError for a name that is none of them and for a number that is not finite.
     """

@@ -159,7 +159,7 @@ class Window:
         self._draw_now()
 
     def picture(self, panel: bool = True) -> NDArray:
-        """What the window shows, (H, W, 3) uint8, with smooth edges, with or without the panel."""
+        """The picture of the window, (H, W, 3) uint8, with smooth edges, with or without the panel."""
         from .stage import pixels
 
         self._draw_now(panel)
@@ -208,12 +208,12 @@ class Window:
             self._recording = Recording(self, path, **options)
 
     def recorded(self, note: str) -> None:
-        """A recording has ended, as its note tells."""
+        """Show the note of a recording that has ended."""
         self._recording, self.note = None, note
 
     @property
     def is_open(self) -> bool:
-        """Whether nobody has closed it yet."""
+        """Whether it is still open."""
         return self._open
 
     @property
@@ -254,7 +254,7 @@ class Window:
         from .stage import MOVING_SAMPLES, RESTING_SAMPLES, pixels
 
         session, stage, glass = self.session, self._stage, self.plotter.render_window
-        if self._software is None and self._drawn is not None:  # OpenGL tells once it has drawn
+        if self._software is None and self._drawn is not None:  # OpenGL reports this once it has drawn
             self._software = stage.software()
             if self._software:
                 prepare()
@@ -320,7 +320,7 @@ class Window:
 
 
 def load_pyvista(off_screen: bool) -> Any:
-    """The module, told which kind of OpenGL there is. Raises InputError where it is missing or has no display."""
+    """The module, set to the available kind of OpenGL. Raises InputError where it is missing or has no display."""
     screen = os.name == "nt" or os.uname().sysname == "Darwin"
     if not screen and not os.environ.get("DISPLAY"):
         if not off_screen:

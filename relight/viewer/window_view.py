@@ -1,4 +1,4 @@
-"""What tools, keys and recordings use of a window. Types alone, so that they import no window."""
+"""The attributes of a window that tools, keys and recordings use. Types only, so they import no window."""
 
 from typing import TYPE_CHECKING, Protocol
 

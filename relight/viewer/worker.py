@@ -1,8 +1,8 @@
-"""Heavy work in a process of its own, so that neither the interpreter's lock nor a busy core stops the window.
+"""Heavy work in a separate process, so neither the interpreter's lock nor a busy core stops the window.
 
-The process (`worker_command`) reads pickled messages from stdin, of which the newest wish
-counts, and writes to stdout. A thread would not do: tracing holds the interpreter's lock for up to half a second. The
-process has a lower priority, so that drawing comes first on a busy machine.
+The process (`worker_command`) reads pickled messages from stdin, of which the newest wish counts, and writes to stdout.
+A thread would not do: tracing holds the interpreter's lock for up to half a second. The process has a lower priority,
+so drawing comes first on a busy machine.
 """
 
 import os
@@ -100,10 +100,10 @@ class InlineWorker:
 
 
 def worker_command() -> list[str]:
-    """What starts the process: this interpreter, which looks for modules where this one does.
+    """The command that starts the process: this interpreter, with the same module path.
 
     `python -m` and `python -c` look in the current folder first, and run a queue.py that lies there. Isolated mode does
-    not; the current folder comes last, and only where it was asked for by its whole path or holds this package.
+    not; the current folder comes last, and only if it was given by its whole path or holds this package.
     """
     package = str(Path(__file__).resolve().parents[2])
     here = os.getcwd()
@@ -205,7 +205,7 @@ def main() -> None:
                 newest[0] = pickle.load(messages_in)
                 arrived.set()
         except (EOFError, OSError):
-            os._exit(0)  # the window is gone; nobody waits for what is being computed
+            os._exit(0)  # the window is gone; nothing waits for the result
 
     def send(*message: Any) -> None:
         pickle.dump(message, messages_out, pickle.HIGHEST_PROTOCOL)

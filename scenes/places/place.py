@@ -1,4 +1,4 @@
-"""Places: gardens and rooms with paints, leaves, lamps and windows, and where a visitor walks in them."""
+"""Places: gardens and rooms with paints, leaves, lamps and windows, and the paths of a visitor."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ CARD_SHARE = 0.6
 """Of a place's vertices go into leaves and blades where it has any; the rest into solids."""
 
 THICKNESS = 4e-3
-"""Between the two sides of a leaf, as a share of its size: rays must tell them apart, nobody else."""
+"""Between the two sides of a leaf, as a share of its size: only rays must distinguish them."""
 
 PLACES = {
     "garden": garden.garden,
@@ -28,7 +28,7 @@ PLACES = {
     "one-window": hard.one_window,
     "white-sky": hard.white_sky,
 }
-"""What furnishes each kind of place: called with a Furnishing and a random generator."""
+"""The functions that furnish each kind of place: called with a Furnishing and a random generator."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Place(SceneTruth):
 
 
 class Furnishing:
-    """What a kind of place is put together with, at one tessellation.
+    """The parts of a kind of place, at one tessellation.
 
     edge: wanted edge of the solids in metres. leaves_wanted: how many leaves the place should have in all.
     """

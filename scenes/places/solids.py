@@ -1,7 +1,7 @@
 """Further shapes of places, in metres: open panels with holes, ground that coarsens with distance, limbs, furniture.
 
 Like `scenes.shapes` these return vertices (V, 3) float64 and faces (F, 3) int64, counter-clockwise seen from their
-front; panels and grounds have a front alone.
+front; panels and grounds have only a front.
 """
 
 import itertools

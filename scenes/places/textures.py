@@ -1,4 +1,4 @@
-"""Albedos of places: linear RGB as a function of where a point lies, as fine as it is asked.
+"""Albedos of places: linear RGB as a function of position, at any resolution.
 
 Every maker returns a paint: a callable from points (N, 3), scene frame in metres, and unit normals (N, 3) to linear
 albedo (N, 3) in [0, 1]. It draws nothing at random when called: the same point always has the same colour, on a

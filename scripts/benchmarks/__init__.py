@@ -1,1 +1,1 @@
-"""What the toolkit costs and how near it comes to the truth: one module a subject, run by `scripts/bench SUBJECT`."""
+"""Benchmarks of cost and accuracy: one module a subject, run by `scripts/bench SUBJECT`."""

@@ -1,8 +1,8 @@
-"""Albedo and capture light against the truth, and what they do to relighting.
+"""Albedo and capture light against the truth, and their effect on relighting.
 
 DATA is a folder with groundtruth/NAME (gt_mesh.ply, env_train.exr, vertex_radiance.npz, meta.json) and env/LIGHT.exr.
-SCENES is a folder with scenes that splat2mesh made of them, by the same names; without it the meshes are the true ones,
-coloured with the true radiance. Generated scenes are measured in any case.
+SCENES is a folder with scenes that splat2mesh made from them, by the same names; without it the meshes are the true
+ones, coloured with the true radiance. Generated scenes are measured in any case.
 
 Errors are relative L2 norms over the vertices of the true mesh, each taking the value of the nearest vertex of the
 scene, after one gain for each colour (and, in brackets, after one gain in all). Light is compared by the direction of
@@ -44,7 +44,7 @@ TUNED = [  # kind, seed, albedo, light: what the settings were chosen on (with o
     ("tabletop", 4, "own", "noon"),
     ("room", 6, "own", "noon"),
 ]
-HELD_BACK = [  # and what they were not, but for the rule on light places, which the first of these led to
+HELD_BACK = [  # and what they were not, except for the rule on light places, which the first of these led to
     ("object", 21, "smooth", "studio"),
     ("object", 22, "constant", "noon"),
     ("object", 23, "stripes", "overcast"),

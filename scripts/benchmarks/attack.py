@@ -1,8 +1,8 @@
-"""Hostile files at every reader: how many crash, hang, fill the memory, fail without a word, or load as if whole.
+"""Hostile files at every reader: how many crash, hang, fill the memory, fail without a message, or load as if whole.
 
-Each input is read in a process of its own kind, with limits on time and memory; a process that dies is replaced and the
-death counted. Inputs are damaged copies of whole files of every kind (flips, cuts, insertions, larger numbers in
-headers), files whose headers lie, and things that are no files. They are seeded: the same seed, the same inputs.
+A process for each kind reads its inputs, with limits on time and memory; a process that crashes is counted and
+replaced. Inputs are damaged copies of whole files of every kind (flips, cuts, insertions, larger numbers in
+headers), files whose headers lie, and paths that are no files. They are seeded: the same seed, the same inputs.
 """
 
 import contextlib
@@ -68,7 +68,7 @@ def run(options, report):
 
 
 def _attacked(kind, whole, count, seed, folder, keep):
-    """(row of the table, notes about what got through) of one reader."""
+    """(row of the table, notes on inputs that got through) of one reader."""
     from attacks import attacks_of
 
     counts, peak, most, notes, reader = Counter(), 0.0, 0.0, [], Reader()
@@ -90,7 +90,7 @@ def _attacked(kind, whole, count, seed, folder, keep):
 
 
 class Reader:
-    """A process that reads what it is told to, one input after another; a new one where it died."""
+    """A process that reads one input after another; a new one after a crash."""
 
     def __init__(self):
         self._process = None

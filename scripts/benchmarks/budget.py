@@ -1,7 +1,7 @@
-"""Seconds that plans foresee against seconds that the light takes, from small scenes to large.
+"""Planned seconds against the seconds that the light takes, from small scenes to large.
 
 Processor seconds of all threads, of a light after its plan, for each CASE: SCENE:VERTICES:LIGHT:TOLERANCE. Planning
-times its rays by the processor's clock here, so that other work on the machine counts for nothing. Beside them: the
+times its rays by the processor's clock here, so other work on the machine does not count. Beside them: the
 rays per vertex that were planned, and those after the check, which doubles them where they are too noisy for the
 tolerance. What is planned for a budget is never doubled.
 """

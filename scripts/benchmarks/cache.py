@@ -1,7 +1,7 @@
-"""What kept transfers save: the first light of a scene, the same at another angle, other lights, each as a new run.
+"""Savings of cached transfers: the first light of a scene, the same at another angle, other lights, each as a new run.
 
-Without scenes an object and a table are generated, with their true albedo. Every row is a Relighter of its own, as a
-new run of the command has it; all keep in one temporary folder. Processor seconds of all threads, without reading
+Without scenes an object and a table are generated, with their true albedo. Every row has a separate Relighter, as a
+new run of the command does; all share one temporary cache folder. Processor seconds of all threads, without reading
 files; rays are those for transfers and bounces.
 """
 

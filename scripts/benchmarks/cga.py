@@ -1,6 +1,6 @@
 """Speed of vertex motors against a plain write of the same bytes, and of rotors on harmonics against quadrature.
 
-Medians in one process, both works in turns.
+Medians in one process, with both tasks alternating.
 """
 
 import numpy as np

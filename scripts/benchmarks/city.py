@@ -1,6 +1,6 @@
 """Cities in tiles: borders, equal bytes however tiles are made, overhead, memory, cost, light, a scheduler.
 
-Each run is a process of its own. Cities are generated; depth maps and light are those of `--detail draft`.
+Each run is a separate process. Cities are generated; depth maps and light are those of `--detail draft`.
 """
 
 import hashlib
@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(sys.argv[1]) / "scripts"))
 from benchmarks import city_run
 city_run.main(*sys.argv[2:])
 """
-"""What a process of its own runs; tile_splats, which the command leaves to --memory, sets the size of the tiles."""
+"""The work of a separate process; tile_splats, which the command leaves to --memory, sets the size of the tiles."""
 
 
 def arguments(parser):
@@ -184,7 +184,7 @@ def workers(folder, options, report):
 
 
 def equal_bytes(folder, options, report):
-    """A small city made in every way; the deaths share one cluster, whose first run is the one nobody dies in."""
+    """A small city made in every way; the killed runs share one cluster, whose first run is undisturbed."""
     source, settings = city(folder, SMALL), {"tile_splats": SMALL_TILE, "pixels": SMALL_PIXELS}
     table = report.table(
         f"a city of {SMALL:,} splats by other ways",
@@ -246,7 +246,7 @@ def differing(expected, found):
 
 
 def scheduler(options, report):
-    """What a scheduler takes for cities of many tiles in which there is no work, and a model of it."""
+    """The cost of a scheduler for cities of many tiles without work, and a model of it."""
     columns = {"tiles": "<8", "tasks": ".0f", "workers": ".0f", "wall": ".1f", "first": ".1f", "scheduler_s": ".1f"}
     columns |= {"client_s": ".1f", "ms_a_task": ".2f", "scheduler_mb": ".0f", "client_mb": ".0f"}
     table = report.table("a scheduler, its client and idle workers, a process each", **columns)

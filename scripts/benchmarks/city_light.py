@@ -1,4 +1,5 @@
-"""How far the light of tiles is off the light of the untiled place around them: `scripts/bench city --parts light`."""
+"""Error of the light of tiles against the light of the untiled place around them: `scripts/bench city --parts
+light`."""
 
 import io
 import time
@@ -19,8 +20,8 @@ from splat2mesh.tiles.store import Store
 FOLDER = "relit/benchmark"
 
 REACH = 6.0
-"""Distances between stations around a tile within which the truth has all as it is; beyond, both have it coarse. Three
-times what a tile sees as it is."""
+"""Distances between stations around a tile within which the truth is unsimplified; beyond, both are coarse. Three
+times what a tile sees unsimplified."""
 
 DIRECTIONS = 8192
 """Of the light, for the truth: one ray for each and each vertex."""

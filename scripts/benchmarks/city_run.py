@@ -1,4 +1,4 @@
-"""What `scripts/bench city` starts: a city meshed in a process of its own, once or again and again among deaths."""
+"""The process that `scripts/bench city` starts: it meshes a city once, or repeatedly while being killed."""
 
 import json
 import os
@@ -51,7 +51,7 @@ class _Killer:
 
     def __init__(self, client, place, seconds):
         self.pids, self.place, self.seconds = list(client.run(os.getpid).values()), place, seconds
-        self.told = {"killed_after": None, "tiles_done": None}
+        self.record = {"killed_after": None, "tiles_done": None}
         self.timer = threading.Timer(seconds or 0.0, self._kill) if seconds is not None else None
         if self.timer:
             self.timer.start()
@@ -59,11 +59,11 @@ class _Killer:
     def _kill(self):
         done = len(list(self.place.glob("tiles/*/mesh.json")))
         os.kill(random.Random(self.seconds).choice(self.pids), 9)
-        self.told = {"killed_after": self.seconds, "tiles_done": done}
+        self.record = {"killed_after": self.seconds, "tiles_done": done}
 
     def found(self):
         """When, in seconds, and with how many tiles done; None where the run was over before."""
         if self.timer:
             self.timer.cancel()
             self.timer.join()
-        return self.told
+        return self.record

@@ -1,6 +1,6 @@
-"""A scheduler of dask.distributed with the tasks of a city of many tiles in which there is no work.
+"""A scheduler of dask.distributed with the tasks of a city of many tiles without work.
 
-Scheduler, workers and client are three processes, so that each shows its own processor time and memory.
+Scheduler, workers and client are three processes, so each shows its own processor time and memory.
 """
 
 import os
@@ -19,7 +19,7 @@ import asyncio, sys
 import dask
 from distributed import Worker
 
-dask.config.set({"distributed.worker.profile.enabled": False})  # what workers take is not told
+dask.config.set({"distributed.worker.profile.enabled": False})  # no profile of the workers
 
 async def main(address, count):
     workers = [await Worker(address, nthreads=1, dashboard=False, silence_logs=50) for _ in range(count)]
@@ -63,7 +63,7 @@ def tasks_of(side):
 
 
 def simulate(tiles, workers):
-    """What a scheduler takes for about so many tiles on so many workers: a dict of figures, seconds and MB."""
+    """The cost of a scheduler for about so many tiles on so many workers: a dict of figures, seconds and MB."""
     from dask.distributed import Client
 
     side = max(2, round(np.sqrt(tiles)))

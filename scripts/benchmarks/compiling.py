@@ -1,8 +1,8 @@
 """Processor seconds that a command spends on compiling its kernels, from an empty cache, kernel by kernel.
 
-The command runs in a process of its own, so a scene folder that it writes must be new; what is compiled within a
-kernel, such as Numba's own functions, is a row of its own. --collector leaves Python's collector of cycles on.
-Beside other work seconds vary by a fifth: compare several runs in turns.
+The command runs in a separate process, so a scene folder that it writes must be new; functions compiled within a
+kernel, such as Numba's own, have separate rows. --collector leaves Python's collector of cycles on.
+Beside other work, seconds vary by a fifth: alternate several runs.
 """
 
 import json
@@ -26,12 +26,12 @@ class Listener(event.Listener):
     def on_start(self, _):
         self.here.stack = [*getattr(self.here, "stack", []), [time.thread_time(), 0.0]]
 
-    def on_end(self, told):
+    def on_end(self, event):
         begun, within = self.here.stack.pop()
         seconds = time.thread_time() - begun
         if self.here.stack:
             self.here.stack[-1][1] += seconds
-        kernel = told.data["dispatcher"].py_func
+        kernel = event.data["dispatcher"].py_func
         self.rows.append((f"{kernel.__module__}.{kernel.__name__}", seconds - within))
 
 listener = Listener()

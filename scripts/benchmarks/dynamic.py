@@ -1,7 +1,7 @@
 """Latencies of the engine that follows moving light, albedo and meshes, and what deforming meshes cost.
 
 1 product     one light times a transfer, against copying as many bytes in the same run, and BLAS
-2 latencies   median and 95% of: rotate (harmonics turned, product), swap (a light projected anew, product), albedo
+2 latencies   median and 95% of: rotate (harmonics turned, product), swap (a light projected again, product), albedo
               (product times another albedo), one chunk of ten deformed (update of the transfer, product)
 3 deforming   milliseconds a frame of a mesh that twists, bends, or reaches over a table, by method, and the error of
               its radiance against a full computation with 512 rays a vertex in the same bands
@@ -128,7 +128,7 @@ def products(counts, report):
                 lambda _, t=transfer, c=light, o=out: np.maximum(np.matmul(t, c, out=o), 0, out=o),
             ]
             best = np.full(len(works), np.inf)
-            for _ in range(TRIES):  # in turns, so that a busy moment hits all alike
+            for _ in range(TRIES):  # alternating, so a busy moment hits all alike
                 for i, work in enumerate(works):
                     best[i] = min(best[i], measured(work, 1)[0])
             row = {"vertices": count, "K": coefficients, "copy_ms": best[0]}

@@ -1,11 +1,11 @@
-"""A fault at every file operation of both commands: what is lost, half, left behind, or ends with a wrong exit code.
+"""A fault at every file operation of both commands: what is lost, half-written, left behind, or ends with a wrong exit
+code.
 
 Whole commands run on small scenes; each of their operations on files (opening, writing, renaming, removing, making
 folders) fails in turn, in six ways: one error of the device; the device is gone from there on, for clean-up too; the
-disk is full from there on; kill -9, in the midst of what is written; SIGTERM; Ctrl-C. After each run another one,
-without a fault, must end well and leave what it leaves where nothing went wrong. Then pairs of runs at once write one
-output.
-The mesh of the splat is known beforehand and pictures are small: `tests/support/fault_server.py`.
+disk is full from there on; kill -9, in the middle of a write; SIGTERM; Ctrl-C. After each run another one, without a
+fault, must succeed and leave the same files as a run without faults. Then pairs of runs write one output at once. The
+mesh of the splat is known beforehand and pictures are small: `tests/support/fault_server.py`.
 """
 
 import random
@@ -93,5 +93,5 @@ def _race(server, name, place, options, report):
         wrong += bool(faults)
         for fault in faults:
             report.note(f"  {name} raced: {fault}")
-    told = ", ".join(f"{a} and {b}: {count}" for (a, b), count in sorted(codes.items()))
-    report.note(f"{name}: {sum(codes.values())} pairs at once, exit codes {told}; {wrong} wrong")
+    listed = ", ".join(f"{a} and {b}: {count}" for (a, b), count in sorted(codes.items()))
+    report.note(f"{name}: {sum(codes.values())} pairs at once, exit codes {listed}; {wrong} wrong")

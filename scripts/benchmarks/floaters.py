@@ -1,8 +1,8 @@
-"""Floaters: how many of those that are there are found, and how much that is real goes with them.
+"""Floaters: the share that is found, and how many real splats are removed with them.
 
-Of generated gardens, meshed in draft, every splat is known for what it is. SCENE is a folder that splat2mesh made of a
-trained place: blobs are put into the air that its eyes see, --blobs of them, and counted; of a capture with gt_mesh.ply
-beside its splat it is told how many of the real ones that go lie more than 10 cm from it.
+In generated gardens, meshed in draft, the kind of every splat is known. SCENE is a folder that splat2mesh made from a
+trained place: --blobs blobs are added to the air that its eyes see, and counted. For a capture with gt_mesh.ply beside
+its splat, it prints how many of the real splats that are removed lie more than 10 cm from that mesh.
 """
 
 import subprocess
@@ -32,13 +32,13 @@ def arguments(parser):
     parser.add_argument("folders", nargs="*", type=Path, metavar="SCENE")
     parser.add_argument("--seeds", type=int, default=6, metavar="N", help="gardens that are generated")
     parser.add_argument("--splats", type=int, default=40_000, metavar="N", help="of each")
-    parser.add_argument("--blobs", type=int, default=600, metavar="N", help="put into each SCENE")
+    parser.add_argument("--blobs", type=int, default=600, metavar="N", help="blobs to add to each SCENE")
 
 
 def run(options, report):
     if options.folders:
         columns = {"scene": "<12", "splats": ",d", "taken": ",d", "off_surface": ",d", "found": ".3f", "beyond": ".3f"}
-        table = report.table("trained places, and blobs put into them", **columns)
+        table = report.table("trained places with added blobs", **columns)
         for folder in options.folders:
             table.add(**trained(folder, options.blobs))
         return

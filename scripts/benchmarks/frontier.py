@@ -1,15 +1,15 @@
 """Every way to light a scene, time against error, and what `--tolerance` makes of it: CSV, JSON and one plot.
 
-SCENE is a scene folder, a mesh file, or one that is made here: ball, ball-on-plane, tabletop, room, object. Light
+SCENE is a scene folder, a mesh file, or a generated one: ball, ball-on-plane, tabletop, room, object. Light
 bounces where vertices have colours. Every setting of a grid (method, bands, rays, suns, bounces) is measured, and the
 plan of each tolerance. With --plans the table is that of the plans: predicted, checked and true error, and the work
 beside that of the cheapest setting of the grid that would have met the tolerance.
 
 Errors are relative L2 of exit radiance over 1,500 vertices. The truth is `relight.transfer.reference` with
 16,384 directions; where light bounces, that of 2,048 directions at every vertex, bounced by 256 rays of each
-until it fades, then gathered anew at the 1,500 by 2,048 rays. Times are processor seconds of all threads,
+until it fades, then gathered again at the 1,500 by 2,048 rays. Times are processor seconds of all threads,
 medians over repetitions, each by a fresh Relighter, over the time in which bare Embree shoots one shadow ray
-from every vertex, measured in between: so they say the same on other machines. Times are once for the scene
+from every vertex, measured in between: so they carry over to other machines. Times are once for the scene
 plus once for a light; reading and planning do not count.
 """
 

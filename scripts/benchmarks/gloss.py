@@ -1,11 +1,11 @@
-"""Which patches of glossy and matte scenes are found glossy, and what splats gain whose highlights move.
+"""Which patches of glossy and matte scenes are found glossy, and the gain of splats with moving highlights.
 
 Tables are generated (`scenes.ceramics`), CASE being SEED:LIGHT, or mSEED:LIGHT for the same without its gloss. Each is
-meshed, its light estimated, and relit with gloss and without. "explained" is the share of what depends on the view that
+meshed, its light estimated, and relit with gloss and without. "explained" is the share of the view-dependent part that
 the reflected light explains, of `relight.gloss.material`. "light" is the angle between the direction of the captured
 light as estimated and its true one. PSNR is against the same Gaussians trained under the new light, in sRGB, with one
-gain for each colour: over the table, and over what is glossy. With --trained, scenes of groundtruth/NAME that are all
-matte are looked at, too.
+gain for each colour: over the table, and over what is glossy. With --trained, all-matte scenes of groundtruth/NAME
+are measured, too.
 """
 
 import tempfile
@@ -82,7 +82,7 @@ def run(options, report):
         for case in options.cases:
             table = Table(case, options, Path(folder) / case.replace(":", "-"))
             looked = look(table.job(table.lights[0], f"{EFFECTS},gloss"))
-            patches.add(**told(case, looked, table.glossy_patches(looked), table.light_error(looked)))
+            patches.add(**patch_row(case, looked, table.glossy_patches(looked), table.light_error(looked)))
             for row in table.things(looked):
                 things.add(case=case, **row)
             for number, name in enumerate(table.names):
@@ -92,7 +92,7 @@ def run(options, report):
             scene = Path(folder) / name
             convert(source, up="+y").save(scene)
             looked = look(Job(RelightRequest.of(scene, "captured", effects=f"{EFFECTS},gloss")))
-            patches.add(**told(name, looked, np.zeros(len(looked[2]), bool), None))
+            patches.add(**patch_row(name, looked, np.zeros(len(looked[2]), bool), None))
 
 
 def look(job):
@@ -109,7 +109,7 @@ def look(job):
     return gloss, appearance, *(np.array([each[i] for each in found]) for i in range(3))
 
 
-def told(case, looked, glossy, light):
+def patch_row(case, looked, glossy, light):
     """A row of the table of patches. glossy: (P,) bool, those that truly are."""
     gloss, appearance, explained, _, _ = looked
     if not len(explained):
@@ -162,7 +162,7 @@ class Table:
         return np.bincount(patch, glossy, len(looked[2])) > 0.5 * np.bincount(patch, minlength=len(looked[2]))
 
     def things(self, looked):
-        """Rows of the glossy things: medians of what their patches were found to be, weighted by nodes."""
+        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes."""
         if not len(looked[2]):
             return
         nodes, patch = self.of_nodes(looked), looked[0].fits.patch

@@ -1,4 +1,4 @@
-"""What every benchmark is made of: time, relative error, scenes, tables that print as they grow, JSON, a plot.
+"""The parts of every benchmark: time, relative error, scenes, tables that print as they grow, JSON, a plot.
 
 A subject is a module of this folder with
 
@@ -45,7 +45,7 @@ def timed(work: Callable[[], Any]) -> Timing:
 
 
 def medians(works: dict[str, Callable[[], Any]], repeats: int) -> dict[str, Timing]:
-    """Medians of several calls, the works in turns, so that a busy moment hits all alike; results are the last ones."""
+    """Medians of several calls, the works alternating, so a busy moment hits all alike; results are the last ones."""
     runs = {name: [] for name in works}
     for _ in range(repeats):
         for name, work in works.items():
@@ -95,7 +95,7 @@ class Table:
 
 
 class Report:
-    """What a run found: tables and single lines, printed as they come and kept for JSON and plots."""
+    """The results of a run: tables and single lines, printed as they come and kept for JSON and plots."""
 
     def __init__(self):
         self.tables: list[Table] = []

@@ -1,8 +1,8 @@
 """Light on an inserted object against Mitsuba 3's path tracer, with the light given and with the light estimated.
 
-A grey ball stands on a generated table top. Given: the light and the albedo are the true ones. Estimated: the scene has
-the colours that the light gives it, and no more is known. Errors are relative L2 norms of what the ball sends, over
-the pixels of two pictures; "one gain" is after a factor for all colours.
+A grey ball stands on a generated table top. Given: the light and the albedo are the true ones. Estimated: only the
+colours of the scene under the light are known. Errors are relative L2 norms of the ball's radiance over the pixels of
+two pictures; "one gain" is after a factor for all colours.
 """
 
 import tempfile

@@ -1,10 +1,9 @@
-"""Placed lamps: error and time by rays for each kind, time by the number of lamps, and that of a change in a session.
+"""Placed lamps: error and time by rays for each kind, time by the number of lamps, and time of a change in a session.
 
-Errors are relative L2 norms of direct light over all vertices, against --reference rays. Of many lamps, which share the
-light of one, the time of a vertex and the error against all of them, on some of the vertices, with 32 rays and with
-those of a plan for --tolerance. Of a change in a
-session, of which each line is the median of --changes: the light that is shown at once, the picture of it (in software,
-where OpenGL is), exact shadows, and all as a relight gives it.
+Errors are relative L2 norms of direct light over all vertices, against --reference rays. For many lamps that share the
+light of one: the time of a vertex and the error against all of them, on some of the vertices, with 32 rays and with
+those of a plan for --tolerance. For a change in a session, each line the median of --changes: the light that is shown
+at once, its picture (in software, where OpenGL is), exact shadows, and the full result of a relight.
 """
 
 import os
@@ -104,7 +103,7 @@ def by_number(occluder, frame, options, report):
 
 
 def by_change(mesh, frame, options, report):
-    """What a change of a lamp takes in a session, until it shows and until it is complete."""
+    """The time of a lamp's change in a session, until it shows and until it is complete."""
     from relight.viewer import view
 
     lighting = LightingOptions(captured=0.1, tolerance=0.02)

@@ -1,7 +1,7 @@
-"""Other libraries at what we read and compute ourselves: what they read that we refuse, and what they take.
+"""Other libraries on the files and computations that we do ourselves: what they read that we refuse, and their cost.
 
-The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a process
-of its own; what of our checks would stay, of the file itself and of the finished mesh, is asked there too.
+The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a separate
+process, which also reports which of our checks, of the file and of the finished mesh, would still be needed.
 """
 
 import json
@@ -113,7 +113,7 @@ def _outcome(read, path):
     """A digest of what is read, or refused, hang or crash; in a process that may die."""
     from attacks import content_of
 
-    answer, told = os.pipe()
+    answer, sink = os.pipe()
     child = os.fork()
     if not child:
         signal.alarm(SECONDS)
@@ -122,11 +122,11 @@ def _outcome(read, path):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 found = read(path)
-            os.write(told, b"refused" if found is None else content_of(found).encode())
+            os.write(sink, b"refused" if found is None else content_of(found).encode())
         except BaseException:
-            os.write(told, b"refused")
+            os.write(sink, b"refused")
         os._exit(0)
-    os.close(told)
+    os.close(sink)
     with open(answer, "rb") as file:
         found = file.read().decode()
     status = os.waitpid(child, 0)[1]

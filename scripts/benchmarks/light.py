@@ -1,4 +1,4 @@
-"""What bands, rays and suns cost and bring: errors against the full image, and times, for meshes under lights.
+"""Cost and benefit of bands, rays and suns: errors against the full image, and times, for meshes under lights.
 
 Without meshes a table of objects is generated; without lights all built-in skies are used. Errors are relative L2 in
 percent over 1,500 vertices against `relight.transfer.reference` with 16,384 directions, of the harmonics alone and with

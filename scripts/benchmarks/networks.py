@@ -1,13 +1,13 @@
-"""The two networks beside every other way to a transfer: error, radiance under lights, time, time to equal error.
+"""The two networks against every other method of transfer: error, radiance under lights, time, time to equal error.
 
-Errors are relative L2 against rays by the thousand. Time is the least of some runs, in processor seconds of all
-threads, with everything that a method needs (the ray tracer's tree included).
+Errors are relative L2 against thousands of rays. Time is the least of some runs, in processor seconds of all
+threads, with all preparation that a method needs (including the ray tracer's tree).
 
 --equal-error measures the mixing network alone, in several numbers of bands and rays, against unfiltered and filtered
-rays: geometric means of the errors over the meshes, processor microseconds per vertex, and how long rays take to the
-error of the network, over what the network takes, each between its measured numbers of rays along a power law (beyond
-them, extended by its last two). Last, what the error that the network expects is worth: the expected over the one
-made, root mean square, all and by quarters of the vertices from the least expected up.
+rays: geometric means of the errors over the meshes, processor microseconds per vertex, and the time of rays at the
+error of the network over the time of the network, interpolated between measured numbers of rays along a power law
+(beyond them, extended by its last two). Last, the quality of the network's expected error: expected over actual,
+root mean square, for all vertices and by quarters from the least expected up.
 """
 
 from functools import partial

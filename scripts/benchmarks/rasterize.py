@@ -1,4 +1,4 @@
-"""Speed of the rasteriser: views a second on a splat file or a made-up surface, against its NumPy twin."""
+"""Speed of the rasteriser: views a second on a splat file or a generated surface, against its NumPy twin."""
 
 import numpy as np
 

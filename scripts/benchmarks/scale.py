@@ -1,6 +1,6 @@
 """Seconds and peak memory of splat2mesh as scenes grow, stage by stage.
 
-Each scene is generated and converted by a process of its own; its time and memory are what the system charged it.
+Each scene is generated and converted by a separate process; its time and memory are what the system charged it.
 """
 
 import json
@@ -68,7 +68,7 @@ def scene(folder, kind, size, degree):
         with tempfile.TemporaryDirectory(dir=folder) as workspace:
             made = Path(workspace) / "made"
             charged([sys.executable, "-m", "scenes", made, "--kind", kind, "--splats", str(size), "-q"])
-            # In a process of its own: a later child would be charged with all the memory its parent ever held.
+            # In a separate process: a later child would be charged with all the memory its parent ever held.
             with ProcessPoolExecutor(1) as process:
                 process.submit(write_as_trained, made / "splat.ply", splat, degree).result()
     return splat
@@ -111,7 +111,7 @@ def convert(splat, out, detail):
 
 
 def charged(command):
-    """Run a command in a process of its own: its stdout, its wall seconds and its resource usage."""
+    """Run a command in a separate process: its stdout, its wall seconds and its resource usage."""
     start = time.perf_counter()
     process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, cwd=ROOT)
     output = process.stdout.read()

@@ -1,8 +1,8 @@
-"""Pictures per second of an interactive session while its light turns, and where the time goes.
+"""Pictures per second of an interactive session while its light turns, and the time of each part.
 
-Off screen, so that no monitor paces it; a tabletop of VERTICES (100,000) under the built-in lights. Each line is the
+Off screen, so no monitor paces it; a tabletop of VERTICES (100,000) under the built-in lights. Each line is the
 median over frames, in milliseconds: the light and its bytes, the mixing of pixels that stands in for OpenGL where that
-draws on the CPU (`relight.viewer.raster`), the panel, OpenGL, and all of it; on a busy machine the quickest tenth tells
+draws on the CPU (`relight.viewer.raster`), the panel, OpenGL, and all of it; on a busy machine the quickest tenth says
 more. Then the same with every picture by OpenGL, and with the background at work.
 """
 

@@ -1,4 +1,4 @@
-"""The scenes that subjects measure on: files and folders of your own, and shapes that are made here, by name."""
+"""The scenes of the benchmarks: your files and folders, and generated shapes by name."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""What accuracy of the surface costs in time: every way and detail of splat2mesh against true meshes.
+"""Time against accuracy of the surface: every method and detail of splat2mesh against true meshes.
 
---samples sets the points on each mesh (100,000); a large scene, such as a room, needs more for its own ceiling, which
-the row "truth" shows: the truth against itself.
+--samples sets the points on each mesh (100,000); a large scene, such as a room, needs more to raise the upper bound
+that the row "truth" shows: the truth against itself.
 
 FOLDER holds a splat (point_cloud.ply or splat.ply), its true mesh (gt_mesh.ply in the splat's frame, or truth.ply with
 truth.json from `python -m scenes`) and the capture's COLMAP model, sparse/0. Without folders three are generated.

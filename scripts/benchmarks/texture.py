@@ -1,10 +1,11 @@
-"""What a texture gives a mesh of few faces: pictures against the splat's own, albedo against the truth, time, memory.
+"""The gain of a texture for a mesh with few faces: pictures against the splat's own, albedo against the truth, time,
+memory.
 
 FOLDER holds a splat (point_cloud.ply or splat.ply) and, for --albedo, its true mesh with albedo: gt_mesh.ply in the
-splat's frame, or truth.ply as `python -m scenes` writes it. A splat file by itself will do too. Without any a
-tabletop is generated. PSNR is of sRGB over pixels that mesh and splat cover, in views that no texture was made from.
-"truth" is the relative error of albedo over points of the true mesh, one gain per colour.
-Times are processor seconds of all threads, after a warm-up.
+splat's frame, or truth.ply as `python -m scenes` writes it. A splat file alone works too. Without any, a tabletop is
+generated. PSNR is of sRGB over pixels that mesh and splat cover, in views that no texture was made from. "truth" is the
+relative error of albedo over points of the true mesh, one gain per colour. Times are processor seconds of all threads,
+after a warm-up.
 """
 
 import resource
@@ -89,9 +90,9 @@ def measure(folder, options, report):
             }
         found = psnr(scene, pictures, shades, options.pictures and options.pictures / f"{name}_{count}")
         texels = {"texels": baked.atlas.size, "unseen": baked.unseen / len(baked.captured), "cpu_s": seconds}
-        for way, told in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
+        for way, figures in {"vertex": {"cpu_s": 0.0}, "texture": texels}.items():
             row = {"scene": name, "faces": len(scene.faces), "colours": way, "psnr": found[way]}
-            table.add(**row, **told, truth=albedos.get(way))
+            table.add(**row, **figures, truth=albedos.get(way))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         wall = ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in stages.seconds.items())
         report.note(f"  wall: {wall}; peak so far {peak:.0f} MiB")

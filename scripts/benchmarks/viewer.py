@@ -1,8 +1,8 @@
 """Does a splat file look the same in an independent viewer? PlayCanvas' HTML viewer in Chromium against our rasteriser.
 
 Needs node with `npm install @playcanvas/splat-transform puppeteer-core`: the one reads the file and writes the viewer,
-the other has a Chromium draw it, with software GL. Both are compared without what depends on the view: the viewer's own
-compression of that needs a GPU. The viewer's camera looks at the splat turned by Rz(180), as it shows every file; its
+the other has a Chromium draw it, with software GL. Both are compared without view-dependent colour: the viewer's
+compression of it needs a GPU. The viewer's camera looks at the splat turned by Rz(180), as it shows every file; its
 compression of the rest rounds places and colours. Prints the PSNR of the screenshot, over all and where alpha is above
 1/2, and, as a scale, of the screenshot mirrored; writes ours.png, viewer.png and viewer.html.
 """

@@ -1,1 +1,1 @@
-"""What both commands stand on: errors, console, progress, writing without leaving halves."""
+"""The base of both commands: errors, console, progress, writing without partial files."""

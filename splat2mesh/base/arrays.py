@@ -1,4 +1,4 @@
-"""Names for arrays that say their shape and frame; NumPy's types can say only what an array holds.
+"""Names for arrays that say their shape and frame; NumPy's types only give the element type.
 
 N counts splats or points, V vertices, F faces, B bands, K = B^2 coefficients.
 """

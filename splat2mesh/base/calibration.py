@@ -1,4 +1,4 @@
-"""Where fitted numbers come from: what an estimator's calibration says of itself."""
+"""The origin of fitted numbers: the provenance of an estimator's calibration."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ class Provenance(NamedTuple):
     """How the numbers of a calibration came about.
 
     script: the command that fitted or checks them. fitted_on: scenes. held_out: the error on scenes that they were not
-    fitted on. Each is NOT_RECORDED where nothing tells.
+    fitted on. Each is NOT_RECORDED where unknown.
     """
 
     script: str

@@ -1,4 +1,5 @@
-"""What settings accept, defined once for the library, its requests and both command lines. Imports nothing heavy."""
+"""The accepted values of settings, defined once for the library, its requests and both command lines. Imports nothing
+heavy."""
 
 from typing import Any
 
@@ -8,19 +9,19 @@ UP_CHOICES = ("auto", "+y", "-y", "+z", "-z")
 """Which axis of the splat points up."""
 
 DETAIL_CHOICES = ("draft", "normal", "fine")
-"""How many views a surface is extracted from, and how fine its voxels are."""
+"""Number of views for the surface, and size of its voxels."""
 
 SURFACE_CHOICES = ("field", "sugar")
 """A level of the opacity field, or the density level set and Poisson surface of the SuGaR paper."""
 
 BACKGROUND_CHOICES = ("cut", "keep")
-"""What becomes of a far background: a shell of it around the scene would keep all new light out."""
+"""Treatments of a far background: a shell of it around the scene would block all new light."""
 
 STAND_CHOICES = ("auto", "inside", "outside")
 """From where the scene was captured."""
 
 PROXY_CHOICES = ("closed", "convex")
-"""What bodies collide with: one closed surface, or convex parts."""
+"""Kinds of collision proxy: one closed surface, or convex parts."""
 
 DEFAULT_MAX_VERTICES = 40_000
 """Vertices per chunk: the limit of the Neural-GASh paper."""

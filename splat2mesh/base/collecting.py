@@ -1,8 +1,8 @@
-"""Compiling without the collector of cycles: it looks again and again through the millions of objects a kernel needs.
+"""Compiling without the cycle collector, which repeatedly scans the millions of objects that a kernel needs.
 
 In alternating runs from an empty cache it took 9% of the seconds that `splat2mesh` compiled for (four pairs), 12% of
-those of `relight` (three pairs): `scripts/bench compiling`, with and without --collector.
-Between two kernels it works as ever, so cycles that hold arrays are freed as early as before.
+those of `relight` (three pairs): `scripts/bench compiling`, with and without --collector. Between two kernels it works
+as usual, so cycles that hold arrays are freed as early as before.
 """
 
 import gc

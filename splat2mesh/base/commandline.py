@@ -1,4 +1,4 @@
-"""Command lines that meet people half way: negative values, commas, near misses. Imports nothing heavy."""
+"""Forgiving command lines: negative values, commas, near misses. Imports nothing heavy."""
 
 import argparse
 import difflib
@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from .errors import InputError
 
 _VALUE = re.compile(r"-[\d.]|-[xyz]$")
-"""What looks like an option and is a value: a negative number, or an axis."""
+"""Values that look like options: a negative number, or an axis."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}; {self.prog} --help shows all\n")
 
     def _second_value(self, word: str) -> str:
-        """What to say of a word that is one too many behind an option of one value; nothing where it is not."""
+        """The message on a surplus word after an option of one value; empty without one."""
         at = self._given.index(word) if word in self._given else 0
         if at < 2:
             return ""
@@ -55,9 +55,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def joined(arguments: Sequence[str], signed: Iterable[str], words: Iterable[str] = ()) -> list[str]:
-    """Arguments with the value of a signed option that begins with a minus put to it: --up -y -> --up=-y.
+    """Arguments in which a value that begins with a minus is joined to its signed option: --up -y -> --up=-y.
 
-    words: options of several words; the first gets a space before it, which tells it from an option.
+    words: options of several words; the first gets a space before it, which distinguishes it from an option.
     """
     result: list[str] = []
     names, several = set(signed), set(words)

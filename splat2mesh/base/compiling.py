@@ -1,6 +1,6 @@
 """Compiled code where nothing can be written: containers, service users. Numba refuses to start without a cache folder.
 
-Scene folders would be writable, and are no place for it: what Numba keeps is code, and a scene may come from anybody.
+Scene folders are writable, but unsafe for it: Numba caches code, and a scene may come from anybody.
 """
 
 import os

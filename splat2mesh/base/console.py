@@ -1,4 +1,4 @@
-"""What both command lines share: one-line errors, exit codes, warnings and results on the right streams."""
+"""Common parts of both command lines: one-line errors, exit codes, warnings and results on the right streams."""
 
 import os
 import sys
@@ -29,7 +29,7 @@ _owns_process = False  # whether a command runs in this process, rather than som
 
 @dataclass(frozen=True)
 class Display:
-    """What a command shows.
+    """The output of a command.
 
     json : one JSON object on stdout. quiet : neither progress nor summary. verbose : times of stages, tracebacks.
     """
@@ -40,7 +40,7 @@ class Display:
 
     @property
     def progress(self) -> bool:
-        """Whether progress bars belong on stderr: only on a terminal, and only when not told to be quiet."""
+        """Whether progress bars belong on stderr: only on a terminal, and only without --quiet."""
         return sys.stderr.isatty() and not self.quiet
 
 
@@ -59,12 +59,12 @@ def run(
     display, names = display or Display(), names or {}
     os.environ.update(ONE_BLAS_THREAD)
     with warnings.catch_warnings():
-        told: set[str] = set()
+        shown: set[str] = set()
 
         def show(message: Any, *_: Any, **__: Any) -> None:
             text = f"warning: {with_options(str(message), names)}"
-            if text not in told:  # once is enough
-                told.add(text)
+            if text not in shown:  # once is enough
+                shown.add(text)
                 print(printable(text), file=sys.stderr)
 
         warnings.showwarning = show
@@ -88,9 +88,9 @@ def run(
         elif not display.quiet:
             print("\n".join(map(printable, lines)))
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever read along has seen enough
+    except BrokenPipeError:  # the reader closed the pipe
         _drop_stdout()
-    except OSError as error:  # the results are there, but nobody was told
+    except OSError as error:  # the results are written, but could not be reported
         _drop_stdout()
         return _fail(f"cannot write to the standard output: {error.strerror}", EXIT_FAILED, display)
     return EXIT_DONE
@@ -108,7 +108,7 @@ def owns_process() -> bool:
 
 @contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Within a command, keep what native libraries print of their own off stderr; elsewhere stderr is the host's.
+    """Within a command, keep the output of native libraries off stderr; elsewhere stderr is the host's.
 
     They print to the file descriptor, which all threads of a process share: so only a process that is a command's.
     """
@@ -143,7 +143,7 @@ def recorded_warnings() -> Iterator[list[str]]:
 
 
 def tell(message: str) -> None:
-    """Say something on stderr while the work goes on."""
+    """Print a line on stderr while the work goes on."""
     print(printable(message), file=sys.stderr, flush=True)
 
 
@@ -167,7 +167,7 @@ def _spelled(letter: str) -> str:
 
 
 def _failed(error: Exception) -> str:
-    """What to say of work that failed: of a disk that is full or broken, what the system says of which file."""
+    """The message on failed work: for a full or broken disk, the file and the system's message."""
     more = "(run again with -v for the traceback)"
     if isinstance(error, OSError) and error.strerror:
         where = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""

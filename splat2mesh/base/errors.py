@@ -1,8 +1,8 @@
-"""What can go wrong with input, as types that every part of the toolkit shares.
+"""Errors and warnings about input, as types that every part of the toolkit shares.
 
 A message names a setting of the library in backquotes, as Python writes it: "`max_chunk_vertices` 2: a chunk needs at
 least 3". A command line that has an option of that name writes it in its place: "--max-chunk-vertices 2: ...". So the
-library knows no option, and whoever reads a message finds the name that belongs to what he typed.
+library knows no option, and the message uses the name that the reader typed.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Packages that few need: they come with extras of the installation, and are imported where they are used."""
+"""Optional packages: extras of the installation provide them, and they are imported where they are used."""
 
 import importlib
 from importlib.util import find_spec

@@ -1,7 +1,7 @@
-"""Reading what others wrote: regular files only, sizes held against limits, and one kind of error for all that fails.
+"""Reading untrusted files: regular files only, sizes checked against limits, and one kind of error for all failures.
 
-Nothing that is read may be trusted: a header that announces more than its file can hold is refused before memory is
-taken, a name inside a file leads nowhere but into the file's own folder, and no parser's own exception gets through.
+No content is trusted: a header that declares more than its file can hold is refused before memory is allocated, a name
+inside a file leads only into the file's own folder, and no exception of a parser gets through.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Being told to stop: Ctrl-C, SIGTERM and a closed terminal end a command in order, and clean-up is not cut short."""
+"""Signals to stop: Ctrl-C, SIGTERM and a closed terminal end a command in order, and clean-up is not cut short."""
 
 import signal
 import threading
@@ -15,7 +15,7 @@ AGAIN_SECONDS = 1.0
 
 
 class Interrupted(KeyboardInterrupt):
-    """A command was told to stop; the message says by what."""
+    """A command was interrupted; the message names the signal."""
 
 
 _shields = 0  # blocks under way that must not be cut short
@@ -45,9 +45,9 @@ def stopping_in_order() -> Iterator[None]:
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Within it, signals wait; one that came is told when it ends. Keep it short: clean-up, a rename.
+    """Within it, signals wait; one that arrived is raised when it ends. Keep it short: clean-up, a rename.
 
-    Where the library is used without a command, Ctrl-C is put off in the main thread, and nothing in others.
+    Where the library is used without a command, Ctrl-C is deferred in the main thread only.
     """
     global _shields
     main = threading.current_thread() is threading.main_thread()

@@ -2,9 +2,9 @@
 
 .NAME.unfinished/name    the name of the output
 .NAME.unfinished/new     what is being written
-.NAME.unfinished/old     what stood at the output, while the new takes its place on systems that cannot swap the two
+.NAME.unfinished/old     the previous output, while the new one replaces it on systems that cannot swap the two
 
-A run holds an exclusive lock (flock) on the folder; the system lets go of it when the run ends, in whatever way.
+A run holds an exclusive lock (flock) on the folder; the system releases it when the run ends, in whatever way.
 """
 
 import hashlib
@@ -142,7 +142,7 @@ def sweep(folder: Path) -> None:
 
 
 def _ours(workspace: Path) -> bool:
-    """Whether it is a folder that holds nothing but what this module puts there. Raises OSError where it is gone."""
+    """Whether it is a folder that holds only what this module writes there. Raises OSError where it is gone."""
     if workspace.is_symlink():
         return False
     try:
@@ -152,22 +152,22 @@ def _ours(workspace: Path) -> bool:
 
 
 def _clean(workspace: Path) -> None:
-    """Empty a folder that is locked and that a killed run left, and tell what became of it."""
-    told = f"removed {workspace}, left by a run that was killed"
+    """Empty a locked folder that a killed run left, and warn of what was done with it."""
+    message = f"removed {workspace}, left by a run that was killed"
     if os.path.lexists(workspace / OLD):
         target, replaced = _target(workspace), not os.path.lexists(workspace / NEW)
         if not _settled(workspace):
             kept = _free_name(workspace.with_name(f"{target.name if target else workspace.name[1:]}.before"))
             (workspace / OLD).rename(kept)
-            told += f"; the files that it was about to replace are now in {kept}"
+            message += f"; the files that it was about to replace are now in {kept}"
         elif not replaced:
-            told += f", and put {target} back"
+            message += f", and put {target} back"
     for entry in list(workspace.iterdir()):
         if entry.is_dir() and not entry.is_symlink():
             shutil.rmtree(entry)
         else:
             entry.unlink()
-    warnings.warn(told, DataWarning, stacklevel=4)
+    warnings.warn(message, DataWarning, stacklevel=4)
 
 
 def _free_name(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Completions for shells and manual pages, made from a command's parser, so that they know every option."""
+"""Completions for shells and manual pages, made from a command's parser, so they know every option."""
 
 import argparse
 import re

@@ -1,4 +1,4 @@
-"""open3d, in commands without the web pages in which it can show meshes: they take half of the time of its import."""
+"""open3d, in commands without its web viewer, which takes half of its import time."""
 
 import sys
 from types import ModuleType
@@ -7,7 +7,7 @@ from typing import Any
 from .console import owns_process
 
 PAGES = ("plotly", "plotly.graph_objects", "dash")
-"""What `open3d.visualization` imports for them."""
+"""The imports of `open3d.visualization` for them."""
 
 
 class _Absent(ModuleType):

@@ -1,8 +1,8 @@
-"""Writing results so that nothing half-written is ever left behind, and nothing that stood there is lost.
+"""Writing results: no partial file is left behind, and no existing file is lost.
 
-What is written grows in a hidden folder beside its place, `.NAME.unfinished`, and is renamed when it is complete. The
-run that writes holds a lock on that folder; where a run was killed the lock is gone, and the next run to write beside
-it removes the folder, or puts back what had been moved aside (see `leftovers`).
+An output grows in a hidden folder beside its destination, `.NAME.unfinished`, and is renamed when it is complete. The
+run that writes holds a lock on that folder; if it is killed, the lock is released, and the next run that writes there
+removes the folder, or restores the output that had been moved aside (see `leftovers`).
 """
 
 import os

@@ -38,7 +38,7 @@ class Stages:
             self._started().console.print(line, markup=False, highlight=False)
 
     def close(self) -> None:
-        """Leave the terminal as it was found; what is done afterwards, beside a window, shows nothing."""
+        """Restore the terminal; later stages, beside a window, show nothing."""
         self._show = False
         if self._bars is not None:
             self._bars.stop()

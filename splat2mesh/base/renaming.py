@@ -1,4 +1,4 @@
-"""Renames that lose nothing: one that replaces nothing, one that swaps two, each in a single step where possible."""
+"""Renames without loss: one that never replaces, one that swaps two, each in a single step where possible."""
 
 import ctypes
 import errno
@@ -10,7 +10,7 @@ from typing import Any
 
 _AT_FDCWD, _NOREPLACE, _EXCHANGE = -100, 1, 2  # linux/fcntl.h, linux/fs.h
 _UNABLE = (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP, errno.EPERM)
-"""What a kernel or file system says that cannot do it; network file systems and some containers do."""
+"""Errors of a kernel or file system that cannot do it, such as network file systems and some containers."""
 
 
 def rename_new(source: Path, target: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 
 def given(request: type, words: argparse.Namespace) -> dict[str, Any]:
-    """Return what the words say of the fields of a request, a dataclass; what nobody said is not in it.
+    """Return the fields of a request, a dataclass, that the command line gives; other fields are absent.
 
     A parser whose options have no defaults (`argument_default=argparse.SUPPRESS`) leaves them out of its namespace, so
     that every default is the dataclass's own.

@@ -1,4 +1,4 @@
-"""JSON that every reader takes: the standard has no Infinity and no NaN, which Python writes all the same."""
+"""JSON that every reader accepts: the standard has no Infinity and no NaN, but Python writes them."""
 
 import json
 import math
@@ -6,7 +6,7 @@ from typing import Any
 
 
 def text_of(content: Any, **how: Any) -> str:
-    """What json.dumps gives, with null for numbers that are not finite; `how` goes to it."""
+    """The result of json.dumps, with null for numbers that are not finite; `how` is passed to it."""
     return json.dumps(_finite(content), allow_nan=False, **how)
 
 

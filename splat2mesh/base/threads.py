@@ -1,7 +1,7 @@
-"""Loops on all cores, by one pool of threads of Python's own, for what releases the GIL: compiled kernels, networks.
+"""Loops on all cores, by one pool of Python threads, for code that releases the GIL: compiled kernels, networks.
 
-Threads stay: to start them takes as long as a thousand vertices. Numba's own cost each loop a second of compiling.
-What runs in a thread of the pool does all its own work by itself: a thread that waited for another could wait for ever.
+Threads stay: starting them takes as long as a thousand vertices. Numba's threads cost each loop a second of compiling.
+Work in a thread of the pool starts no other: a thread that waited for another could wait for ever.
 """
 
 import os
@@ -23,14 +23,14 @@ _here = threading.local()
 
 
 def all_cores() -> int:
-    """How many cores this process may use, or NUMBA_NUM_THREADS."""
+    """The number of cores that this process may use, or NUMBA_NUM_THREADS."""
     from numba import config
 
     return config.NUMBA_NUM_THREADS
 
 
 def cores() -> int:
-    """How many threads may run at once: 1 in a thread of the pool."""
+    """The number of threads that may run at once: 1 in a thread of the pool."""
     return 1 if _pooled() else all_cores()
 
 

@@ -1,4 +1,4 @@
-"""The version of both packages, as files and commands name it; pyproject.toml has the same."""
+"""The version of both packages, as files and commands name it; pyproject.toml repeats it."""
 
 VERSION = "0.2.0"
 

@@ -1,4 +1,4 @@
-"""A splat and the mesh that was made of it, side by side: what a conversion is judged by at a glance."""
+"""A splat and the mesh made from it, side by side, to judge a conversion at a glance."""
 
 import numpy as np
 

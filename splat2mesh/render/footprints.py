@@ -1,6 +1,6 @@
-"""Which splats a view sees, nearest first, and where in the image each one falls.
+"""The splats that a view sees, nearest first, and the footprint of each in the image.
 
-Splats are culled, sorted once by depth, then projected and dealt out to tiles of the image, a batch at a time. The
+Splats are culled, sorted once by depth, then projected and assigned to tiles of the image, a batch at a time. The
 projection is that of 3D Gaussian splatting (Zwicker et al., EWA Splatting, 2002; Kerbl et al., 3D Gaussian Splatting
 for Real-Time Radiance Field Rendering, 2023).
 """
@@ -85,8 +85,8 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
     """Yield the visible splats of a view as Batch after Batch, nearest first, until no tile is open any more.
 
     splats: Splats (means, scales, quats_wxyz, opacities, sh of 3DGS signs), N >= 0; rows whose geometry is not
-        finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; whoever blends a batch clears
-        the ones that let no more light through, and they get no more splats.
+        finite are left out. camera: Camera. open_tiles: (tiles,) bool, row after row; the caller that blends a batch
+        clears the ones that let no more light through, and they get no more splats.
     """
     fields = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh
     gaussians = Gaussians(*(read_only(field) for field in fields))

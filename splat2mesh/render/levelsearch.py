@@ -160,7 +160,7 @@ def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) ->
 
 @_function
 def _look(entries: Floats, longest: int, search: Floats) -> None:
-    """What comes through in front of AT, and the slope of the opacity there."""
+    """The transmittance in front of AT, and the slope of the opacity there."""
     for column in range(np.uint64(TILE)):
         search[FRONT + column], search[SLOPE + column] = ONE, ZERO
     for e in range(longest):

@@ -43,7 +43,7 @@ MAX_ALPHA = np.float32(0.99)  # one Gaussian never hides everything behind it
 
 @dataclass(frozen=True)
 class FieldDepth:
-    """What one view sees of the surface. H, W are the view's size.
+    """The surface as one view sees it. H, W are the view's size.
 
     depth: (H, W) float32 camera z at which the opacity reaches the level, NaN where it does not.
     normal: (H, W, 3) float32 unit, in the world, towards the camera; zero where there is no depth.

@@ -1,4 +1,4 @@
-"""The opacity field once more in plain NumPy float64: slow, short, no tiles, no search steps. The tests' oracle."""
+"""The opacity field in plain NumPy float64: slow, short, no tiles, no search steps. The tests' oracle."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .view import View
 
 
 def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
-    """What `field_depth` computes, every splat against every pixel. Same arguments, same FieldDepth."""
+    """`field_depth`, every splat against every pixel. Same arguments, same FieldDepth."""
     field = OpacityField(splats, view, near)
     depth, behind, before = (field.reach(at) for at in (level, float(SPREAD_TO), float(SPREAD_FROM)))
     length = np.linalg.norm(field.normal, axis=-1, keepdims=True)

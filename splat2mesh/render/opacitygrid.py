@@ -1,7 +1,7 @@
-"""How opaque space is: nested grids of optical depth made from a splat, and rays that march through them.
+"""The opacity of space: nested grids of optical depth made from a splat, and rays that march through them.
 
 The innermost grid covers the foreground finely; each further one reaches farther around it, with coarser cells, so
-that a ray which leaves the garden still meets the house behind it.
+a ray that leaves the garden still meets the house behind it.
 """
 
 import math
@@ -19,10 +19,10 @@ CELLS, OUTER_CELLS = 12_000_000, 1_500_000
 """Cells of the innermost grid and of each further one: 48 MB, and 6 MB each."""
 
 GROWTH, MOST_LEVELS = 2.0, 7
-"""How much larger each further grid's box is, and grids at most."""
+"""Growth of each further grid's box, and the most grids."""
 
 SAMPLES = 48
-"""Points at most by which a Gaussian is dealt out to the cells."""
+"""Most points that distribute a Gaussian over the cells."""
 
 PIXEL_BLOCK = 4
 """Cells along the side of the blocks in which the size of a training pixel is read off."""

@@ -1,7 +1,7 @@
 """Splats to images on the CPU: colour, opacity and depth of one view, by tiles, front to back.
 
-The method is elliptical weighted averaging as 3D Gaussian splatting does it. `rasterize_reference` says the same in
-plain NumPy; the kernels here only leave out what cannot be seen.
+The method is elliptical weighted averaging as 3D Gaussian splatting does it. `rasterize_reference` does the same in
+plain NumPy; the kernels here only skip invisible work.
 
 Each pixel is computed by one thread in a fixed order: the same bytes come out on any number of threads.
 """
@@ -33,7 +33,7 @@ RED, GREEN, BLUE, DEPTH, TRANSMITTANCE, MEDIAN = (np.uint64(plane * AREA) for pl
 
 @dataclass(frozen=True)
 class Rendering:
-    """What one view sees. H, W are the view's size.
+    """The picture of one view. H, W are the view's size.
 
     color: (H, W, 3) float32 sRGB, premultiplied (over black); over a background b: color + (1 - alpha) b.
     alpha: (H, W) float32 in [0, 1].

@@ -1,4 +1,4 @@
-"""The rasteriser once more in plain NumPy float64: slow, short, no tiles, no bounds. The tests' oracle."""
+"""The rasteriser in plain NumPy float64: slow, short, no tiles, no bounds. The tests' oracle."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,7 +11,7 @@ from .view import View
 
 
 def rasterize_reference(splats: Splats, view: View, near: float = NEAR) -> Rendering:
-    """What `rasterize` computes, every splat against every pixel. Same arguments, same Rendering.
+    """`rasterize`, every splat against every pixel. Same arguments, same Rendering.
 
     Time N x H x W: meant for some hundred splats and some thousand pixels.
     """

@@ -9,7 +9,7 @@ from ..base.meshlibrary import open3d
 
 
 class Hits(NamedTuple):
-    """What rays (..., 6) meet first.
+    """The first hits of rays (..., 6).
 
     distance: (...) float32, in lengths of the ray's direction; infinite where it meets nothing. faces: (...) int32, -1
     for none. uv: (..., 2) float32, the weights of the face's second and third vertex. normals: (..., 3) float32 unit
@@ -48,7 +48,7 @@ class RayCaster:
         return self._scene.test_occlusions(_tensor(rays, np.float32), tfar=far).numpy()
 
     def first_hits(self, rays: ArrayLike) -> Hits:
-        """What the rays meet first: Hits."""
+        """The first hits of the rays: Hits."""
         hits = self._scene.cast_rays(_tensor(rays, np.float32))
         faces = hits["primitive_ids"].numpy().view(np.int32)  # open3d's mark for "none" is 2^32 - 1
         return Hits(hits["t_hit"].numpy(), faces, hits["primitive_uvs"].numpy(), hits["primitive_normals"].numpy())

@@ -1,4 +1,4 @@
-"""The screen in square tiles, each of which one thread fills: its pixels while they are walked."""
+"""The screen in square tiles, each filled by one thread: the state of its pixels meanwhile."""
 
 from typing import NamedTuple
 

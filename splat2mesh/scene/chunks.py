@@ -1,4 +1,4 @@
-"""Cutting a mesh into sub-meshes that stay below a vertex limit, which is what bounds a model's tensors."""
+"""Cutting a mesh into sub-meshes below a vertex limit, which bounds a model's tensors."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,12 +1,12 @@
-"""The scene folder: a Scene on disk, complete or not there, every file of it under a checksum.
+"""The scene folder: a Scene on disk, complete or absent, with a checksum for every file.
 
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
-background.npy      rows of the source's splats that are far background, where there are any
+background.npy      rows of the source's splats that are far background, if any
 preview.png         the splat and the mesh side by side
-proxy.glb           what bodies collide with, where it was asked for (see `splat2mesh.proxy`)
-mesh.glb            the scene in its texture, where it was asked for (see `splat2mesh.texture`)
-measured.npz        the sky that was captured, and what is a volume rather than a surface (see `measured`)
+proxy.glb           collision mesh, on request (see `splat2mesh.proxy`)
+mesh.glb            the textured scene, on request (see `splat2mesh.texture`)
+measured.npz        the captured sky, and which parts are a volume rather than a surface (see `measured`)
 """
 
 import hashlib
@@ -43,11 +43,11 @@ SUMMED = (
     "chunks",
     "files",
 )
-"""What the checksum of scene.json covers: all that a program reads from it."""
+"""Keys that the checksum of scene.json covers: all that a program reads from it."""
 
 META = "scene.json"
 MOST_REACH = 1e4
-"""How far a camera may stand, in sizes of the scene: from there it covers a tenth of a pixel."""
+"""Largest distance of a camera, in sizes of the scene: from there the scene covers a tenth of a pixel."""
 
 BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED
@@ -262,13 +262,13 @@ def _digest(file: Any) -> str:
 
 def _sum(meta: dict[str, Any]) -> str:
     """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
-    they may be mended by hand, and what they lead to has a checksum of its own."""
-    told = {name: meta.get(name) for name in SUMMED}
-    source = dict(told["source"] or {})
+    they may be repaired by hand, and their targets have separate checksums."""
+    fields = {name: meta.get(name) for name in SUMMED}
+    source = dict(fields["source"] or {})
     source.pop("path", None)
     if "objects" in source:
         source["objects"] = [{key: each[key] for key in each if key != "path"} for each in source["objects"]]
-    return hashlib.sha256(json.dumps(told | {"source": source}, sort_keys=True).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(fields | {"source": source}, sort_keys=True).encode()).hexdigest()
 
 
 def _check_sums(path: Path, meta: dict[str, Any]) -> None:

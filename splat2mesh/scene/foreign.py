@@ -1,4 +1,4 @@
-"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, told apart without importing any of them."""
+"""Meshes of other libraries as scenes: trimesh, open3d and PyVista, distinguished without importing any of them."""
 
 import os
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,7 +19,7 @@ AnyScene: TypeAlias = (
     "Scene | Mesh | str | os.PathLike[str] | trimesh.Trimesh | trimesh.Scene"
     " | open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh | pyvista.DataSet"
 )
-"""What `as_scene` takes."""
+"""The types that `as_scene` takes."""
 
 COLOR_ARRAYS = ("colors", "Colors", "RGB", "RGBA", "rgb", "rgba")
 """Names under which PyVista's readers and users keep the colours of points."""

@@ -1,4 +1,4 @@
-"""Binary glTF 2.0, built array after array: what all writers of .glb files share."""
+"""Binary glTF 2.0, built array by array, for all writers of .glb files."""
 
 import os
 from typing import Any

@@ -1,6 +1,6 @@
 """The arrays of a glTF 2.0 file: buffers, accessors (strided, sparse, normalised), and the nodes' first transforms.
 
-Also of files that KHR_mesh_quantization makes small, as gltfpack writes them. What Draco and meshopt pack is refused by
+It also reads files with KHR_mesh_quantization, as gltfpack writes them. It refuses Draco and meshopt compression by
 name. Source: Khronos, "glTF 2.0 Specification".
 """
 

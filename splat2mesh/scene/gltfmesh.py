@@ -1,8 +1,8 @@
-"""The triangles of a glTF file at rest, as one surface: every mesh where its nodes place it.
+"""The triangles of a glTF file in its rest pose, as one surface: every mesh where its nodes place it.
 
-Vertices stand material after material, in the order in which the nodes of the scene name these, children first. Within
-a material meshes stand in the order of their nodes, parents first, and vertices in that of their first use by faces;
-those that hold the same are joined.
+Vertices are sorted by material, in the order in which the nodes of the scene name these, children first. Within a
+material, meshes follow the order of their nodes, parents first, and vertices that of their first use by faces;
+equal vertices are joined.
 """
 
 import os

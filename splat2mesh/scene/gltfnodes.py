@@ -1,4 +1,4 @@
-"""The nodes of a glTF 2.0 file: how they hang together, and where they stand before anything moves."""
+"""The nodes of a glTF 2.0 file: their hierarchy, and their transforms before anything moves."""
 
 import numpy as np
 from numpy.typing import NDArray

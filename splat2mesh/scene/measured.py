@@ -1,4 +1,4 @@
-"""What splats tell beyond their surface: the sky that was captured, and what is a volume rather than a surface.
+"""What splats show beyond their surface: the captured sky, and which parts are a volume rather than a surface.
 
 Kept beside scene.json in one compressed file, `measured.npz`.
 """
@@ -20,7 +20,7 @@ LARGEST = 1 << 29
 """Bytes of all its arrays: a byte a splat and a byte a vertex are far below."""
 
 SKY_HEIGHT, SKY_WIDTH = 64, 128
-"""Texels of 2.8 degrees: the light of a scene needs no finer ones, but for suns, and those are clipped."""
+"""Texels of 2.8 degrees: the light of a scene needs no finer ones, except for suns, and those are clipped."""
 
 THICKET = 0.4
 """Mean volume of the vertices from which a scene without a sky is taken to have foliage; a rock in grass has 0.6."""
@@ -58,13 +58,13 @@ class CapturedSky(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What was measured on the splats of a scene.
+    """Measurements on the splats of a scene.
 
     Attributes
     ----------
     sky : CapturedSky or None
     splat_volume : ndarray of float32, (S,)
-        In [0, 1], how far each row of the source is a volume (foliage, grass, hair), 0 where it was not measured.
+        In [0, 1], volume share of each row of the source (foliage, grass, hair), 0 where it was not measured.
     vertex_volume : ndarray of float32, (V,)
         The same for the vertices of the scene, chunk after chunk.
     depth : OpticalDepth or None
@@ -103,7 +103,7 @@ class Measured(NamedTuple):
             np.savez_compressed(file, **arrays)
 
     def described(self) -> dict[str, Any]:
-        """Return what scene.json says of it.
+        """Return its entry in scene.json.
 
         Returns
         -------

@@ -1,6 +1,6 @@
 """Triangle meshes in files: any common format in, PLY out.
 
-Everything that a file says is checked here, in Python, before a library in another language sees it.
+The content of a file is checked here, in Python, before a library in another language sees it.
 """
 
 import os

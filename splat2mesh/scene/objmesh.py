@@ -1,7 +1,7 @@
 """Triangle meshes in OBJ and OFF files. Source: Wavefront, "Object Files (.obj)"; Geomview, "OFF Files".
 
-Every line that a mesh is made of must make sense, and every corner must name what is there. Of an OBJ, vertices stand
-in the order in which faces first use them, material after material (see `_materials`).
+Every line of a mesh must be valid, and every corner must name an existing vertex. Vertices of an OBJ are
+in the order in which faces first use them, material by material (see `_materials`).
 """
 
 import os

@@ -1,4 +1,4 @@
-"""How much of a ray's light leaves, grass and everything else take in a coarse cell of space: nested grids."""
+"""The absorption of light by leaves, grass and everything else in coarse cells of space: nested grids."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple

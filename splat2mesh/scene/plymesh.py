@@ -1,4 +1,4 @@
-"""Triangle meshes in PLY files: every row that the header promises is there, and every list, before anything is made.
+"""Triangle meshes in PLY files: every row and list that the header declares must be present before anything is made.
 
 Polygons become triangle fans. A vertex keeps its row.
 """

@@ -1,4 +1,4 @@
-"""Bodies for collisions as binary glTF: positions and triangles alone, a node a body."""
+"""Bodies for collisions as binary glTF: positions and triangles only, one node a body."""
 
 import json
 import struct

@@ -1,4 +1,4 @@
-"""The chunked mesh: what splat2mesh makes and relight lights. `folder` is what it is on disk."""
+"""The chunked mesh that splat2mesh makes and relight lights. `folder` stores it on disk."""
 
 import os
 from dataclasses import dataclass, field, fields
@@ -41,14 +41,14 @@ class Scene:
     path : Path or None
         The folder or file it was loaded from.
     background : list of Mesh
-        What the capture shows far away: drawn, never lit, and no shadow falls from it.
+        Far background: drawn, never lit, casts no shadow.
     background_splats : ndarray of int64, (M,)
         Rows of the source's splats that are far background; of a layout none are kept.
     capture : dict
-        What the splat tells of its capture, kept in scene.json: `from` (inside, outside or both), `eyes` ((3,) places
-        in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
+        What the splat shows about its capture, kept in scene.json: `from` (inside, outside or both), `eyes` ((3,)
+        places in the scene frame where it was seen from within) and `focal_px`; empty where unknown.
     measured : Measured or None
-        What was measured on the splats beyond the surface.
+        Measurements on the splats beyond the surface.
     picture : ndarray of uint8, (H, W, 3), or None
         The splat and the mesh side by side, which `save` writes as preview.png; never read.
     proxy : bytes or None
@@ -58,8 +58,8 @@ class Scene:
 
     Notes
     -----
-    A Scene does not change once its arrays have been looked at: `vertices`, `normals`, `faces`, `colors_srgb` and
-    `colors_linear` are put together on first use, kept, and read-only.
+    A Scene does not change after its arrays are first used: `vertices`, `normals`, `faces`, `colors_srgb` and
+    `colors_linear` are concatenated on first use, kept, and read-only.
     """
 
     chunks: list[Mesh]
@@ -128,7 +128,7 @@ class Scene:
         ----------
         path : path
         overwrite : bool
-            Whether a scene folder that is there may be replaced.
+            Whether an existing scene folder may be replaced.
 
         Raises
         ------
@@ -145,8 +145,8 @@ class Scene:
 
     @property
     def foliage(self) -> NDArray[np.float32]:
-        """(V,) float32 in [0, 1]: how far each vertex is of leaves or grass. All 0 where that was not measured, and in
-        a room, where what lies as leaves do is furniture: of a trained parlour a third would be leaves."""
+        """(V,) float32 in [0, 1]: the share of leaves or grass at each vertex. All 0 where that was not measured, and
+        in a room, where furniture looks like leaves: in a trained parlour a third would count as leaves."""
         if self.measured is None or self.capture.get("from") == "inside":
             return np.zeros(self.vertex_count, np.float32)
         return self.measured.foliage
@@ -194,7 +194,7 @@ class Scene:
         return float(np.linalg.norm(np.diff(self.bounds, axis=0)))
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is pickled: the fields alone, not what is put together of them."""
+        """The pickled state: only the fields, not the arrays derived from them."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
 

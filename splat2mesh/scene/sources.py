@@ -1,4 +1,4 @@
-"""The splats that a scene was made from, found again and placed as the scene has them."""
+"""The source splats of a scene, found again and placed in its frame."""
 
 import hashlib
 import os
@@ -18,7 +18,7 @@ from .folder import absolute
 from .scene import Scene
 
 _SOG_METAS = ("meta.json", "lod-meta.json")
-"""Names that every SOG has, so that they tell none from another."""
+"""Names that every SOG has, so they identify none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def fingerprint(path: str | os.PathLike[str], lod: int | str = "auto") -> str:
 
 
 def _entries(scene: Scene) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """What the scene keeps of its source, and of each object of its layout: dict, list (empty without a layout)."""
+    """The scene's entries on its source and on each object of its layout: dict, list (empty without a layout)."""
     source = scene.source
     if "sha256" not in source:
         raise InputError(f"{scene.path or 'the scene'} is a mesh without a splat: use a scene folder")
@@ -182,7 +182,7 @@ def _entry(entry: dict[str, Any], chunks: int) -> dict[str, Any]:
 
 
 def _usual_places(entry: dict[str, Any], scene: Scene) -> list[Path]:
-    """Where the file may be when nobody names it, best first."""
+    """Likely paths of an unnamed file, best first."""
     name = _own_name(entry)
     places = [Path(entry["path"])] if "path" in entry else []
     if scene.path is not None:
@@ -197,7 +197,7 @@ def _in_folder(entry: dict[str, Any], folder: Path, layout: dict[str, Any]) -> l
 
 
 def _own_name(entry: dict[str, Any]) -> Path:
-    """A relative path that tells the file from others: with its folder where every SOG has the same name."""
+    """A relative path that identifies the file: with its folder where every SOG has the same name."""
     if entry["file"] in _SOG_METAS and "path" in entry:
         return Path(Path(entry["path"]).parent.name, entry["file"])
     return Path(entry["file"])

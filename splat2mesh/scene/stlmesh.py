@@ -1,5 +1,5 @@
-"""Triangle meshes in STL files, binary and ascii. Every facet has a normal and corners of its own; those that hold the
-same are joined, in the order of first use. Source: 3D Systems, "StereoLithography Interface Specification" (1989)."""
+"""Triangle meshes in STL files, binary and ascii. Every facet has its own normal and corners; equal corners
+are joined, in the order of first use. Source: 3D Systems, "StereoLithography Interface Specification" (1989)."""
 
 import os
 import re
@@ -66,9 +66,11 @@ def _binary(path: str | os.PathLike[str], head: bytes, count: int) -> UncheckedM
 def _ascii(path: str | os.PathLike[str]) -> UncheckedMesh:
     data = Path(path).read_bytes()
     found = _FACET_TEXT.findall(data)
-    told = len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
-    if len(found) != told:
-        raise InputError(f"{path}: broken or cut short: {len(found)} of its {told} facets make sense; export it again")
+    facets = len(re.findall(rb"(?i)\bfacet\s+normal\b", data))
+    if len(found) != facets:
+        raise InputError(
+            f"{path}: broken or cut short: {len(found)} of its {facets} facets make sense; export it again"
+        )
     try:
         numbers = np.array(found, "S32").astype(np.float64).reshape(-1, 4, 3)
     except ValueError as error:

@@ -1,7 +1,7 @@
-"""A triangle mesh as a file has it, before it is checked: what every reader of mesh files returns, and what they share.
+"""An unchecked triangle mesh of a file: the result of every reader of mesh files, and their common parts.
 
-Corners that files list one by one are joined where all that they hold is equal, in the order of first use; that order
-is the one in which results list the vertices.
+Corners that files list one by one are joined if all their data are equal, in the order of first use; results list the
+vertices in that order.
 """
 
 import os

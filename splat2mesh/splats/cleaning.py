@@ -1,4 +1,4 @@
-"""Splats that can be used: which of a file are, and what is done about the others."""
+"""Usable splats: which rows of a file are usable, and the repair or removal of the others."""
 
 import warnings
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""How large a splat is and how far from the origin: what 32-bit numbers can hold of it."""
+"""The size of a splat and its distance from the origin, within the range of 32-bit numbers."""
 
 import warnings
 
@@ -8,7 +8,7 @@ from ..base.errors import DataWarning, InputError
 from .splats import Splats
 
 SMALLEST_SPAN = 5e-5
-"""Units: a ball of 7e-5 is meshed as one of 7 is (but for 3% of its faces), one of 7e-6 not at all."""
+"""Units: a ball of 7e-5 is meshed as one of 7 is (except for 3% of its faces), one of 7e-6 not at all."""
 
 MOST_SAMPLED = 65536
 

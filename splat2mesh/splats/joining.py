@@ -1,4 +1,4 @@
-"""Several splats as one, in little more memory than the whole takes."""
+"""Several splats joined into one, in little more memory than the result takes."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ def joined(parts: list[Splats]) -> Splats:
     Parameters
     ----------
     parts : list of Splats
-        At least one. It is emptied on the way, so that the memory of a part which nobody else holds is free again once
+        At least one. It is emptied meanwhile, so the memory of a part without other references is free again once
         its rows are copied: at the peak there are the whole and one part of the largest field.
 
     Returns

@@ -1,4 +1,4 @@
-"""Splats made fewer: neighbours become one that has their mean, spread, colour and cover."""
+"""Fewer splats: neighbours merge into one that has their mean, spread, colour and cover."""
 
 from typing import Any
 

@@ -19,8 +19,8 @@ ABSURD_LENGTH = 1e15
 # A scale of exactly zero is an underflow of exp. Raised to this share of the splat's largest scale it still
 # looks flat, and the covariance can be inverted.
 FLATTEST = 1e-4
-# A splat covers one flat patch. The coarsest closed surface, a tetrahedron, has four; about twice as many are
-# the least from which a surface can be told from noise.
+# A splat covers one flat patch. The coarsest closed surface, a tetrahedron, has four; about twice as many are the least
+# that distinguishes a surface from noise.
 MIN_SPLATS = 10
 
 NUMBERS = ("means", "scales", "quats_wxyz", "opacities", "sh")
@@ -47,7 +47,7 @@ class Splats:
         Colour coefficients, K in 1, 4, 9, 16, display-referred sRGB, basis of `sh_basis_3dgs`.
     environment : ndarray of bool, (N,), or None
         Which splats the capture itself keeps apart as its surroundings (the sky and the far distance of a streamed
-        SOG), or None where it does not tell.
+        SOG), or None where it does not say.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Splats:
 
     Notes
     -----
-    Arrays are stored contiguous and in these types, whatever they come in.
+    Arrays are stored contiguous and converted to these types.
     """
 
     means: np.ndarray
@@ -118,7 +118,7 @@ class Splats:
         return read_splats(path, lod)
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the splats in the kind that the name ends in; the file appears only once it is complete.
+        """Write the splats in the format of the name's suffix; the file appears only once it is complete.
 
         Parameters
         ----------
@@ -130,12 +130,12 @@ class Splats:
         Raises
         ------
         InputError
-            For another ending, for a folder, and for a file that exists and may not be replaced.
+            For another suffix, for a folder, and for a file that exists and may not be replaced.
 
         Warns
         -----
         DataWarning
-            About what the format cannot hold.
+            About data that the format cannot hold.
 
         Examples
         --------

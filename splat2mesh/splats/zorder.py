@@ -1,7 +1,7 @@
 """Points along a Z-order curve: neighbours in space become neighbours in memory.
 
-Training leaves splats in no order at all, and whoever then picks them by depth waits for memory: in millions of splats
-this order makes rendering twice as fast. Source: Morton, "A Computer Oriented Geodetic Data Base" (1966).
+Training leaves splats unordered, so access by depth waits for memory: with millions of splats this order makes
+rendering twice as fast. Source: Morton, "A Computer Oriented Geodetic Data Base" (1966).
 """
 
 from typing import Any

@@ -1,7 +1,7 @@
 """Depth maps of a place fused into a signed distance field whose cells are as large as the pixels that saw the surface.
 
-As `fusion` does for objects, with an octree in place of equal voxels: what is kept on either side of a surface is as
-thick as it looks in each pixel, and what a view cannot see is passed over.
+Like `fusion` for objects, with an octree in place of equal voxels: the band kept on either side of a surface is as
+thick as the surface looks in each pixel, and cells that a view cannot see are skipped.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,7 +24,7 @@ ENOUGH_WEIGHT = 0.003
 """Sum of weights that a corner needs before it takes part in the surface."""
 
 COARSE = 8
-"""Pixels along the side of the squares by whose deepest pixel hidden points are told."""
+"""Pixels along the side of the squares whose deepest pixel decides which points are hidden."""
 
 MOST_CELLS = 1_600_000
 """Cells that the pixels may ask for; more make all of them larger. Each takes about 150 bytes on the way."""
@@ -66,7 +66,7 @@ def fuse_adaptively(
 
 
 class Truncation(NamedTuple):
-    """Within what distance of a surface a view tells of space.
+    """The distance from a surface within which a view gives evidence of space.
 
     finest: side of the smallest cell, world units. narrow, wide: cells on either side of a surface, least and most.
     carve: along z, world units, how far in front of a surface space counts as seen to be free.

@@ -1,7 +1,7 @@
-"""The pictures of a place, all in one, and what they tell of points on its surface: colour, thickness, pixel.
+"""The pictures of a place, all in one, and what they show of points on its surface: colour, thickness, pixel.
 
-As `color` does for objects; but how near a point must lie to the rendered surface goes by its distance and by how thick
-that surface is, and who looked from near counts far more than who looked from afar.
+Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
+thickness of that surface, and near views count far more than distant ones.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from ..scene.color import bytes_from_unit
 from .color import RenderedPicture
 
 TOLERANCE = 0.02
-"""How far from the rendered depth a point may lie and still count as seen, in units of that depth."""
+"""Largest distance of a seen point from the rendered depth, in units of that depth."""
 
 LEAST_COSINE = 0.05
 """Cosine of the angle at which a point must at least be seen."""
@@ -29,7 +29,7 @@ THINNEST = 0.002
 """Thickness, in units of the distance, below which no picture is trusted more for seeing a thinner surface."""
 
 GREY = 127.5
-"""Colour where nobody looked at all."""
+"""Colour where no view looked."""
 
 PER_GROUP = 100
 """Points of a group, about: which pictures may show any of them is asked once."""
@@ -98,7 +98,7 @@ class Album(NamedTuple):
     def look_up(
         self, points: Points, normals: Directions
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-        """What the pictures show at points (N, 3) with normals (N, 3), world.
+        """The colours, thickness and pixels of the pictures at points (N, 3) with normals (N, 3), world.
 
         Returns colours (N, 3) float32 sRGB in [0, 255], the mean weighted by cosine^2 / z^4, NaN where no picture
         sees the point; thickness (N,) float32 in world units, inf there; and the size of the smallest pixel that saw it
@@ -185,7 +185,7 @@ class Asked(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What is written of each point, as `Album.look_up` has it."""
+    """The output for each point, as in `Album.look_up`."""
 
     colors: NDArray[np.float32]
     thickness: NDArray[np.float32]

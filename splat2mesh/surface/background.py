@@ -1,4 +1,4 @@
-"""The far background of an open capture: which splats belong to it, and views to see it from, from within."""
+"""The far background of an open capture: which splats belong to it, and views of it from within."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -15,7 +15,7 @@ from ..views.viewpoints import bounds_of
 
 @dataclass(frozen=True)
 class BackgroundCalibration:
-    """What tells the far background of an open capture.
+    """What identifies the far background of an open capture.
 
     radii: each holding half of the detail, beyond which splats may be background; a guitar on its stand reaches 4.6.
     coarser: how much larger than the foreground's the median splat out there must be: cameras among the foreground see

@@ -1,7 +1,7 @@
-"""The sky that a capture saw: its far splats, seen from the middle, as a lat-long picture with what it covers.
+"""The sky that a capture saw: its far splats, seen from the middle, as a lat-long picture with its coverage.
 
-Far splats are a picture of the light that the scene stood in: a measurement wherever the photographs were not clipped,
-and where they were, a lower bound.
+Far splats are a picture of the light that the scene stood in: a measurement where the photographs were not clipped,
+and a lower bound where they were.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ CLIPPED_SRGB = 0.97
 """Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
 
 MIN_COVERAGE = 0.01
-"""Of the sphere: a smaller sky tells nothing of the light."""
+"""Of the sphere: a smaller sky says nothing about the light."""
 
 
 def captured_sky(

@@ -1,4 +1,4 @@
-"""What the rendered views tell of each vertex that they see: its colour and how thick the surface is there."""
+"""What the rendered views show of each vertex that they see: its colour and the thickness of the surface there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from ..render.view import View
 from ..scene.color import bytes_from_unit
 
 DEPTH_TOLERANCE = 0.01
-"""How far behind the rendered depth a vertex may lie and still count as seen, in units of the mesh's radius."""
+"""Largest distance of a seen vertex behind the rendered depth, in units of the mesh's radius."""
 
 
 @dataclass(frozen=True)
 class RenderedPicture:
-    """What is kept of a rendered view.
+    """The kept arrays of a rendered view.
 
     color: (H, W, 3) uint8 sRGB, over its own alpha. depth: (H, W) float32 camera z, NaN where empty.
     thickness: (H, W) float32 of the surface along its normal, world units, NaN where unknown.

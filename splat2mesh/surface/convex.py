@@ -1,4 +1,4 @@
-"""A mesh as convex parts that together hold it, as engines want bodies that collide."""
+"""A mesh as convex parts that together enclose it, as engines need for colliders."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
-"""Two ways from a splat and views of it to a raw surface, behind one door.
+"""Two methods from a splat and views of it to a raw surface, behind one function.
 
 field   depth maps at a level of the opacity field, fused into a signed distance field: the default, more accurate.
-sugar   points on a level of the density field, Poisson: the way of the SuGaR paper, kept for comparison.
+sugar   points on a level of the density field, Poisson: the method of the SuGaR paper, kept for comparison.
 """
 
 from collections.abc import Sequence
@@ -53,12 +53,12 @@ FINEST_VOXEL = 0.5
 """Smallest voxel in training pixels: there is nothing finer in a splat."""
 
 SPARE_VERTICES = 1.3
-"""Vertices of a raw surface over those wanted, where it is made anew for a larger mesh."""
+"""Vertices of a raw surface over those wanted, where it is made again for a larger mesh."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much work goes into a surface.
+    """The amount of work for a surface.
 
     views: rendered views, of `pixels` along the longer side. cells: voxels along the scene's diagonal (field).
     depth: octree levels (sugar). points: surface points aimed at (sugar).
@@ -81,7 +81,7 @@ EFFORTS = {
 def training_pixel(splats: Splats) -> float:
     """Size of a training pixel at the surface, in the splat's unit, read off the smallest solid Gaussians.
 
-    Trained cameras would tell it directly, but the surface comes out no better for it (docs/surface.md).
+    Trained cameras would give it directly, but the surface is no better for it (docs/surface.md).
     """
     solid = splats.opacities > 0.5 if (splats.opacities > 0.5).any() else slice(None)
     return float(np.percentile(splats.scales.max(axis=1)[solid], 10)) / SCALES_PER_PIXEL
@@ -104,7 +104,7 @@ class Trained(NamedTuple):
 
 
 def as_trained(splats: Splats) -> Trained:
-    """The splats of a file, dilated for the pixel that they tell of themselves: a Trained."""
+    """The splats of a file, dilated for the pixel estimated from them: a Trained."""
     pixel = training_pixel(splats)
     return Trained(dilated(splats, pixel), pixel)
 

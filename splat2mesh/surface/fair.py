@@ -1,4 +1,4 @@
-"""Fairing: the noise of the depth maps taken out of a mesh, most where the surface was seen least sharply."""
+"""Fairing: removes the noise of the depth maps from a mesh, most where the surface was seen least sharply."""
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags_array, eye_array
@@ -25,7 +25,7 @@ TOLERANCE, MAX_ITERATIONS = 1e-4, 300
 def fair(
     points: Points,  # (V, 3) float64
     faces: Faces,  # (F, 3)
-    thickness: Floats,  # (V,) of the surface at each vertex, in training pixels; inf where nobody saw it
+    thickness: Floats,  # (V,) of the surface at each vertex, in training pixels; inf where unseen
     pixel: float,  # size of a training pixel, in the points' unit
     fixed: Mask | None = None,  # (V,) bool, which stay where they are; none without
 ) -> Points:

@@ -138,7 +138,7 @@ def _integrate(
     height, width = trust.shape
     limit = TRUNCATION * voxel
     for b in range(begin, end):
-        # The block's bounding sphere tells whether the view can see any of it.
+        # The block's bounding sphere decides whether the view can see any of it.
         side = BLOCK * voxel
         half = 0.5 * side
         x, y, z = keys[b, 0] * side + half, keys[b, 1] * side + half, keys[b, 2] * side + half

@@ -1,4 +1,4 @@
-"""What is measured on a source and the scene made of it: the captured sky, what is a volume, and how thick it is."""
+"""Measurements on a source and the scene made from it: the captured sky, volumes, and their optical depth."""
 
 from collections.abc import Sequence
 

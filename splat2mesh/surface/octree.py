@@ -1,7 +1,7 @@
 """Cells of a surface, each as large as the pixels that saw it: the leaves of a sparse octree.
 
-A cell of level l has the side finest * 2^l. What lies near the eyes gets small cells, what lies far away large ones,
-and there are none where no view saw a surface. Keys pack a level and three whole coordinates, in units of the cell.
+A cell of level l has the side finest * 2^l. Surfaces near the eyes get small cells, distant ones large cells,
+and there are no cells where no view saw a surface. Keys pack a level and three whole coordinates, in units of the cell.
 """
 
 from __future__ import annotations

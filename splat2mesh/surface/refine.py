@@ -1,4 +1,4 @@
-"""Vertices where the colour needs them: edges across which the pictures show more than a straight blend are split."""
+"""Vertices where the colour needs them: edges are split where the pictures show more than a linear blend."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What one view knows of a surface, ready to be fused: depth, normal, weight, spread, and how fine cells shall be."""
+"""The data of one view on a surface, ready for fusion: depth, normal, weight, spread, and the wanted cell size."""
 
 from dataclasses import dataclass
 

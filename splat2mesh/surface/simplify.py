@@ -1,7 +1,7 @@
 """Decimation by a size field: every part of a mesh loses detail in units of its own cells, near parts as far ones.
 
 Quadric edge collapse (Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics", 1997) in rounds of
-collapses that do not touch one another, so that the result is the same whatever the number of threads.
+collapses that do not touch one another, so the result is the same for any number of threads.
 """
 
 from typing import NamedTuple
@@ -25,7 +25,7 @@ STIFF, SHORT = 1e-3, 1e-4
 """Pull towards an edge's middle where its planes leave the place open, and the preference for short edges."""
 
 LEAST_TURN = 0.2
-"""Cosine by which a face may turn in one collapse."""
+"""Cosine of the largest turn of a face in one collapse."""
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
@@ -171,7 +171,7 @@ def _costs(
     costs: Floats,
     places: Points,
 ) -> None:
-    """What the collapse of each edge costs, in squared cells, and where its vertex would lie; inf: not at all."""
+    """The cost of each edge's collapse, in squared cells, and the position of its vertex; inf: no collapse."""
     for e in range(begin, end):
         a, b = edges[e, 0], edges[e, 1]
         weight, size = weights[a] + weights[b], min(sizes[a], sizes[b])

@@ -1,4 +1,5 @@
-"""Oriented surface points of a splat, the SuGaR way: where rays of rendered views cross a level of the density field.
+"""Oriented surface points of a splat, by SuGaR's method: where rays of rendered views cross a level of the density
+field.
 
 Source: Guedon and Lepetit, "SuGaR: Surface-Aligned Gaussian Splatting" (CVPR 2024), section 4.2, without its training.
 """

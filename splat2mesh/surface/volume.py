@@ -1,7 +1,7 @@
-"""Surface or volume: which splats make up leaves, grass and hair, where a normal means nothing.
+"""Surface or volume: which splats make up leaves, grass and hair, where normals are meaningless.
 
 Splats of a surface lie in a sheet and face one way; splats of foliage fill space and face every way. Both are measured
-among the nearest neighbours: how thick the cloud of them is, and how much their shortest axes disagree.
+among the nearest neighbours: the thickness of their cloud, and the disagreement of their shortest axes.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""A closed surface around a mesh: the level set of its distance, at one voxel, with what nobody can reach filled."""
+"""A closed surface around a mesh: the level set of its distance, at one voxel, with unreachable cavities filled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,13 @@ that is interpolated at a point of the mesh is at most its circumradius, sqrt(3)
 point of the mesh lies inside, and farther below the surface than simplifying moves that."""
 
 TOLERANCE = 0.35
-"""How far simplifying may move the closed surface, in voxels: less than what is left of MARGIN."""
+"""Largest displacement of the closed surface by simplification, in voxels: less than the rest of MARGIN."""
 
 BLOCK = 4
 """Side, in voxels, of the blocks of which those far from the mesh are skipped."""
 
 PADDING = 3
-"""Voxels of air around the mesh, by which the outside is one."""
+"""Voxels of air around the mesh, so the outside is connected."""
 
 
 def closed_around(

@@ -1,6 +1,6 @@
-"""A texture of a scene: where each vertex lies in it, and the point of the surface that every texel shows.
+"""A texture of a scene: the texture coordinates of each vertex, and the surface point of every texel.
 
-The mesh is welded and sorted by the bits of its vertices before it is unwrapped, so that the division into chunks
+The mesh is welded and sorted by the bits of its vertices before it is unwrapped, so the division into chunks
 changes no texel.
 """
 

@@ -1,8 +1,8 @@
-"""Cut a surface into charts, pieces that a plane shows without overlap, and pack them into one square.
+"""Cut a surface into charts, pieces that project onto a plane without overlap, and pack them into one square.
 
-Charts grow face by face while the surface stays within an angle of their plane. Each is as large in the square as its
-surface asks for: texels follow the detail of the capture, which a place has in one corner and lacks in another. It
-takes 2 s for 700,000 faces; xatlas takes half a minute for half as many.
+Charts grow face by face while the surface stays within an angle of their plane. The size of each in the square follows
+its surface: texels follow the detail of the capture, which varies over a place. It takes 2 s for 700,000 faces; xatlas
+takes half a minute for half as many.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ _function = njit(cache=True, nogil=True)
 
 
 class Charts(NamedTuple):
-    """Charts of a surface, C of them, as large as was asked for and not placed yet.
+    """Charts of a surface, C of them, as large as requested and not placed yet.
 
     across: (W, 2) float64 in texels, from the corner of its chart. chart: (W,). vertex: (W,) that each is a copy of.
     faces: (F, 3) of these. extent: (C, 2) sides, none wider than high. order: (C,) the highest first.

@@ -1,4 +1,4 @@
-"""How fine a texture has to be: the size of the smallest splats, at each place of a surface."""
+"""The required resolution of a texture: the size of the smallest splats, at each point of a surface."""
 
 import numpy as np
 from numpy.typing import NDArray

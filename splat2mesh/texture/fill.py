@@ -1,4 +1,4 @@
-"""The texels between charts, which show nothing: in the colours around, or filtering and compression mix theirs in."""
+"""The unused texels between charts take the colours around, since filtering and compression mix them in."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
-"""The colours of a splat on a surface: pictures of it projected onto points, each weighed by how it sees them.
+"""The colours of a splat on a surface: pictures of it projected onto points, each weighted by its view of them.
 
-A picture counts most for points that it shows frontally and, in a place, from near. It does not count for what lies
-behind something else in it, or where it shows another surface.
+A picture counts most for points that it shows frontally and, in a place, from near. It does not count for
+occluded points, or where it shows another surface.
 """
 
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ class Pictures(NamedTuple):
     def shown(
         self, points: Points, normals: Directions, nearness: float, tolerance: tuple[float, float]
     ) -> tuple[NDArray[np.float32], NDArray]:
-        """What the pictures show at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
+        """The colours of the pictures at points (N, 3) with unit normals (N, 3): sRGB (N, 3) float32 in [0, 255], and
         whether any shows it, (N,) bool. It is a mean whose weights are cosine^2 / distance^nearness.
         tolerance: how far from the depth of a pixel a point may lie and still be shown there, in units of its distance
         and of the splats."""

@@ -1,4 +1,4 @@
-"""The texture of a scene: an atlas that is as fine as the splats at each place, in the colours that views show."""
+"""The texture of a scene: an atlas that is as fine as the splats at each place, coloured from views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

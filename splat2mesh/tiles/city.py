@@ -1,8 +1,8 @@
-"""A city from splats to meshes: survey, deal, look, mesh, tile by tile into a folder or bucket, on again after stops.
+"""A city from splats to meshes: survey, deal, look, mesh, tile by tile into a folder or bucket, resumable.
 
-plan.json            what was asked for, and how the city is cut
-splats/              the source dealt out to the tiles, kept for `relight`
-work/                depth maps, gone once the tiles that need them are done
+plan.json            the request, and how the city is cut
+splats/              the source divided among the tiles, kept for `relight`
+work/                depth maps, removed once the tiles that need them are done
 tiles/00003/         mesh.ply, mesh.glb, its coarse twins far.ply, far.glb and, of many tiles, distant.ply; mesh.json
                      with checksums
 city.json            all tiles; tileset.json: 3D Tiles
@@ -34,7 +34,7 @@ from .tileset import tileset
 CITY, SCHEMA_VERSION = "city.json", 1
 
 PROBED = 4
-"""Tiles whose surfaces tell how thick the city's are."""
+"""Tiles whose surfaces determine the thickness of the city's."""
 
 KNOWN = ("lod", "vertices", "up", "detail")
 """Fields of ConvertOptions that a city takes."""
@@ -126,7 +126,7 @@ def _goes_on(store: Store, asked: dict[str, Any], overwrite: bool, resume: bool)
     elif there and not overwrite:
         raise InputError(f"{store.root} exists already: choose another `output`, or `overwrite` or `resume` it")
     store.remove(".")
-    store.write("work/begun", b"")  # what cannot be written is told before a large source is read
+    store.write("work/begun", b"")  # a place that cannot be written fails before a large source is read
     return False
 
 

@@ -1,8 +1,8 @@
-"""Coarse twins of a tile: what stands in the light of other tiles, and what is shown of it from afar.
+"""Coarse twins of a tile: its occluder for the light of other tiles, and its display mesh from afar.
 
-Quadric decimation keeps the walls of houses best. Of trees it leaves thousands of pieces, which it can neither join nor
-drop, and too few of them; to merge what lies in a cell keeps their shade. So both are tried, one after the other too,
-and rays tell which twin hides most nearly what the tile hides.
+Quadric decimation keeps the walls of houses best. It leaves trees as thousands of pieces, which it can neither join nor
+drop, and too few of them; merging the vertices of a cell keeps their shade. So both are tried, also one after the
+other, and rays show which twin hides most nearly what the tile hides.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""A mesh as binary glTF in memory: unlit, linear vertex colours of 16 bits, nothing that depends on time or place."""
+"""A mesh as binary glTF in memory: unlit, linear vertex colours of 16 bits, independent of time and machine."""
 
 import json
 import struct

@@ -1,7 +1,7 @@
 """The raw surface of a tile and its ring on the lattice of the whole city, equal to the bit in all tiles that hold it.
 
-A cell's vertex depends on the cells around it and on the views that tell of them. All tiles read the same views, in
-the same order, and find the same cells; so on either side of a border the surface comes out the same.
+A cell's vertex depends on the cells around it and on the views that show them. All tiles read the same views, in the
+same order, and find the same cells; so on either side of a border the surface comes out the same.
 """
 
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from .memory import give_back
 from .plan import CELL_LEVELS, RING, CityPlan
 
 MOST_CELLS = 24_000_000
-"""Cells that may be asked for: a table of 400 MB. More is no tile."""
+"""Most cells of a tile: a table of 400 MB."""
 
 SMOOTHING_ROUNDS, SMOOTHING_STEP = 2, 0.5
 """Rounds in which vertices on borders move towards the mean of their neighbours, and how far."""

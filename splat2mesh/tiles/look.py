@@ -1,6 +1,6 @@
-"""What the stations of a tile see: depth maps, each made once, by the tile that the station stands in.
+"""The views from the stations of a tile: depth maps, each made once, by the tile that contains the station.
 
-All tiles that need a depth map read the same one: so what two tiles know of their common border is equal to the bit.
+All tiles that need a depth map read the same one, so the data of two tiles on their common border are equal to the bit.
 """
 
 from collections.abc import Iterator
@@ -23,10 +23,10 @@ from .store import Store
 from .survey import splats_of
 
 PROBES, PROBE_PIXELS = 8, 96
-"""Stations of a tile by which the fog is measured, and their pixels."""
+"""Stations of a tile that measure the fog, and their pixels."""
 
 EXTENT = 3.0
-"""How far a splat reaches, in units of its largest scale: its opacity is 1/90 there."""
+"""Reach of a splat, in units of its largest scale: its opacity is 1/90 there."""
 
 DEEPEST = 8
 """Blocks along z by which a point may miss what a pixel shows and take its colour: 14 along the ray in the corner of a
@@ -102,9 +102,9 @@ def _prepare(store: Store, plan: CityPlan, tile: int, sources: dict[int, list[in
 
 
 def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
-    """The views that tell of what lies in a tile and its ring, in an order that all tiles share.
+    """The views that show a tile and its ring, in an order that all tiles share.
 
-    A view counts where a surface point of it lies near enough to tell anything: all others leave no trace there.
+    A view counts if one of its surface points lies near enough to matter: all others leave no trace there.
     """
     low, high = _range(plan, tile)
     for other in plan.seers(tile):
@@ -152,10 +152,10 @@ def sight_of(face: Face, plan: CityPlan, tile: int) -> FusionSight:
 
 
 def _range(plan: CityPlan, tile: int) -> Floats:
-    """Lowest and highest x and z of the surface points that tell of a tile's ring: (2, 2)."""
+    """Lowest and highest x and z of the surface points that affect a tile's ring: (2, 2)."""
     return grown(plan.core(tile), (RING + INFLUENCE) * plan.block)
 
 
 def carve_of(plan: CityPlan) -> float:
-    """How far in front of a surface space counts as seen to be free."""
+    """Distance in front of a surface within which space counts as seen to be free."""
     return CARVE * plan.block

@@ -1,5 +1,4 @@
-"""What memory a process that works on tiles needs, and how it hands it out. Elsewhere than in glibc nothing changes in
-how."""
+"""The memory that a process on tiles needs, and how it allocates it. Only glibc allocates differently."""
 
 import ctypes
 import math
@@ -11,11 +10,11 @@ BASE_GB = 0.5
 """Peak of a process that works on tiles, before it has any: what its libraries take."""
 
 MAPPED, KEPT, ARENAS = 32 << 20, 256 << 20, 1
-"""How glibc hands out memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
+"""How glibc allocates memory on a worker: blocks of less bytes than the first, the most it takes, come from the heap;
 of the heap as many bytes as the second stay when they are free; and all threads share one heap.
 
 A task runs in a thread, and the nanny of dask sets MALLOC_TRIM_THRESHOLD_ to 64 kB: so every array would be mapped and
-its pages filled with zeros anew. That took 17 of 59 processor seconds of a city of 100,000 splats, and takes 2 so, at
+its pages filled with zeros again. That took 17 of 59 processor seconds of a city of 100,000 splats, and takes 2 so, at
 the same peak of memory."""
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # of mallopt in malloc.h of glibc

@@ -1,4 +1,4 @@
-"""What a city in tiles would take, before any of it is made: `splat2mesh CITY --tiles --plan`."""
+"""The expected cost of a city in tiles, before any work: `splat2mesh CITY --tiles --plan`."""
 
 import os
 import tempfile

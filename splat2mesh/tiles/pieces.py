@@ -1,6 +1,6 @@
 """The files of a city as pieces that fit into memory: whole files, or ranges of rows of a large PLY.
 
-What lies in a bucket is copied to the worker that reads it, a file at a time.
+Files in a bucket are copied to the worker that reads them, one at a time.
 """
 
 import os

@@ -1,7 +1,7 @@
 """How a city is cut: one frame and one lattice for all of it, and tiles as rectangles of lattice blocks.
 
-The lattice stands at the origin; a block is as wide as the largest cell, so that what lies in a block depends on what
-is seen in and around it, and not on the tile that computes it.
+The lattice starts at the origin; a block is as wide as the largest cell, so the content of a block depends on what
+is seen in and around it, not on the tile that computes it.
 """
 
 import json
@@ -20,7 +20,7 @@ from .memory import BASE_GB, check_memory
 from .store import Store
 
 FILE = "plan.json"
-"""Of a city's folder: what was asked for, and the plan."""
+"""Of a city's folder: what was requested, and the plan."""
 
 FAR, DISTANT = "far.ply", "distant.ply"
 """Of a tile's folder: what others see of it, and what all the city holds of it where that is less."""
@@ -33,7 +33,7 @@ FINEST_CELL = 0.7
 
 LEAST_PIXEL = 0.36
 """Size of a pixel that counts, over the distance of splats on the surface, at least. Dense captures of needles have
-training pixels far below, which would ask for cells, and stations to look from, that no splat tells anything of."""
+training pixels far below, which would call for cells and stations that no splat supports."""
 
 PER_CUBE, LEAST_PER_CUBE, CUBE_ROUNDS = 30, 3, 5
 """Splats of the sample, on average and at least, in a cube that a surface goes through; and rounds in which the size of
@@ -43,7 +43,7 @@ MOST_CUBES = 2**20
 """Along each axis of what is looked at in cubes."""
 
 STATION_REACH, STATION_SPACING = 1.3, 0.8
-"""How far a station looks, and how far stations are apart, in units of the distance at which two training pixels fill
+"""Range of a station and spacing of stations, in units of the distance at which two training pixels fill
 one of a view of REFERENCE_PIXELS."""
 
 REFERENCE_PIXELS = 192
@@ -54,8 +54,8 @@ RING = 6
 lies within five."""
 
 INFLUENCE = 11
-"""Blocks from the surface point of a pixel within which it tells of space: marks reach 3, truncation and free space 6
-along z, which is 10.4 along the ray in the corner of a view."""
+"""Blocks from the surface point of a pixel within which it gives evidence of space: marks reach 3, truncation and free
+space 6 along z, which is 10.4 along the ray in the corner of a view."""
 
 CARVE = 6
 """Blocks in front of a surface, along z, that count as seen to be free."""
@@ -65,17 +65,17 @@ GB_PER_SPLAT = 5.0e-6
 3.6e-6 in a trained plaza whose trees are fog, with eleven vertices of the raw surface for each splat."""
 
 USUAL_SPLATS, MOST_SPLATS, LEAST_SPLATS = 400_000, 1_000_000, 5_000
-"""Of a tile with its halo: where no memory is told, since more tiles can share more machines; whatever the memory; and
-at least, since what has less is mostly halo."""
+"""Of a tile with its halo: where no memory is given, since more tiles can share more machines; at most, whatever the
+memory; and at least, since a smaller tile is mostly halo."""
 
 
 @dataclass
 class CityPlan:
-    """What every task knows of a city. Scene frame: right-handed, y up, the splats' unit.
+    """The facts on a city that every task has. Scene frame: right-handed, y up, the splats' unit.
 
-    scene_from_splat: 4 x 4, rows first. up_from: what told it. pixel: size of a training pixel, or what counts as one
-    where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high: (3,)
-    box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
+    scene_from_splat: 4 x 4, rows first. up_from: what decided up. pixel: size of a training pixel, or what counts as
+    one where splats are far apart for it. trained: of a training pixel. finest: side of the smallest cell. low, high:
+    (3,) box of what counts as the city. tiles: [x0, z0, x1, z1] each, in blocks. counts: expected splats of each core.
     fog, level: of the surfaces, by a sample. pixels: side of the views.
     """
 
@@ -102,7 +102,7 @@ class CityPlan:
 
     @property
     def reach(self) -> float:
-        """How far a station looks."""
+        """Range of a station."""
         return STATION_REACH * REFERENCE_PIXELS * self.pixel
 
     @property
@@ -149,7 +149,7 @@ class CityPlan:
 
     @classmethod
     def read(cls, store: Store, key: str) -> "CityPlan":
-        """The plan of a city's folder; key: its checksum, by which a worker that has read it once knows it again."""
+        """The plan of a city's folder; key: its checksum, by which a worker recognises a plan that it has read."""
         return _read_plan(store.root, key)
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Whether the meshes of a city fit together: every border looked at from both sides, in the files as they lie there."""
+"""The check that the meshes of a city fit together: every border from both sides, in the written files."""
 
 from typing import Any
 

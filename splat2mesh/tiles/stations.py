@@ -1,4 +1,4 @@
-"""Where to look at a tile from: free places at every height, a spacing apart, from which the sky can be reached.
+"""The viewpoints of a tile: free positions at every height, a spacing apart, with a way to the sky.
 
 The inside of houses, which no capture saw, has no way to the sky.
 """

@@ -1,4 +1,4 @@
-"""Steps of a city: tasks of one kind after those of another, and what all of them took."""
+"""Steps of a city: tasks of one kind after those of another, and their total cost."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,7 +27,7 @@ class TaskSteps:
     def run(
         self, label: str, tasks: list[Task], arrived: Callable[[Done], None] = lambda done: None
     ) -> dict[str, Done]:
-        """What became of all tasks, by name."""
+        """The outcome of all tasks, by name."""
         found = {}
         with self.stages.stage(label, total=len(tasks)) as advance:
             for done in self.engine.run(tasks):

@@ -1,4 +1,4 @@
-"""Where a city's files lie: a folder here, or what fsspec reaches. A file appears whole or not at all.
+"""The storage of a city's files: a local folder, or any that fsspec reaches. A file appears whole or not at all.
 
 A result of several files is done once its record, a JSON file that holds their checksums, is there.
 """
@@ -18,7 +18,7 @@ from ..base.extras import needed
 class Store:
     """Files under one root, by names with slashes. root: a path, or a URL of fsspec such as s3://bucket/city.
 
-    Can be pickled: a worker opens it anew. Raises InputError where the root cannot be reached or written.
+    Can be pickled: a worker opens it again. Raises InputError where the root cannot be reached or written.
     """
 
     def __init__(self, root: str | os.PathLike[str]) -> None:
@@ -59,7 +59,7 @@ class Store:
                     os.unlink(staging)
         except OSError as error:
             raise InputError(f"cannot write {path}: {_reason(error)}") from error
-        except Exception as error:  # every kind of store has errors of its own
+        except Exception as error:  # every kind of store has its own errors
             raise InputError(f"cannot write {path}: {_reason(error)}") from error
 
     def read(self, name: str) -> bytes:
@@ -135,7 +135,7 @@ class Store:
         self.write(name, (json.dumps(value, indent=1) + "\n").encode())
 
     def read_json(self, name: str) -> Any:
-        """What a JSON file holds. Raises InputError where it is none."""
+        """The content of a JSON file. Raises InputError if it is none."""
         try:
             return json.loads(self.read(name))
         except ValueError as error:

@@ -1,7 +1,7 @@
 """The mesh of one tile: raw surface, decimation that keeps the border, fairing, colours, and a coarse twin for afar.
 
-What lies on a border between tiles, its place, normal and colour, comes from the raw surface of the ring alone, which
-all tiles around it share to the bit.
+Position, normal and colour on a border between tiles come from the raw surface of the ring alone, which
+all adjacent tiles share to the bit.
 """
 
 from hashlib import sha256
@@ -60,7 +60,7 @@ def mesh(store: Store, key: str, tile: int) -> dict[str, Any]:
 
 
 def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple[Mesh, dict[str, Any]]:
-    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and what is told of it."""
+    """The Mesh of a tile of its raw surface (Raw), coloured by an Album, and its statistics."""
     seam = seam_of(raw, tile)
     soft = smoothed(raw)
     normals = normals_of(soft, raw.faces)
@@ -115,8 +115,8 @@ def tile_mesh(raw: Raw, tile: int, album: Album | None, plan: CityPlan) -> tuple
 
 
 def _borders(raw: Raw, tile: int, kept: Indices, faces: Faces, points: Points) -> tuple[int, dict[str, list[Any]]]:
-    """How many edges to other tiles are missing, and for each other tile their number and a checksum of their places,
-    which the other tile must have too.
+    """The number of missing edges to other tiles, and for each other tile their number and a checksum of their
+    positions, which the other tile must have too.
 
     kept: which vertex of the raw surface each of the mesh is, -1 for none.
     """

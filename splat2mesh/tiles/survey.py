@@ -1,4 +1,4 @@
-"""First passes over a city: a sample of every piece makes the plan; then every piece is dealt out to the tiles."""
+"""First passes over a city: a sample of every piece makes the plan; then every piece is divided among the tiles."""
 
 import warnings
 from typing import Any
@@ -19,7 +19,7 @@ from .plan import FINEST_CELL, LEAST_PIXEL, REFERENCE_PIXELS, CityPlan, apart, c
 from .store import Store
 
 SAMPLE = 1_000_000
-"""Splats by which a city is planned, over all pieces."""
+"""Sample of splats for the plan of a city, over all pieces."""
 
 LEAST_SAMPLE = 200
 """Of a piece, however many there are."""
@@ -28,7 +28,7 @@ PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""
 
 OUTSIDE = 1.0
-"""How far beyond the box of the solid splats the city reaches, in distances between stations: the rest is far."""
+"""Reach of the city beyond the box of the solid splats, in distances between stations: the rest is far."""
 
 
 def survey(store: Store, number: int, piece: CityPiece, most: int) -> dict[str, Any]:

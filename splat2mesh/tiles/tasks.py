@@ -1,6 +1,6 @@
 """Tasks over tiles: one after another in this process, or on workers of dask.distributed, with the same results.
 
-A task that fails is named, and so is what waited for it; everything else is done.
+A failed task is named, and so are the tasks that waited for it; all others are done.
 """
 
 import os
@@ -46,7 +46,7 @@ class Task(NamedTuple):
 
 
 class Done(NamedTuple):
-    """What became of a task. result: of the function, or None. seconds, peak_mb: it took. error: one line, or ""."""
+    """The outcome of a task. result: of the function, or None. seconds, peak_mb: its cost. error: one line, or ""."""
 
     name: str
     result: Any
@@ -69,7 +69,7 @@ def costs(took: Iterable[Done]) -> dict[str, Any]:
 
 
 def measured(name: str, function: Callable[..., Any], arguments: tuple[Any, ...], *_: Any) -> Done:
-    """Run a task; its own process's peak memory is counted anew, where the system can."""
+    """Run a task; the peak memory of its process is reset first, where the system can."""
     reset = _reset_peak()
     start = time.perf_counter()
     try:
@@ -116,7 +116,7 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """How many workers there are now."""
+        """The current number of workers."""
         return len(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
@@ -153,7 +153,7 @@ def guarded(name: str, function: Callable[..., Any], arguments: tuple[Any, ...],
 
 @contextmanager
 def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
-    """What runs the tasks of a city, made of its TilingOptions; tells the address of its dashboard, if it has one."""
+    """The engine that runs the tasks of a city, from its TilingOptions; prints the address of its dashboard, if any."""
     with engine(tiling.scheduler, tiling.workers, tiling.memory) as running:
         if running.dashboard:
             stages.tell(f"dashboard: {running.dashboard}")
@@ -162,7 +162,7 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
 
 @contextmanager
 def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) -> Iterator[Any]:
-    """What runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
+    """The engine that runs tasks: a Loop, a Cluster of workers started here, or that of a scheduler.
 
     Raises InputError for a scheduler that does not answer and for workers of another version of this package.
     """
@@ -216,7 +216,7 @@ def engine(scheduler: str | None, workers: int | None, memory_gb: float | None) 
 
 
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
-"""Variables by which the libraries of a worker share the cores with its neighbours."""
+"""Variables that make the libraries of a worker share the cores with its neighbours."""
 
 
 @contextmanager

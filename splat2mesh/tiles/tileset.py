@@ -1,6 +1,6 @@
 """3D Tiles 1.1: a tileset.json over GLB tiles, each with its coarse twin that it replaces when near.
 
-Source: OGC 22-025r4, "3D Tiles Specification 1.1". Tiles are z up there, glTF is y up: (x, y, z) becomes (x, -z, y).
+Source: OGC 22-025r4, "3D Tiles Specification 1.1". 3D Tiles are z up, glTF is y up: (x, y, z) becomes (x, -z, y).
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a process of dask.distributed must be like before it works on a city. Needs distributed."""
+"""The setup of a dask.distributed process before it works on a city. Needs distributed."""
 
 import os
 from typing import Any

@@ -1,1 +1,1 @@
-"""Where to look from: trained cameras, virtual views, and which way is up."""
+"""Viewpoints: trained cameras, virtual views, and the up direction."""

@@ -1,4 +1,4 @@
-"""The cameras that a capture was taken with: found, read whatever their kind, and checked against the splat."""
+"""The cameras of a capture: found, read in any format, and checked against the splat."""
 
 import os
 import warnings
@@ -26,17 +26,17 @@ SOLID = 0.3
 """Opacity above which a splat counts as solid here."""
 
 LOOKED_AT = 20_000
-"""Solid splats by which cameras are checked."""
+"""Number of solid splats that check cameras."""
 
 SEES = 0.001
 """Share of the solid splats that a camera must have in its picture to see the capture: one room of many is 1%."""
 
 JUDGES, JUDGE_PIXELS, SKETCH_SPLATS = 16, 64, 40_000
-"""Views, their longer side and the splats they look at, by which one of several frames is chosen."""
+"""Views, their longer side and the splats in them, for the choice among several frames."""
 
 CLEARLY = 0.95
 """Share of the sharpest frame's sharpness from which a likelier frame is taken: wrong ones reach .37 to .94 of it
-around places and a table, but around a single object nothing tells them apart."""
+around places and a table, but around a single object nothing distinguishes them."""
 
 SHARP = 0.02
 """Thickness of a surface, in distances to it, up to which it looks sharp to such a view."""
@@ -84,8 +84,8 @@ def trained_views(
 def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str] = ".") -> list[list[View | None]]:
     """The cameras of a path, in every frame that the splat may be in: a list of lists of View or None (no finite pose).
 
-    path: a file or folder, its kind told from what it holds. splat_path: of the splat that they belong to.
-    Raises InputError for any other, and for one without cameras.
+    path: a file or folder, recognised by its content. splat_path: of the splat that they belong to. Raises InputError
+    for any other, and for one without cameras.
     """
     path = Path(path)
     if path.is_dir():

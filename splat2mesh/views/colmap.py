@@ -1,6 +1,6 @@
 """Cameras of a COLMAP model, the frame that INRIA's training keeps. Source: colmap.github.io, "Output Format".
 
-Read here rather than by COLMAP's own library, which does not return from a file that is cut short, and takes 140 MB
+The reader replaces COLMAP's library, which does not return from a truncated file and takes 140 MB
 (`docs/decisions.md`).
 """
 

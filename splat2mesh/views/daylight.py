@@ -1,4 +1,4 @@
-"""Which side of a thing is the brighter one: a hint of what is up where nothing else tells."""
+"""Which side of an object is brighter: a hint at the up direction where there is no other."""
 
 import numpy as np
 
@@ -17,12 +17,12 @@ SURROUNDINGS_FROM = 3.0
 """Distances from the middle, over the median one, beyond which splats are surroundings and not looked at."""
 
 CLEAR = 1.08
-"""Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated things, all
+"""Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated objects, all
 brighter from above."""
 
 
 def brightness_from_above(splats: Splats, up: Vector) -> float:
-    """How much brighter a splat looks from above than from below: the ratio of mean display values. 1 of what is black.
+    """The brightness of a splat from above over that from below: the ratio of mean display values. 1 for black.
 
     splats: cleaned Splats. up: (3,) unit, the side to call above, in their frame.
     """
@@ -48,7 +48,7 @@ def brightness_from_above(splats: Splats, up: Vector) -> float:
 
 
 def describe_brightness(splats: Splats, up: Vector) -> str:
-    """The same in words that follow what was taken for up; "" where it tells nothing."""
+    """The same in words, to follow the chosen up direction; "" where it is no hint."""
     ratio = brightness_from_above(splats, up)
     if ratio >= CLEAR:
         return f", and {ratio:.2g} times brighter from above"

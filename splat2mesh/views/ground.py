@@ -1,10 +1,10 @@
-"""Up from the place itself: the floor that a capture stands on, where a splat clearly has one.
+"""The up direction from the scene: the floor that a capture stands on, where a splat clearly has one.
 
-The largest plane of a place is its floor or its ceiling: of what was tried (normals of splats, walls about the upright,
-weight near the floor, brightness) the area of planes alone told it in every capture, real and trained. Walls have half
-of its area, objects no plane that stands out. Which of its sides is up shows where things stand on one side alone;
-between a floor and a ceiling it does not show, and the usual frame of trained files decides. It decides of a table,
-too, unless its pictures from below are much blurred: there no camera stood.
+The largest plane of a place is its floor or its ceiling: of the methods tried (normals of splats, walls about the
+vertical, weight near the floor, brightness) only the area of planes found it in every capture, real and trained. Walls
+have half of its area, objects no plane that stands out. If objects stand on one side only, that side is up; between a
+floor and a ceiling the usual frame of trained files decides. It also decides for a table, unless its pictures from
+below are much blurred: no camera stood there.
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ DIRECTIONS, SAMPLE = 2400, 25_000
 
 
 LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
-"""Radii to the eyes, and the side and least alpha of the pictures, whose detail tells from where cameras looked."""
+"""Radii to the eyes, and the side and least alpha of the pictures, whose detail shows from where cameras looked."""
 
 
 @dataclass(frozen=True)
 class FloorCalibration:
-    """What tells a floor from other planes. Radii hold half of the detail each.
+    """What distinguishes a floor from other planes. Radii hold half of the detail each.
 
     radii: that are looked at. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
     least_cover: share of its outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an
@@ -80,7 +80,7 @@ class Ground:
     """Up as the place shows it.
 
     up: (3,) unit float64 in the splat's frame, or None where the evidence is weak. reason: what was found, one phrase.
-    assumed: whether the usual frame decided which side of the plane is up, though things stand on the other.
+    assumed: whether the usual frame decided which side of the plane is up, though objects stand on the other.
     """
 
     up: np.ndarray | None
@@ -136,7 +136,7 @@ def ground_of(splats: Splats) -> Ground:
 
 
 def _sharper(splats: Splats, normal: Vector) -> float:
-    """How much more detail pictures from the side of a normal show than those from the other side."""
+    """The detail of pictures from the side of a normal over that from the other side."""
     center = np.median(splats.means.astype(np.float64), axis=0)
     radius = np.percentile(np.linalg.norm(splats.means - center, axis=1), 98.0)
     across = np.linalg.svd(normal[None])[2][1]
@@ -158,7 +158,7 @@ def _sharper(splats: Splats, normal: Vector) -> float:
 
 
 def largest_plane(splats: Splats) -> Floor | None:
-    """The Floor of a splat, judged by nobody yet; None where too little is solid."""
+    """The Floor of a splat, not judged yet; None where too little is solid."""
     cells, far = _cells(splats)
     if len(cells) < CELLS:
         return None

@@ -3,10 +3,10 @@
 {"fl_x", "fl_y", "cx", "cy", "w", "h" or "camera_angle_x", "frames": [{"transform_matrix": 4 x 4, ...}]}: intrinsics for
 all frames or for each; poses are world_from_camera with camera x right, y up, z backward. Distortion is ignored.
 
-Which frame the splat is in, the file does not say. nerfstudio trains in one that it turned, moved and scaled, and keeps
-how in dataparser_transforms.json; other trainers take the poses as they are; what was COLMAP before was turned by
-`applied_transform`. So there are several candidates.
-Source: docs.nerf.studio, "Data conventions"; nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
+The file does not give the frame of the splat. nerfstudio trains in one that it turned, moved and scaled, and stores the
+transform in dataparser_transforms.json; other trainers take the poses unchanged; poses from COLMAP were turned by
+`applied_transform`. So there are several candidates. Source: docs.nerf.studio, "Data conventions";
+nerfstudio/data/dataparsers/nerfstudio_dataparser.py.
 """
 
 import os
@@ -26,7 +26,7 @@ from .poses import view_of
 TRAINING_FRAME = "dataparser_transforms.json"
 
 UNKNOWN_SIDE = 800
-"""Pixels of a picture whose size is told by nobody: Blender's synthetic scenes are square and this large."""
+"""Pixels along a picture whose size is given nowhere: Blender's synthetic scenes are square and this large."""
 
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -84,8 +84,8 @@ def _frames(path: Path, content: dict[str, Any], splat_path: str | os.PathLike[s
         file = folder / TRAINING_FRAME
         if file.is_file():
             try:
-                told = read_json(file)
-                found.append((float(told["scale"]), _rigid(told["transform"])))
+                fields = read_json(file)
+                found.append((float(fields["scale"]), _rigid(fields["transform"])))
             except (ValueError, KeyError, TypeError) as error:
                 raise InputError(f"{file} holds no transform and scale ({type(error).__name__}: {error})") from error
     found.append((1.0, np.eye(4)))

@@ -1,4 +1,4 @@
-"""The view that makes a picture of a place: from where a visitor stands, of what was captured most closely."""
+"""The view for a picture of a place: from a visitor's position, towards the most closely captured part."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ ASPECT, FOV_DEG = 4 / 3, 70.0
 """Width over height of the picture, and its horizontal angle."""
 
 COLUMNS, ROWS = 32, 24
-"""Rays of a candidate: enough to tell a wall from a garden."""
+"""Rays of a candidate: enough to distinguish a wall from a garden."""
 
 TURNS, TILTS_DEG = 12, (-6.0, -18.0)
 """Directions tried from each eye: all around, a little and clearly downwards, as people look at places."""

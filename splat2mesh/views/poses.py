@@ -1,4 +1,4 @@
-"""A camera as files give it, checked and made a View."""
+"""A camera from a file, checked and converted to a View."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from ..base.errors import InputError
 from ..render.view import View
 
 SLACK = 0.01
-"""How far a rotation's columns may be from unit and square, as files with few digits have them."""
+"""Tolerance of a rotation's columns from orthonormal, for files with few digits."""
 
 
 def view_of(

@@ -1,9 +1,9 @@
-"""Where a capture stood, told from the splat alone: in a room, in the middle of a garden, or around an object.
+"""Where a capture stood, estimated from the splat alone: in a room, in the middle of a garden, or around an object.
 
 Free places are tried: from each, rays go out in all directions through a grid of opacity. A place from which most of
 them meet surfaces is enclosed; and since training makes Gaussians as small as its photos resolve, the distance of those
-surfaces over the size of the smallest Gaussians there is a focal length in pixels. Only from where cameras can have
-stood is it that of a camera: inside a hollow object it is far too short.
+surfaces over the size of the smallest Gaussians there is a focal length in pixels. It is that of a camera only where
+cameras can have stood: inside a hollow object it is far too short.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ CLEAR_CELLS, TAKEN = 3, 0.3
 
 @dataclass(frozen=True)
 class StandpointCalibration:
-    """What tells where a capture stood.
+    """What shows where a capture stood.
 
     enclosed, surrounded: share of the rays that meet something: in a room, in the foreground; in the open, also far
     away. least_focal: focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a
@@ -80,7 +80,7 @@ RENDERED_FOCAL = 1.5 * 192
 
 @dataclass(frozen=True)
 class Standpoints:
-    """What a splat tells of its capture.
+    """What a splat shows about its capture.
 
     kind: "inside" (a room: look from within), "both" (in the open: from within and around) or "outside" (an object).
     eyes: list of Eye, the ones that show most first. distance: median of the distances at which they see surfaces.
@@ -102,7 +102,7 @@ def standpoints(
 
     splats: cleaned Splats. bounds: (2, 3) box of their foreground. choice: one of CHOICES. hints: (3,) places where an
     eye shall stand, in the splats' frame. seed: of the places that are tried. Returns Standpoints.
-    Raises InputError for a hint inside a surface, and where nobody can stand that shall look from inside.
+    Raises InputError for a hint inside a surface, and for a view from inside without a free place to stand.
     """
     if choice == "outside":
         return Standpoints("outside", [], 0.0, 0.0, 0.0, 0.0)
@@ -131,7 +131,7 @@ def standpoints(
 
 
 class _RayFans(NamedTuple):
-    """What M points see in K directions: distance and local training pixel (M, K), what was hit at all, what of it
+    """The hits of M points in K directions: distance and local training pixel (M, K), hits at all, hits
     in the foreground; and per point the share and the implied focal length of each."""
 
     points: np.ndarray

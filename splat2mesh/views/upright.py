@@ -1,4 +1,4 @@
-"""Which way is up: the rotation from a splat file's frame into the y-up scene frame."""
+"""The up direction: the rotation from a splat file's frame into the y-up scene frame."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,7 @@ _QUARTER_TURNS = {
 }
 
 LEVEL_DISAGREEMENT = np.radians(30.0)
-"""How far the level direction of the cameras may lie from their mean up before the mean is trusted instead."""
+"""Largest angle between the level direction of the cameras and their mean up; beyond it the mean is used."""
 
 
 def upright(up: str, views: Sequence[View], splats: Splats) -> tuple[Matrix4, str]:

@@ -1,8 +1,8 @@
 """Virtual cameras: views chosen so that together they see every visible part of a splat, from outside or inside.
 
-Nobody tells where the capture's cameras stood, but the splat itself does: surfaces that training saw are sharp, what
-no photo constrained is fuzzy. Candidates all around and inside free space are rendered small, those that look
-at fuzz are dropped, and a greedy cover picks, one after the other, the view that shows most of what was seen least.
+The file does not say where the capture's cameras stood, but the splat shows it: surfaces that training saw are sharp,
+the rest is fuzzy. Candidates all around and inside free space are rendered small, those that look at fuzz are dropped,
+and a greedy cover picks, one by one, the view that shows most of the least seen surface.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from ..splats.splats import Splats
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
-"""Side of a candidate's picture: enough to tell what it sees, a fraction of the cost of a real view."""
+"""Side of a candidate's picture: enough to show what it sees, a fraction of the cost of a real view."""
 
 PICTURE_ASPECT = 4 / 3
 """Shape of the picture that a scene is shown with."""
@@ -47,7 +47,7 @@ SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
 
 INSIDE_SHARPER = 3.0
-"""How much sharper the inside must look than the outside for a scene to be shown from inside."""
+"""Sharpness of the inside over the outside from which a scene is shown from inside."""
 
 WANTED_VIEWS = 4
 """Views after which another one of the same cell adds nothing to its coverage."""
@@ -60,7 +60,7 @@ RESCUE_SHARE, RESCUE_CELLS, SHARP_CELL = 0.25, 4.0, 0.5
 the sight of a cell that counts there."""
 
 TOLERABLE = 1.5
-"""How much fuzzier than the sharp ones such a view may be as a whole: undersides that nobody saw are fuzzier."""
+"""Largest fuzziness of such a view over that of the sharp ones: unseen undersides are fuzzier."""
 
 CHOICE = 0.75
 """Candidates to choose from, as a multiple of the views wanted: where fewer are sharp, the next sharpest join them."""

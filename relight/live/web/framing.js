@@ -1,10 +1,10 @@
-// Where a camera stands that sees all of some points. No page and no engine in here: node runs it too. MIT licence.
+// Position of a camera that sees all of some points. Independent of page and engine: node runs it too. MIT licence.
 
-const MARGIN = 1.08; // free space around what is framed, over its size
+const MARGIN = 1.08; // free space around the framed points, over their size
 
-// The camera {position, target, fov} that looks as `camera` does and holds the points inside its `bounds` in a window.
+// The camera {position, target, fov} that looks like `camera` and holds the points inside its `bounds` in a window.
 // points: x, y, z in a row. aspect: width over height. fov: degrees across the longer side, as the viewer has it. A
-// camera without bounds stands in a place and stays there.
+// camera without bounds is inside a place and stays unchanged.
 export function framed(camera, points, aspect) {
   const { position, target, fov, bounds } = camera;
   if (!bounds) return { position, target, fov };

@@ -1,11 +1,11 @@
-// Gloss: what splats mirror, as the shader of the page reads it. docs/live.md describes gloss.bin. MIT licence.
+// Gloss: reflections of splats for the shader of the page. docs/live.md describes gloss.bin. MIT licence.
 
 import { BANDS, DIRECT, harmonics, linear, turned } from "./light.js";
 
 export const MIRROR = { rows: 32, columns: 64, spare: 3 }; // a blurred light, and the rows of materials behind all of them
 
-// What is glossy of a bundle: materials and levels, and for each splat 16 bytes in four numbers, all 0 where it is matt:
-// normal (2), material, colour of what hides the light (3), coefficients of what is visible (4). Throws an Error of one line.
+// The gloss of a bundle: materials and levels, and for each splat 16 bytes in four numbers, all 0 where it is matt:
+// normal (2), material, colour of the occluders (3), coefficients of visibility (4). Throws an Error of one line.
 export function glossOf(meta, count, surface, bytes) {
   if (!meta) return null;
   const expected = 8 * meta.runs + meta.bytes * meta.rows, found = bytes ? bytes.length : 0;
@@ -22,8 +22,8 @@ export function glossOf(meta, count, surface, bytes) {
   return { ...meta, captured: Float64Array.from(meta.captured.flat()), packed: new Uint32Array(packed.buffer) };
 }
 
-// Coefficients (K x 3, about +y) of a light as it is mirrored: turned, with its suns, times an exposure, and so many times
-// (3) the captured light. The light that leaves all as it was captured mirrors that light itself, so that nothing changes.
+// Coefficients (K x 3, about +y) of a mirrored light: turned, with its suns, times an exposure, plus factors (3) times the
+// captured light. The light that keeps the captured state mirrors the captured light itself, so nothing changes.
 export function mirroredLight({ captured }, light, angle, exposure, suns, factor = [0, 0, 0]) {
   const result = turned(light.name === "capture" ? captured : light.rest, angle);
   for (const { direction, weight } of suns) {
@@ -36,7 +36,7 @@ export function mirroredLight({ captured }, light, angle, exposure, suns, factor
 
 // The texture that the shader reads, RGBA floats, 128 x (32 a level + 3): the captured light on the left and the new one on
 // the right, blurred for each level of roughness, lat-long; then the materials, 128 to a row, reflectance and level, half
-// more for metals; then the peaks of what is visible.
+// more for metals; then the peaks of visibility.
 export function mirrorTexture(gloss, coefficients, out = new Float32Array(mirrorSize(gloss).width * mirrorSize(gloss).height * 4)) {
   const { rows, columns } = MIRROR, { width } = mirrorSize(gloss), { levels, materials, peaks } = gloss;
   gloss.basis ??= mirrorBasis();
@@ -64,7 +64,7 @@ function mirrorBasis() {
   return basis;
 }
 
-// A light blurred by a lobe of factors on its degrees, in all texels, into `out` from a place on.
+// A light blurred by a lobe of factors on its degrees, in all texels, into `out` from an offset on.
 function blurred(basis, factors, coefficients, out, start) {
   const { rows, columns } = MIRROR, red = new Float32Array(DIRECT), green = new Float32Array(DIRECT), blue = new Float32Array(DIRECT);
   for (let l = 0, i = 0; l < BANDS; l++) {
@@ -86,8 +86,8 @@ function blurred(basis, factors, coefficients, out, start) {
   }
 }
 
-// The linear change (3) of one splat n as an eye at `eye` sees it, of its place and normal (3) in the scene frame, and under
-// what change of its diffuse light (3): what the shader does, to read and to test.
+// The linear change (3) of splat n seen from `eye`, from its position and normal (3) in the scene frame and the change of
+// its diffuse light (3): a readable copy of the shader, for tests.
 export function glossChange({ packed, peaks, materials, levels }, texture, n, eye, place, normal, ratio, hidden) {
   const bytes = new Uint8Array(packed.buffer, 16 * n, 16), material = materials[bytes[2] - 1];
   if (!material) return [0, 0, 0];

@@ -1,11 +1,11 @@
-// Where the light comes from: the sky as a strip, its suns, and the direction of the view.
+// The direction of the light: the sky as a strip, its suns, and the direction of the view.
 
 import { lookUp, texelDirection, toneMap } from "./light.js";
 
 const SUN = "#e0762d", HEADING = "rgba(255, 255, 255, .85)";
 
-// A strip on a canvas of 2:1. draw(light, angle, exposure, suns): the light turned by radians, and its suns as they then
-// are. look(x, z): where the view points.
+// A strip on a canvas of 2:1. draw(light, angle, exposure, suns): the light turned by radians, and its turned
+// suns. look(x, z): where the view points.
 export function indicator(canvas) {
   const context = canvas.getContext("2d"), { width, height } = canvas, pixels = context.createImageData(width, height), color = [0, 0, 0];
   let suns = [], heading = null;

@@ -189,7 +189,7 @@ function overlaps(texels, cells, measure) {
 
 const MOST_SUNS = 4, SUN_LEVEL = 12, SUN_RADIUS = Math.cos(10 * Math.PI / 180), LEAST_SUN = 0.04;
 
-// Suns of an image: what stands out of 12 times the mean, in patches of 10 degrees that bring 4% of all light at least.
+// Suns of an image: texels above 12 times the mean, in patches of 10 degrees that bring at least 4% of all light.
 export function findSuns(image) {
   const mean = meanLuminance(image), bright = [];
   for (let row = 0; row < HEIGHT; row++) {
@@ -214,7 +214,7 @@ export function findSuns(image) {
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const unit = (a) => a.map((value) => value / Math.hypot(...a));
 
-// A light from an image (64 x 128 x 3): what live.json says of its own. Its exposure is for the caller.
+// A light from an image (64 x 128 x 3), in the form of live.json. The caller sets its exposure.
 export function lightFrom(name, image) {
   const whole = project(image), suns = findSuns(image), rest = Float64Array.from(whole);
   for (const { direction, weight } of suns) {
@@ -224,7 +224,7 @@ export function lightFrom(name, image) {
   return { name, image, whole: whole.subarray(0, SPREAD * 3), rest, suns, mean: meanLuminance(image), exposure: 1, lamps: 0 };
 }
 
-// A light of live.json, its numbers in one row and its image read.
+// A light of live.json, with its numbers flattened and its image read.
 export const lightOf = (entry, rgbe) => ({ ...entry, rest: Float64Array.from(entry.rest.flat()), whole: Float64Array.from(entry.whole.flat()), image: fromRgbe(rgbe) });
 
 // Radiance of an image (64 x 128) in a direction, turned by an angle: bilinear, into `color`, times the exposure.
@@ -247,7 +247,7 @@ export function linear(value) {
   return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
 }
 
-// A colour as a person picks it, #rrggbb, as linear light of luminance 1; and the picture of such light.
+// A picked colour, #rrggbb, as linear light of luminance 1; and the reverse.
 export function tintOf(hex) {
   const color = [1, 3, 5].map((at) => linear(parseInt(hex.slice(at, at + 2), 16) / 255)), bright = luminance(...color);
   return bright > 0 ? color.map((value) => value / bright) : [1, 1, 1];

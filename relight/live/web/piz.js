@@ -3,7 +3,7 @@
 const WORDS = 1 << 16, LONGEST = 58, SHORT_RUN = 59, LONG_RUN = 63, SHORTEST = 2 + LONG_RUN - SHORT_RUN;
 const LOOKED_UP = 12; // bits of a code that a table holds
 
-// The bytes of a block as if it had not been packed: row by row, channel by channel. channels: {size} in bytes of a value.
+// The unpacked bytes of a block: row by row, channel by channel. channels: {size} in bytes of a value.
 export function unpackPiz(packed, whole, channels, width, count) {
   const view = new DataView(packed.buffer, packed.byteOffset, packed.byteLength), { table, most, end } = valuesOf(view);
   const length = view.getInt32(end, true), words = new Uint16Array(whole / 2);
@@ -27,7 +27,7 @@ export function unpackPiz(packed, whole, channels, width, count) {
   return new Uint8Array(plain.buffer);
 }
 
-// The words that occur, in order: what the packed ones count. most: of the packed ones.
+// The words that occur, in order; packed words index them. most: of the packed ones.
 function valuesOf(view) {
   const least = view.getUint16(0, true), last = view.getUint16(2, true), table = new Uint16Array(WORDS);
   if (last >= WORDS / 8) throw new RangeError();
@@ -56,7 +56,7 @@ class Bits {
   }
 }
 
-// Fill `words` with what the Huffman codes say. The last symbol repeats the word before it, as often as 8 bits say.
+// Fill `words` from the Huffman codes. The last symbol repeats the word before it; the next 8 bits are the count.
 function decodeHuffman(bytes, words) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength), first = view.getUint32(0, true), repeat = view.getUint32(4, true);
   if (first >= WORDS + 1 || repeat >= WORDS + 1) throw new RangeError();

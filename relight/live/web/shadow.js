@@ -1,4 +1,4 @@
-// What a mesh hides of a sun: a depth map of it, seen from there, drawn by the processor. MIT licence.
+// Shadows of a mesh under a sun: a depth map from the sun, drawn by the processor. MIT licence.
 
 export const SIZE = 1024; // texels along the longer side: a tenth of a percent of the scene, less than its vertices are apart
 

@@ -36,7 +36,7 @@ export function readCompressed(bytes) {
       colors[3 * n + k] = Math.min(Math.max(Math.round(255 * value), 0), 255);
     }
   }
-  // One splat in full: as an INRIA PLY has it, but for its colour, which is a display value.
+  // One splat in full: as in an INRIA PLY, except for its colour, which is a display value.
   const row = (n) => {
     const scale = packed[4 * n + 2], turn = packed[4 * n + 1], color = packed[4 * n + 3];
     const small = [turn >>> 20 & 1023, turn >>> 10 & 1023, turn & 1023].map((value) => (value / 1023 - 0.5) * Math.SQRT2);
@@ -79,7 +79,7 @@ export function relitPly(splats, gains, unit, most) {
   return bytes;
 }
 
-// Positions (V, 3) and indices (F, 3) of proxy.glb, as this project writes it.
+// Positions (V, 3) and indices (F, 3) of proxy.glb, as written by this project.
 export function readProxy(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length), length = view.getUint32(12, true);
   const document = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));

@@ -1,4 +1,4 @@
-"""What a splat path stands for: one file, a folder of tiles, or one level of a streamed SOG."""
+"""The parts of a splat path: one file, a folder of tiles, or one level of a streamed SOG."""
 
 import os
 import re
@@ -10,7 +10,7 @@ from ...base.errors import InputError
 from . import sog, streamed
 
 SUFFIXES = (".ply", ".splat", ".spz", ".sog")
-"""By which the tiles in a folder are told from what else lies there."""
+"""Suffixes that distinguish the tiles in a folder from its other files."""
 
 _LEVEL = re.compile(r"^(\d+)_\d+$|(?<![a-z])lod[ _.-]?(\d+)", re.IGNORECASE)
 """The level in the name of a tile, as streamed SOGs and their tools have it: 0_3, lod1_0, robot.lod3.sog."""

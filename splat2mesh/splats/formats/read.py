@@ -1,4 +1,4 @@
-"""Which reader a splat file needs, decided by what the file holds rather than by its name."""
+"""The reader for a splat file, chosen by its content rather than by its name."""
 
 import os
 import warnings

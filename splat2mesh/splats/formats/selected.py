@@ -1,4 +1,4 @@
-"""Some rows of a PLY, byte for byte as they stand there, with its header and all else that it holds."""
+"""Some rows of a PLY, byte for byte, with its header and all other elements."""
 
 import os
 import re
@@ -24,7 +24,7 @@ def write_selected(path: str | os.PathLike[str], source: str | os.PathLike[str],
     ----------
     path : path
     source : path
-        A PLY, ascii or binary. Its header stays but for the number of vertices, and so do its other elements.
+        A PLY, ascii or binary. Its header stays except for the number of vertices, and so do its other elements.
     keep : ndarray of bool, (N,)
         Which of its N vertices stay.
 

@@ -1,8 +1,7 @@
 """Niantic's `.spz`, versions 2 and 3 (one gzip stream) and 4 (one zstd stream for each attribute).
 
-After the header come six arrays: positions (24-bit fixed point), alphas, colours, log scales, rotations and
-the other harmonics.
-The file is y-up (right, up, back); the Splats that come out are in the frame of a PLY (right, down, front).
+After the header come six arrays: positions (24-bit fixed point), alphas, colours, log scales, rotations and the other
+harmonics. The file is y-up (right, up, back); the resulting Splats are in the frame of a PLY (right, down, front).
 Source: github.com/nianticlabs/spz, load-spz.cc.
 """
 

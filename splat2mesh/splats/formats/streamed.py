@@ -28,7 +28,7 @@ SPLAT_BUDGET = 6_000_000
 
 @dataclass(frozen=True)
 class Streamed:
-    """What a lod-meta.json says, checked.
+    """The checked content of a lod-meta.json.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ def _whole(value: Any) -> int:
 
 
 def _announced(path: Path) -> int | None:
-    """How many splats an unbundled SOG tile says it holds; None for any other tile, and where it does not say."""
+    """The declared number of splats in an unbundled SOG tile; None for any other tile, and without a number."""
     if path.suffix.lower() != ".json":
         return None
     try:

@@ -96,7 +96,7 @@ def test_the_film_shows_box_and_shadow_move(place, sliding, tmp_path):
 
 def test_what_does_not_move_is_refused_in_one_line(place, tmp_path, capsys):
     job = Job(request(place, [f"{disc(tmp_path)} at=0,.5,0"], None))
-    with pytest.raises(InputError, match="no object that is put in has an animation"):
+    with pytest.raises(InputError, match="no inserted object has an animation"):
         Acting(job.inserts)
     words = [str(place), "--insert", str(disc(tmp_path)), "--at", "0,.5,0", "--albedo", "captured", "--animate"]
     assert main([*words, "-o", str(tmp_path / "out")]) == 2
