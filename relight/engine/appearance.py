@@ -29,7 +29,7 @@ CHOICES = ("estimated", "captured", "white")
 
 LEAST_ALBEDO = 0.02  # to divide by
 
-WAY = 10
+WAY = 11
 """Of the way that light and albedo are estimated: goes up when it would give other numbers, for what is kept."""
 
 CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from splat2mesh.base.arrays import Directions, Floats, Integers, Radiance
+from splat2mesh.base.sphere import row_solid_angles, texel_directions
 from splat2mesh.scene.measured import CapturedSky
 
 from ..albedo import samples
@@ -33,6 +34,9 @@ LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
 """Mean part of the sky that places see, from which windows are an emitter, and the same where no sky was captured in
 them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
 which turned patches of a green wall blue."""
+
+LEAST_ABOVE = 0.02
+"""Steradians that were seen of a sky above the horizon from which they stand for what was not."""
 
 DARK, SATURATED = 0.002, 0.97
 """Linear colours between which a place says something about its light."""
@@ -154,9 +158,22 @@ def sky_parts(
         upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
         return np.zeros((len(directions), 3)), np.repeat(upward, 3, axis=1)
     parts = SkyParts.looked_up(sky, directions) if image else SkyParts.at(sky, directions)
-    seen = np.maximum(1.0 - parts.unseen, 0.0)
-    mean = parts.known.sum(axis=0) / max(float(seen.sum() / 3.0), 1e-9)
-    return parts.known + parts.unseen * mean, parts.clipped
+    known, clipped = _mean_above(sky)
+    return parts.known + parts.unseen * known, parts.clipped + parts.unseen * clipped
+
+
+def _mean_above(sky: CapturedSky) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3,) each of what was seen of a sky above the horizon, or anywhere where nothing was: mean radiance that binds,
+    with 1 for what was clipped, and the share that was clipped."""
+    height, width = sky.bound.shape[:2]
+    areas = np.repeat(row_solid_angles(height, width), width, axis=1)
+    seen = areas[..., None] * (sky.bound + sky.clipped)
+    above = np.where(texel_directions(height, width)[..., 1:2] > 0.0, seen, 0.0)
+    weight = above if above.sum() > LEAST_ABOVE else seen
+    total = np.maximum(weight.sum(axis=(0, 1)), 1e-9)
+    share = np.maximum(sky.bound + sky.clipped, 1e-9)
+    known = (weight * (sky.bound * sky.radiance + sky.clipped) / share).sum(axis=(0, 1)) / total
+    return known, (weight * sky.clipped / share).sum(axis=(0, 1)) / total
 
 
 def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integers]:
