@@ -93,7 +93,7 @@ class KnownScene(Loaded):
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
         shut = look.room is not None and look.room.told["windows"] is None
-        return look._replace(kept=True) if shut and self.options.lamps in ("keep", 1.0) else look
+        return look._replace(kept=True) if shut else look
 
     def _retinted(self, look: Appearance) -> Appearance:
         """The Appearance under a captured light of the colour that was asked for, if any was."""

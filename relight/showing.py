@@ -60,7 +60,7 @@ def session_of(job: Job) -> SessionRequest:
         cache=None if opened else job.relighter.cache,
         lamps={} if by_lamps is None else {chosen: by_lamps},
         lamps_known=bool(room and room.lamps_found),
-        state={"lamps": job.options.lamp_factor},
+        state={"lamps": 1.0 if look.kept else job.options.lamp_factor},  # the colours of a kept room have it
         splats=None if opened or job.splats is None else _splats(job, chosen, mixture),
         mixture=mixture,
         lamp_source=None if opened else source,

@@ -39,10 +39,26 @@ def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.f
     scale : float
         Factor on it, beyond the range that the change is kept in.
     """
-    mean = np.maximum(np.asarray(environment.sh(1)[0], np.float64) / math.sqrt(4.0 * math.pi), 0.0)
-    bright = float(luminance(mean))
+    mean, bright = _mean(environment)
     if not bright > 0.0:
         return np.full(3, LEAST * scale, np.float32)
+    return (_brightness(environment, bright) * scale * mean / bright).astype(np.float32)
+
+
+def assumed_exposure(environment: Environment, scale: float = 1.0) -> float:
+    """Return what the mean radiance of an environment is multiplied by to give `assumed_change`; 0 for a black one."""
+    _, bright = _mean(environment)
+    return _brightness(environment, bright) * scale / bright if bright > 0.0 else 0.0
+
+
+def _mean(environment: Environment) -> tuple[NDArray[np.float64], float]:
+    """Mean radiance (3,) over all directions, not negative, and its luminance."""
+    mean = np.maximum(np.asarray(environment.sh(1)[0], np.float64) / math.sqrt(4.0 * math.pi), 0.0)
+    return mean, float(luminance(mean))
+
+
+def _brightness(environment: Environment, bright: float) -> float:
+    """How bright an environment is taken for, beside white, of which the mean luminance is `bright`."""
     built_in = abs(environment.mean_luminance - 1.0) < AS_BUILT_IN
     usual = BRIGHTNESS.get(environment.name, 1.0) if built_in else 1.0
-    return (min(max(bright * usual, LEAST), MOST) * scale * mean / bright).astype(np.float32)
+    return min(max(bright * usual, LEAST), MOST)

@@ -43,7 +43,7 @@ class RelitRoom:
     look: its Appearance. relighter: of the scene as it was captured. level: captured units per unit of the
     environments. lit: the Relighter of the scene as it is lit; another than that where the ceiling is taken off.
     steady: whether the model of the room lets no environment in: its light is unknown, or it has neither window nor
-    opening. What an environment changes there is assumed, or nothing where its lamps are changed.
+    opening. What an environment changes there is assumed.
     lamps_found: how many. lamp_factor: what their light is multiplied by.
     """
 
@@ -104,13 +104,17 @@ class RelitRoom:
 
     def assumed(self, environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
         """The captured colours, (V, 3) float32, under an environment times a scale of which nothing tells how it gets
-        in. Lamps keep shining."""
-        look, room = self._look, self._look.room
-        change = np.float32(1.0 - self.outside) + np.float32(self.outside) * assumed_change(environment, scale)
-        colors = look.captured * change
-        if room is not None:
-            colors = np.where(room.glow.any(axis=1, keepdims=True), look.captured, colors)
-        return np.asarray(colors, np.float32)
+        in. Lamps shine as the options say."""
+        look, room, inside = self._look, self._look.room, np.float32(1.0 - self.outside)
+        change = np.float32(self.outside) * assumed_change(environment, scale)
+        if room is None:
+            return np.asarray(look.captured * (inside + change), np.float32)
+        own, glowing = self.with_its_own_light(), room.glow.any(axis=1, keepdims=True)
+        if own is look.captured:
+            colors, shining = own * (inside + change), own
+        else:  # a lamp that is off is lit by what comes from outside
+            colors, shining = inside * own + change * look.captured, own + change * room.by_lamps
+        return np.asarray(np.where(glowing, shining, colors), np.float32)
 
     def with_its_own_light(self) -> NDArray[np.float32]:
         """The captured colours, (V, 3) float32, with each captured lamp as bright as the options say, all else as it

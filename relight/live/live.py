@@ -24,7 +24,7 @@ from .compression import Compressed, choices_for, cluster_centers, compress
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
-from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, light_vector, response_of
+from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, assumed_response, light_vector, response_of
 from .shine import Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 from .terms import Source, Term, term_of
@@ -96,7 +96,8 @@ class LiveScene:
     """A scene that is to be live.
 
     relighter, appearance: of it. splats: those that it was made from. room: the RelitRoom that it is, or None. sources:
-    light beside the environments, of which the Live has a Term each. gloss: what is glossy on it, or None.
+    light beside the environments, of which the Live has a Term each. gloss: what is glossy on it, or None. assumed:
+    whether environments change the room by an assumption.
     """
 
     relighter: "Relighter"
@@ -105,6 +106,7 @@ class LiveScene:
     room: "RelitRoom | None" = None
     sources: Sequence[Source] = ()
     gloss: "Gloss | None" = None
+    assumed: bool = False
 
 
 def live_of(
@@ -122,10 +124,10 @@ def live_of(
     `splats.SKIES`. Raises InputError where there is nothing to light.
     """
     relighter, appearance, splats = shown.relighter, shown.appearance, shown.splats
-    room, sources, scene = shown.room, shown.sources, shown.relighter.scene
+    room, sources, scene, assumed = shown.room, shown.sources, shown.relighter.scene, shown.assumed
     lit = relighter if room is None else room.lit
     lamps = room.lamp_factor if room is not None and room.lamps_found else None
-    if sources and room is not None and room.steady:
+    if sources and room is not None and room.steady and not assumed:
         lamps = None  # they are part of the captured light, to which no environment adds
     if not len(splats):
         raise InputError("there are no splats to light")
@@ -133,14 +135,16 @@ def live_of(
     order = _spatial_order(splats)
     binding = Binding(splats, scene, views=(), seed=seed)
     kinds[~binding.lit] = UNLIT
-    if appearance.kept and not sources:
+    if appearance.kept and not sources and not assumed:
         kinds[:] = UNLIT
     if sky != "keep":
         kinds[shown_as_sky(splats, scene, appearance)] = SKY
     shares = (binding.surface.areas / np.bincount(binding.surface.node))[binding.surface.node]
     with relighter.stages.stage("response"):
         known = room if room is not None and appearance.room is not None and not appearance.kept else None
-        if appearance.kept and sources:
+        if assumed and room is not None:
+            response = assumed_response(appearance, shares, room)
+        elif appearance.kept and sources:
             response = _unchanged(len(shares))
         else:
             response = response_of(lit, appearance, settings._replace(bands=BANDS), shares, known)

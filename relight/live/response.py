@@ -104,6 +104,40 @@ def response_of(
     return Response(values, (own * seen).astype(np.float32), mean)
 
 
+def assumed_response(appearance: "Appearance", shares: Floats, room: "RelitRoom") -> Response:
+    """The Response of a room that no environment is known to get into: one coefficient, of the mean radiance, has the
+    share of the captured light that is assumed to come from outside, and lamps have the rest (`RelitRoom.assumed`).
+
+    appearance, shares, room: as of `response_of`; the exposure of a light is `assumed_exposure`.
+    """
+    look, before = appearance, np.asarray(appearance.irradiance, np.float64)
+    own, usual = linear_parts(look.captured, before)
+    weight = shares / np.maximum(shares @ before, 1e-12)[:, None]
+    inside = np.full_like(before, 1.0 - room.outside)
+    outside = np.full_like(before, room.outside)
+    if look.room is not None:
+        glowing, shared = look.room.glow.any(axis=1), room.lamp_factor
+        several = any(factor != shared for factor in room.lamp_factors)
+        if several:  # what all lamps share is a factor beside it
+            inside *= _over(room.with_its_own_light(), look.captured)
+        inside[glowing], outside[glowing] = 1.0, 0.0
+        if any(factor != 1.0 for factor in room.lamp_factors):
+            lamps = room.with_its_own_light() if several else look.room.by_lamps + look.room.glow
+            inside[glowing] = _over(lamps, look.captured)[glowing]
+            outside[glowing] = room.outside * _over(look.room.by_lamps, look.captured)[glowing]
+    values = np.zeros((len(before), COEFFICIENTS, 3), np.float32)
+    mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
+    for place, row, share in ((BANDS**2, 0, outside / np.sqrt(4.0 * np.pi)), (LAMPS, -1, inside)):
+        mean[row] = np.einsum("cv,vc->c", weight, before * share)
+        values[:, place] = own * before * share + usual * mean[row]
+    return Response(values, np.zeros_like(values[:, 0]), mean)
+
+
+def _over(colors: Floats, captured: Floats) -> Floats:
+    """Colours (V, 3) as factors on the captured ones; 1 on black."""
+    return np.divide(colors, captured, out=np.ones(captured.shape), where=captured > 0.0)
+
+
 def _sent(
     relighter: "Relighter", straight: NDArray[np.float32], albedo: NDArray[np.float32], settings: "Settings"
 ) -> NDArray[np.float32]:

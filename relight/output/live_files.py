@@ -89,6 +89,10 @@ class LiveFiles:
             told = self._room is not None and self._room.exposure is not None  # then it is the capture's
             lights = []
             for each in others.values():
+                if self._assumed:
+                    exposure = self._exposure_of(each, None) if self._mixture.exposed else 1.0
+                    lights.append((each, *self._assumed_light(each, exposure)))
+                    continue
                 radiance = None if told else self._lit.shading(each, albedo, traced).radiance
                 exposure = (self._level_of if mixes else self._exposure_of)(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
@@ -99,6 +103,7 @@ class LiveFiles:
                 self._room,
                 self._mixture.sources(self._appearance) if mixes else (),
                 None if self._gloss is None else self._gloss.of(self._appearance),
+                self._assumed,
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
             self._live[mixes] = self._mixed(found, light) if mixes else found
@@ -114,6 +119,8 @@ class LiveFiles:
 
         if isinstance(light, CapturedLight):
             return captured_alone(self._captured(light), exposure)
+        if self._assumed:
+            return light_of(light.rotated(-light.rotation_deg), *self._assumed_light(light, exposure))
         found = light_of(light.rotated(-light.rotation_deg), exposure, self._lamps(light, exposure))
         if not self._mixes(light):
             return found
@@ -128,7 +135,9 @@ class LiveFiles:
         from ..live.lights import captured_alone
 
         by_name = {each.name: each for each in self._others}
-        lights = [self._beside(each, by_name[each.name]) for each in live.lights]
+        lights = live.lights
+        if not self._assumed:  # by which no light has another beside it
+            lights = [self._beside(each, by_name[each.name]) for each in lights]
         if not isinstance(first, CapturedLight):
             lights.append(captured_alone(self._captured(CapturedLight())))
         return live._replace(lights=lights)
@@ -144,6 +153,21 @@ class LiveFiles:
         steady = self._room is not None and self._room.steady
         given = self._mixture.captured
         return float(isinstance(light, CapturedLight) or steady) if given is None else given
+
+    @property
+    def _assumed(self) -> bool:
+        """Whether environments change the room by an assumption, as `Beside` has it: no environment is known to get in,
+        and nothing was said of the captured light."""
+        asked = self._mixture.captured is not None or self._mixture.light is not None
+        return self._room is not None and self._room.steady and self._appearance.kept and not asked
+
+    def _assumed_light(self, light: "Environment", exposure: float) -> tuple[float, float]:
+        """Display value per radiance by that assumption, and the factor on lamps, of what is shown at an exposure."""
+        from ..engine.assumed_light import assumed_exposure
+
+        assert self._room is not None
+        lamps = self._room.lamp_factor if self._room.lamps_found else 0.0
+        return exposure * assumed_exposure(light, self._mixture.env_scale), exposure * lamps
 
     @property
     def _lit(self) -> "Relighter":

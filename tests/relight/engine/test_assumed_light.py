@@ -5,7 +5,7 @@ import pytest
 from lit_rooms import room
 
 from relight import Environment, LightingOptions
-from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change
+from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change, assumed_exposure
 from relight.job import Job
 from relight.request import RelightRequest
 from relight.writing import report_of
@@ -81,3 +81,30 @@ def test_without_a_window_lamps_stay_on_and_the_other_half_takes_after_the_new_l
     wanted = (1.0 - OUTSIDE + OUTSIDE * change) * captured
     np.testing.assert_allclose(radiance[~glowing], wanted[~glowing], rtol=1e-5)
     np.testing.assert_array_equal(radiance[glowing], captured[glowing])
+
+
+def test_with_its_lamps_off_a_room_without_a_window_has_what_is_assumed_to_come_from_outside():
+    scene = room()[0]
+    job, found, radiance = shaded(scene, "sunset", lamps="off")
+    change = OUTSIDE * assumed_change(Environment.load("sunset"))
+    glowing = job.appearance.room.glow.any(axis=1)
+    np.testing.assert_allclose(radiance[~glowing], change * scene.colors_linear[~glowing], rtol=1e-5)
+    # The lamp itself is a surface like others.
+    assert 0.0 < radiance[glowing].mean() < scene.colors_linear[glowing].mean()
+    assert report_of(job, found)["assumed"] == {"outside": OUTSIDE, "change": pytest.approx(change / OUTSIDE, abs=1e-4)}
+    _, _, half = shaded(scene, "sunset", lamps=0.5)
+    wanted = (0.5 * (1.0 - OUTSIDE) + change) * scene.colors_linear
+    np.testing.assert_allclose(half[~glowing], wanted[~glowing], rtol=0.1, atol=0.01)  # lamps by the model's change
+    _, _, dim = shaded(scene, "sunset", lamps="off", env_scale=0.1)
+    np.testing.assert_allclose(dim[~glowing], 0.1 * radiance[~glowing], rtol=1e-4)
+    # What is said of the captured light is all of it: then they are its only light.
+    _, _, dark = shaded(scene, "sunset", lamps="off", captured=1.0)
+    assert dark.mean() < 0.05 * scene.colors_linear.mean()
+
+
+def test_the_exposure_of_a_light_gives_its_change():
+    for name in ("sunset", "noon", "overcast"):
+        light = Environment.load(name)
+        mean = light.sh(1)[0] / np.sqrt(4.0 * np.pi)
+        np.testing.assert_allclose(assumed_exposure(light, 0.3) * mean, assumed_change(light, 0.3), rtol=1e-5)
+    assert assumed_exposure(even(0, 0, 0)) == 0.0

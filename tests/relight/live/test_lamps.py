@@ -25,6 +25,8 @@ from relight.splats.light_ratio import CURVE_POWER
 from relight.writing import Writer
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
+from splat2mesh.scene.mesh import Mesh
+from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats import read_splats, write_splats
 from splat2mesh.splats.splats import SH_C0, Splats
@@ -114,6 +116,64 @@ def test_the_bundle_has_the_light_of_the_relit_splat_lamp_by_lamp(reader, scene,
     assert apart(found, expected) < stated + 0.02  # relit splats blend logarithms between vertices
 
 
+def with_splats(found, folder):
+    """(Scene, Splats): a room with a splat at every other vertex, beside it on disk."""
+    places = found.vertices[::2]
+    sh = ((found.colors_srgb[::2, None] / 255.0 - 0.5) / SH_C0).astype(np.float32)
+    quats, size = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1)), np.full((len(places), 3), 0.03)
+    splats = Splats(places, size, quats, np.full(len(places), 0.8), sh)
+    write_splats(folder / "room.ply", splats)
+    return replace(found, source=describe(folder / "room.ply")), splats
+
+
+def grey_room():
+    """The closed box in grey: nothing tells its light."""
+    found = room()[0]
+    grey = np.full_like(found.colors_srgb, 120)
+    return Scene([Mesh(found.vertices, found.normals, found.faces, grey)], capture=found.capture)
+
+
+@pytest.mark.parametrize(
+    ("grey", "env", "more"),
+    [
+        (False, "sunset", {}),
+        (False, "sunset", {"lamps": "off"}),
+        (False, "noon", {"lamps": 0.5, "env_scale": 0.4}),
+        (False, "sunset", {"lamps": {1: 0.3}}),
+        (False, "captured", {"lamps": 0.7}),
+        (True, "sunset", {}),
+    ],
+    ids=["lamps on", "lamps off", "dimmed", "one dimmed", "other light first", "unknown light"],
+)
+@pytest.mark.filterwarnings("ignore:this is a closed room")
+@pytest.mark.filterwarnings("ignore:.lamps.. found no lamp")
+def test_what_is_assumed_of_a_room_that_lets_no_light_in_is_live_too(reader, tmp_path, grey, env, more):
+    """Every light of the bundle, as the relit splat under it; but for the lamp itself, which none of them changes."""
+    scene, splats = with_splats(grey_room() if grey else room()[0], tmp_path)
+    lighting = LightingOptions(tolerance=0.05, **more)
+    asked = RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",), lights=("overcast",))
+    job = Job(replace(asked, caching="none"))
+    Writer(job).write(next(iter(job.shaded())), tmp_path / "out")
+    bundle = reader["read"](tmp_path / "out/live")
+    there = np.lexsort(reader_means(tmp_path / "out").T)
+    order = np.lexsort(splats.means.T)
+    names = {light["name"]: light for light in bundle[0]["lights"]}
+    known = job.appearance.room
+    dull = np.ones(len(splats), bool) if known is None else ~known.glow.any(axis=1)[::2]
+    for name in (env, "overcast"):
+        change = reader["change"](bundle, names[name])[there]
+        expected = expected_change(job.under(name), splats)
+        shown = ((expected * linear_from_srgb(room_colors(splats)) < 0.75) & dull[:, None])[order]
+        off = (change - expected[order])[shown]
+        # Of what the bytes may add, and of the lamp's neighbours, whose splats blend with it.
+        assert shown.mean() > 0.6 and np.sqrt(np.mean(off**2)) < 0.03 * np.sqrt(np.mean(expected[order][shown] ** 2))
+
+
+def room_colors(splats):
+    """Display colours (N, 3) of splats without harmonics."""
+    return np.clip(0.5 + SH_C0 * splats.sh[:, 0], 0.0, 1.0).astype(np.float32)
+
+
 @pytest.mark.parametrize(
     ("env", "captured", "more"),
     [
@@ -127,12 +187,7 @@ def test_the_bundle_has_the_light_of_the_relit_splat_lamp_by_lamp(reader, scene,
 @pytest.mark.filterwarnings("ignore:this is a closed room")
 def test_lamps_in_a_closed_room(reader, tmp_path, env, captured, more):
     found = room()[0]
-    places = found.vertices[::2]
-    sh = ((found.colors_srgb[::2, None] / 255.0 - 0.5) / SH_C0).astype(np.float32)
-    quats, size = np.tile([1.0, 0.0, 0.0, 0.0], (len(places), 1)), np.full((len(places), 3), 0.03)
-    splats = Splats(places, size, quats, np.full(len(places), 0.8), sh)
-    write_splats(tmp_path / "room.ply", splats)
-    scene = replace(found, source=describe(tmp_path / "room.ply"))
+    scene, splats = with_splats(found, tmp_path)
     bulb = SphereLamp(tuple(scene.bounds.mean(axis=0).tolist()), 0.1, radiance=(60.0, 30.0, 15.0))
     lighting = LightingOptions(tolerance=0.1, placed=(bulb,), captured=captured, **more)
     job = Job(RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",), caching="none"))
