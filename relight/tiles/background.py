@@ -11,10 +11,11 @@ from splat2mesh.splats.joining import joined
 from splat2mesh.splats.splats import NUMBERS, Splats
 from splat2mesh.tiles.store import Store
 
+from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..splats.attachment import Patches, Surface
 from ..splats.light_ratio import log_gain, relit_sh
-from ..splats.sky import Backdrop, backdrop_of, is_sky, under_sky
+from ..splats.sky import Backdrop, backdrop_of, dimmed, is_sky, under_sky
 
 SAMPLE = 200_000
 """Far splats of all pieces by which sky is told from what is none."""
@@ -77,11 +78,14 @@ def relit_background(
     exposure: float,
     choice: str,  # of `splats.SKIES`
 ) -> Splats:
-    """Far splats in the new light; those that are not finite stay as they are."""
+    """Far splats in the new light; those that are not finite stay as they are. The light of the capture is theirs,
+    `exposure` times as strong: no lamp reaches that far."""
     finite = np.isfinite(splats.means).all(axis=1)
     if choice == "keep" or not finite.any():
         return splats
     rows = np.flatnonzero(finite)
+    if isinstance(sky, CapturedLight) and choice == "new":
+        return dimmed(splats, splats, rows, exposure)
     shown = is_sky(splats.take(rows), background.backdrop)
     other, sh = rows[~shown], splats.sh.copy()
     sh[other] = relit_sh(sh[other], background.patches.seen_from(splats.means[other]), background.mean)

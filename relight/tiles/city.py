@@ -14,7 +14,6 @@ from splat2mesh.tiles.store import Store
 from splat2mesh.tiles.tasks import Task, costs, tiling_engine
 from splat2mesh.tiles.tileset import tileset
 
-from ..light import CAPTURED
 from ..light.loading import light_of
 from ..options import PLACE_TOLERANCE
 from ..output.kinds import CITY_FILES
@@ -92,8 +91,6 @@ def check_city(request: RelightRequest) -> None:
     """Raise InputError for a field that cities do not know."""
     refuse_in_cities(request, KNOWN)
     refuse_in_cities(request.lighting, KNOWN_LIGHTING)
-    if request.env == CAPTURED:
-        raise InputError("`env` captured: a city in tiles takes another light")
     if len(request.angles_deg) > 1:
         raise InputError("`angles_deg`: a city in tiles takes one angle at a time")
     if request.albedo is not None and request.albedo not in ALBEDOS:

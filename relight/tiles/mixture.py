@@ -20,6 +20,8 @@ from ..lamps.fields import asked_lamp
 from ..lamps.moving import moved
 from ..lamps.placing import asked_lamps
 from ..lamps.saving import fields_of
+from ..light.captured import CapturedLight
+from ..light.environment import Environment
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 
 if TYPE_CHECKING:
@@ -77,19 +79,35 @@ class CityMixture(NamedTuple):
         return mixed(look, environment, self.env_scale, part, placed, self.level)
 
 
-def is_mixed(options: LightingOptions) -> bool:
-    """Whether options ask for light beside that of an environment as it is."""
-    return bool(options.placed) or options.captured is not None or options.env_scale != 1.0
+def is_mixed(options: LightingOptions, sky: Environment) -> bool:
+    """Whether options ask for light beside that of an environment as it is, or for that of the capture."""
+    others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
+    return others or isinstance(sky, CapturedLight)
 
 
 def mixture_of(
-    options: LightingOptions, relighter: Relighter, look: Appearance, level: float, asked: Sequence[Any]
+    options: LightingOptions,
+    relighter: Relighter,
+    look: Appearance,
+    sky: Environment,
+    level: float,
+    asked: Sequence[Any],
 ) -> CityMixture:
-    """The CityMixture that options ask for, sizes and brightness told by the coarse city. asked: AskedLamps."""
+    """The CityMixture that options ask for beside a light, sizes and brightness told by the coarse city. asked:
+    AskedLamps."""
     scale: LampScale = lamp_scale(relighter.scene, look, relighter.occluder)
     matrix: Matrix4 = np.asarray(relighter.scene.scene_from_splat, np.float64)
     lamps = tuple(moved(resolve(each, scale), matrix) for each in asked)
-    return CityMixture(options.captured or 0.0, options.env_scale, level, lamps, scale.irradiance / np.pi)
+    alone = isinstance(sky, CapturedLight)
+    captured = float(alone) if options.captured is None else options.captured
+    return CityMixture(captured, 0.0 if alone else options.env_scale, level, lamps, scale.irradiance / np.pi)
+
+
+def environment_shading(relighter: Relighter, sky: Environment, colors: Radiance | None) -> Shading:
+    """The scene in the light of an environment alone; black for that of the capture."""
+    if isinstance(sky, CapturedLight):
+        return Shading(np.zeros_like(relighter.scene.colors_linear), 0, [], relighter.options.unplanned)
+    return relighter.shading(sky, colors)
 
 
 def lamps_asked(options: LightingOptions) -> list[Any]:

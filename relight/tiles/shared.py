@@ -15,6 +15,8 @@ from splat2mesh.tiles.plan import DISTANT, FAR
 from splat2mesh.tiles.store import Store, arrays_of, bytes_of_arrays
 
 from ..albedo.division import Prior
+from ..light import CAPTURED
+from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..splats.light_ratio import Usual
 from .background import Background
@@ -46,8 +48,12 @@ class Shared(NamedTuple):
 
     @property
     def sky_exposure(self) -> float:
-        """Display value per unit of the new light, as it is seen itself."""
-        return self.exposure * (1.0 if self.mixture is None else self.mixture.env_scale)
+        """Display value per unit of the new light, as it is seen itself; of that of the capture, what it is multiplied
+        by."""
+        if self.mixture is None:
+            return self.exposure
+        alone = isinstance(self.sky, CapturedLight)
+        return self.exposure * (self.mixture.captured if alone else self.mixture.env_scale)
 
     @classmethod
     def read(cls, store: Store, folder: str, key: str) -> "Shared":
@@ -138,6 +144,8 @@ def _sky_arrays(sky: Environment) -> dict[str, Any]:
 
 
 def _sky_from(kept: dict[str, Any]) -> Environment:
+    if str(kept["sky_name"]) == CAPTURED and not kept["sky"].any():
+        return CapturedLight()
     sky = Environment(kept["sky"], str(kept["sky_name"]), float(kept["sky_deg"]))
     sky.formula = str(kept["sky_formula"]) or None
     return sky

@@ -19,12 +19,13 @@ from splat2mesh.tiles.plan import folder_of
 from splat2mesh.tiles.store import Store
 
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
+from ..light.captured import CapturedLight
 from ..light.environment import Environment
 from ..options import LightingOptions
 from ..splats.light_ratio import Usual, log_gain
 from .background import background_of, far_splats, relit_background
 from .local import NEAR, Local, TileNeighborhood, far_scene
-from .mixture import is_mixed, lamps_asked, look_of, mixture_of, tolerance_of
+from .mixture import environment_shading, is_mixed, lamps_asked, look_of, mixture_of, tolerance_of
 from .parts import room_for
 from .shared import Shared, coarse_city, read_sky, write_shared
 from .streamed import FOLDER, environment_files, tile_levels
@@ -71,13 +72,14 @@ def common_light(
             "evidence": round(float(found.evidence), 3),
         }
         colors, brightness = found.albedo, found.brightness
-    shading = relighter.shading(sky, colors)
+    shading = environment_shading(relighter, sky, colors)
     received = _irradiance(shading.radiance, colors)
     exposure = exposure_as_captured(brightness, captured, sky, auto_exposure(shading.radiance))
-    if is_mixed(options):
+    if is_mixed(options, sky):
         look = look_of(colors, captured, before)
-        exposure = auto_exposure(shading.radiance) if brightness is None else level_of(brightness, sky)
-        mixture = mixture_of(options, relighter, look, exposure, lamps_asked(options))
+        unknown = brightness is None and not isinstance(sky, CapturedLight)
+        exposure = auto_exposure(shading.radiance) if unknown else level_of(brightness, sky)
+        mixture = mixture_of(options, relighter, look, sky, exposure, lamps_asked(options))
         mixed = mixture.shading(look, shading, mixture.placed(relighter, look, tolerance_of(options)))
         assert mixed.received is not None  # of a mixture it is known
         shared, received = shared._replace(mixture=mixture), mixed.received
@@ -185,10 +187,10 @@ def _lit_part(
         shown = local.scene.vertices[local.shown][:, [0, 2]].astype(np.float64)
         mixture = shared.mixture.near(shown.min(axis=0), shown.max(axis=0), tolerance_of(request.options))
         placed = mixture.placed(relighter, look, tolerance_of(request.options))
-    plan = relighter.plan_for(shared.sky, colors)
+    plan = None if isinstance(shared.sky, CapturedLight) else relighter.plan_for(shared.sky, colors)
     if plan is not None:
         relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
-    shading = relighter.shading(shared.sky, colors)
+    shading = environment_shading(relighter, shared.sky, colors)
     del relighter, plan  # which hold all that was traced
     give_back()
     received = _irradiance(shading.radiance, colors)

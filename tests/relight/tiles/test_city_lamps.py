@@ -96,6 +96,24 @@ def test_all_of_the_captured_light_gives_the_captured_splats(city):
         np.testing.assert_allclose(splats.sh, np.concatenate(pieces), atol=2e-5)
 
 
+def test_the_light_of_the_capture_stays_to_the_bit_and_lamps_come_beside_it(city):
+    scene = whole_city(city)
+    captured, lamp = scene.colors_linear, border_lamp(city, scene, 200.0)
+    plain = LightingOptions(**OPTIONS)
+    relit_city(city, "captured", plain, formats=("npy", "splat"), albedo="captured", folder="relit/kept")
+    np.testing.assert_array_equal(radiance(city, "relit/kept"), captured)
+    for path in sorted((city / "relit/kept/far").glob("*.ply")):  # far splats and sky stay, to the bit
+        kept = Store(city).read_arrays(f"splats/far_{path.stem}.npz")
+        np.testing.assert_array_equal(read_splats(path).sh, kept["sh"])
+    beside = LightingOptions(**OPTIONS, placed=(in_splat(lamp, scene),), captured=0.5)
+    relit_city(city, "captured", beside, formats=("npy",), albedo="white", folder="relit/beside")
+    relighter = Relighter(scene, plain)
+    direct = LampLight(relighter, look_of(None, captured, captured), [lamp], 0.03, 0.0).placed.direct
+    expected = 0.5 * captured + direct  # in units of the picture
+    assert np.linalg.norm(direct) > 0.1 * np.linalg.norm(captured)  # or nothing is tested
+    assert np.linalg.norm(radiance(city, "relit/beside") - expected) < 0.03 * np.linalg.norm(expected)
+
+
 def test_a_tile_out_of_reach_knows_no_lamp(city):
     scene = whole_city(city)
     core = np.array(tiles(city)[0]["core"]).reshape(2, 2)
