@@ -166,7 +166,10 @@ def cast(occluder):
 
 
 class PathTracer:
-    """What white vertices send on, by Mitsuba: from cosine rays about the same normals, from the same origins."""
+    """What white vertices send on, by Mitsuba: from cosine rays about the same normals, from the same origins.
+
+    light: an Environment, or a dict of a scene's emitters as Mitsuba's load_dict takes them.
+    """
 
     def __init__(self, mesh, light, occluder):
         import mitsuba as mi
@@ -186,8 +189,9 @@ class PathTracer:
             shape.write_ply(f"{folder}/mesh.ply")
             solid = {"type": "ply", "filename": f"{folder}/mesh.ply"}
             solid["bsdf"] = {"type": "diffuse", "reflectance": reflectance}
-            light = {"type": "envmap", "bitmap": mi.Bitmap(np.array(light.radiance))}
-            self._scene = mi.load_dict({"type": "scene", "solid": solid, "light": light})
+            if not isinstance(light, dict):
+                light = {"light": {"type": "envmap", "bitmap": mi.Bitmap(np.array(light.radiance))}}
+            self._scene = mi.load_dict({"type": "scene", "solid": solid, **light})
 
     def indirect(self, vertices, samples, seed):
         """(N, 3) from other surfaces: paths of up to ten bounces, blind to the light behind them."""
@@ -211,7 +215,9 @@ class PathTracer:
             at.p = rays.o
             toward, weight = self._scene.sample_emitter_direction(at, sampler.next_2d(), False)
             cosine = dr.dot(toward.d, normals)
-            hidden = (cosine <= 0) | self._scene.ray_test(mi.Ray3f(rays.o, toward.d))
+            between = mi.Ray3f(rays.o, toward.d)
+            between.maxt = (1.0 - 1e-4) * toward.dist  # a lamp does not hide itself
+            hidden = (cosine <= 0) | self._scene.ray_test(between)
             return dr.select(hidden, 0, weight * cosine / np.pi)
 
         return self._mean(vertices, samples, seed, sample)
