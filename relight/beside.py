@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .engine.appearance import Appearance
+from .engine.assumed_light import assumed_change
 from .engine.exposure import level_of
 from .engine.mixing import CapturedPart, mixed
 from .engine.relighter import Relighter, Shaded, Shading
@@ -63,6 +64,15 @@ class Beside:
     def env_scale(self) -> float:
         """How much of the light of the environment there is; 0 where none takes part."""
         return 0.0 if self.alone else self._options.env_scale
+
+    @property
+    def assumed(self) -> NDArray[np.float32] | None:
+        """What captured light from outside is multiplied by, (3,) float32, in a room that lets no environment in; None
+        where that does not count: anywhere else, beside lamps, and where something is said of the captured light."""
+        given = self._options.captured is not None or bool(self.asked_lamps)
+        if not self._room or not self._look.kept or given or isinstance(self._environment, CapturedLight):
+            return None
+        return assumed_change(self._environment, self._options.env_scale)
 
     @property
     def lamp_factors(self) -> list[float]:
@@ -168,9 +178,8 @@ class Beside:
     def _own(self) -> NDArray[np.float32]:
         """The captured colours under the captured light as the options want it: where no environment gets into a room,
         and that light alone is asked for, it takes after the new one."""
-        if self._room and self._look.kept and self._options.captured is None and not self.asked_lamps:
-            if not isinstance(self._environment, CapturedLight):
-                return self._room.assumed(self._environment, self._options.env_scale)
+        if self._room and self.assumed is not None:
+            return self._room.assumed(self._environment, self._options.env_scale)
         return self._room.with_its_own_light() if self._room else self._look.captured
 
     def level(self, radiance: NDArray[np.float32]) -> float:

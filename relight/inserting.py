@@ -55,7 +55,7 @@ def surroundings_in(
         if not isinstance(light, CapturedLight):
             skies.append(Sky(light.rotated(now.angle_deg), now.env_scale))
     if captured > 0.0:
-        skies.append(Sky(captured_sky(look), captured / now.level))
+        skies.append(Sky(_captured_sky_now(look, beside), captured / now.level))
     if now.lamps:
         lamps = [times(lamp, 1.0 / now.level) for lamp in beside.light_of(now.lamps, now.captured).lamps]
     glow = _glow(now.radiance, look, beside, (captured if mixes else 1.0) / now.level)
@@ -72,7 +72,7 @@ def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool,
     new = 0.0 if steady or isinstance(shaded.light, CapturedLight) else beside.env_scale
     skies = [Sky(shaded.light, new)] if new > 0.0 else []
     if captured > 0.0:
-        skies.append(Sky(captured_sky(look), captured / level))
+        skies.append(Sky(_captured_sky_now(look, beside), captured / level))
     return Light(skies, _glow(shaded.shading.radiance, look, beside, (captured if mixes else 1.0) / level))
 
 
@@ -89,6 +89,12 @@ def captured_sky(look: Appearance) -> Environment:
     warnings.warn(told, DataWarning, stacklevel=3)
     even = np.broadcast_to(np.median(look.irradiance, axis=0), (2, 4, 3))
     return Environment(np.array(even, np.float32), "even")
+
+
+def _captured_sky_now(look: Appearance, beside: "Beside") -> Environment:
+    """The light of the capture from far away, as it is assumed to change where no environment is known to get in."""
+    sky, change = captured_sky(look), beside.assumed
+    return sky if change is None else Environment(sky.radiance * change, sky.name, sky.rotation_deg)
 
 
 def _glow(

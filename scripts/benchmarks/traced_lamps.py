@@ -1,8 +1,8 @@
 """Placed lamps against Mitsuba: light of one lamp, bounces included, on 20 small scenes.
 
-Five kinds of scene, four of lamp; the same mesh, albedo and lamp for both. A relight plans its rays for --tolerance. The
-error is the relative L2 norm of what --probes vertices send out, against paths of up to ten bounces; noise is that of
-the paths, by halves. Mitsuba needs an LLVM that it can use, as `scripts/bench bounces --help` says.
+Five kinds of scene, four of lamp; the same mesh, albedo and lamp for both. A relight plans its rays for --tolerance.
+The error is the relative L2 norm of what --probes vertices send out, against paths of up to ten bounces; noise is that
+of the paths, by halves. Mitsuba needs an LLVM that it can use, as `scripts/bench bounces --help` says.
 """
 
 from itertools import islice, product

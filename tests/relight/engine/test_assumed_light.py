@@ -1,11 +1,16 @@
 """A new light where nothing tells how it gets in: closed boxes, whose light is then assumed to take after it."""
 
+import warnings
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import trimesh
 from lit_rooms import room
 
 from relight import Environment, LightingOptions
 from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change, assumed_exposure
+from relight.insert.asked import AskedInsert
 from relight.job import Job
 from relight.request import RelightRequest
 from relight.writing import report_of
@@ -108,3 +113,31 @@ def test_the_exposure_of_a_light_gives_its_change():
         mean = light.sh(1)[0] / np.sqrt(4.0 * np.pi)
         np.testing.assert_allclose(assumed_exposure(light, 0.3) * mean, assumed_change(light, 0.3), rtol=1e-5)
     assert assumed_exposure(even(0, 0, 0)) == 0.0
+
+
+@pytest.mark.parametrize("grey", [True, False], ids=["unknown light", "a lamp"])
+def test_an_object_takes_the_light_of_the_room_that_is_assumed(grey):
+    scene = unknown_room() if grey else room()[0]
+    ball = trimesh.creation.icosphere(2, radius=0.15)
+    white = np.full(ball.vertices.shape, 255, np.uint8)
+    mesh = Mesh(np.float32(ball.vertices), np.float32(ball.vertex_normals), np.int32(ball.faces), white)
+    low, high = scene.bounds
+    middle = tuple(map(float, (low + high) / 2))
+    asked = AskedInsert(mesh, middle, albedo=(0.5,) * 3)
+    found = {}
+    for name, lamps in (("captured", "keep"), ("sunset", "off")):
+        request = RelightRequest(scene, name, LightingOptions(lamps=lamps), albedo="estimated", inserted=(asked,))
+        job = Job(replace(request, caching="none", formats=("npy",)))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DataWarning)
+            shaded = next(iter(job.shaded()))
+            skies = job.light_around(shaded).skies
+        found[name] = shaded.inserted.radiance * shaded.exposure, skies
+    change = (1.0 if grey else OUTSIDE) * assumed_change(Environment.load("sunset"))
+    then, now = (radiance for radiance, _ in found.values())
+    if grey:  # light comes from surfaces, which have it, and from afar through what is open
+        np.testing.assert_allclose(now, change * then, rtol=1e-3)
+        (before,), (after,) = (skies for _, skies in found.values())
+        np.testing.assert_allclose(after.environment.radiance, change * before.environment.radiance, rtol=1e-5)
+    else:  # the lamp, which is off, lit it directly
+        assert 0.0 < now.mean() < change.mean() * then.mean()
