@@ -18,7 +18,7 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
-from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh
+from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
 from .wide import Neighborhoods
 
@@ -165,6 +165,7 @@ class Binding:
         if self._looks is not None and rounds:
             before, relit = self.shown.sh[self._drawn, 0], sh[self._drawn, 0]
             sh[self._drawn, 0] += self._looks.corrections(before, relit, of_nodes, rounds)
+        sh[:, 0] = without_clipping(sh[:, 0], self.shown.sh[:, 0])
         if not self.lit.all():
             sh, relit_rows = s.sh.copy(), sh
             sh[self.lit] = relit_rows

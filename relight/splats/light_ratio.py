@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Radiance
 from splat2mesh.base.errors import InputError
+from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.splats.splats import SH_C0
 
 from ..light.tonemap import SHOULDER_START
@@ -28,6 +29,10 @@ SOFTNESS = 0.1
 
 LEAST, MOST = 1e-4, 1e4
 """Range of a light ratio: a display can show no more."""
+
+BURNING = 0.926
+"""Linear value above which the colour of a Gaussian itself is rolled off: to that the light ratio brings what calls for
+1, so that nothing is compressed twice."""
 
 _DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte tells nothing of what exceeds diffuse light
 _LEAST_ROOM = 1e-3  # what was captured white stays white
@@ -125,6 +130,34 @@ def relit_sh(
     if sh.shape[1] > 1:
         result[:, 1:] *= np.exp(np.minimum(logs, np.maximum(mean, np.float32(0.0))))[:, None]
     return result
+
+
+def without_clipping(
+    relit: NDArray[np.float32],  # (N, 3) float32 constant coefficients in the new light
+    captured: NDArray[np.float32],  # (N, 3) float32 the same as captured
+) -> NDArray[np.float32]:
+    """Constant coefficients of which none shows what would clip: (N, 3) float32, the same array where none does.
+
+    The light ratio rolls off what the mesh shows. A Gaussian that is brighter than the mesh at its place, as a stripe
+    of pale wood is, or that the fit made so, would still clip. Its colour runs into 1 from BURNING on, by a hyperbola
+    of continuous slope, unless it was that bright in the capture: what light has not brightened keeps its bits.
+    """
+    shown = np.float32(0.5) + np.float32(SH_C0) * relit
+    rows, colors = np.nonzero((shown > srgb_from_linear(np.float32(BURNING))) & (relit > captured))
+    if not len(rows):
+        return relit
+    before = _linear(0.5 + SH_C0 * captured[rows, colors].astype(np.float64))
+    start = np.maximum(BURNING, before)
+    room, over = np.maximum(1.0 - start, _LEAST_ROOM), np.maximum(_linear(shown[rows, colors]) - start, 0.0)
+    rolled = (1.0 + CURVE_OFFSET) * (start + room * over / (room + over)) ** (1.0 / CURVE_POWER) - CURVE_OFFSET
+    result = relit.copy()
+    result[rows, colors] = np.where(over > 0.0, (rolled - 0.5) / SH_C0, relit[rows, colors])
+    return result
+
+
+def _linear(shown: Floats) -> Floats:
+    """Linear values of display values (M,), above the toe of the sRGB curve, beyond 1 as well."""
+    return ((np.maximum(shown, 0.0) + CURVE_OFFSET) / (1.0 + CURVE_OFFSET)) ** CURVE_POWER
 
 
 def _excess(captured: Radiance, before: Radiance) -> Floats:

@@ -1,98 +1,115 @@
-"""What each step of relighting a splat is worth, on path-traced scenes: from the unchanged file to all of it.
+"""What each step of relighting a splat is worth: from the unchanged file to all of it.
 
     unchanged         the file as captured
     new light alone   captured colours times the unshadowed light on their normals: the captured light stays in
-    normals, known    ratio of new to captured light by the normal alone, both lights known, without shadows and bounces
-    normals           the same, with the captured light estimated
+    one SH light      ratio by the normal of two lights of nine coefficients, without shadows: the captured one is
+                      fitted to the colours, as if all had one albedo
+    normals, known    ratio of new to captured light by the normal alone, both lights known, without shadows and
+                      bounces, as TranSplat relights what is diffuse
+    normals           the same, with our estimate of the captured light
     ours, known       shadows, bounces, leaves and the fit in views, with the captured light known but for its exposure
     ours              the two commands without options
 
-The data folder holds groundtruth/NAME (point_cloud.ply, env_train.exr, test_views.npz, meta.json) and env/LIGHT.exr.
-PSNR is the mean over the test views where alpha is above 1/2, in sRGB: with one gain for all colours, and one for each.
+A NAME is a trained scene of the data folder (groundtruth/NAME with point_cloud.ply, env_train.exr, test_views.npz and
+meta.json, and env/LIGHT.exr), or a generated place as KIND:SEED:SKY, which needs no data. PSNR is the mean over views,
+in sRGB, over the pixels that show the scene: with one gain for all colours, and one for each.
 """
 
-import json
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.harness import GROUND_TRUTH
-from benchmarks.relit import GAINS, Pictures
-from benchmarks.shapes import light_of
-from relight import Environment
+from benchmarks.truths import generated, score, trained
 from relight.job import Job
 from relight.request import RelightRequest
+from relight.sh.harmonics import evaluate
+from relight.sh.normals import unit_normals
 from relight.transfer.analytic import analytic
-from splat2mesh.pipeline import convert
 from splat2mesh.scene.color import luminance
 
-BANDS = 3
-"""Of the light on normals: nine harmonics hold it to 1%."""
+BANDS, FEW = 10, 3
+"""Of lights on normals, and of the one light of nine coefficients."""
 
-QUICK = ["spot", "--lights", "1"]
+LEAST = 0.02
+"""Of the median: the least light of one that was fitted, which may go below none."""
+
+DEFAULT = ["spot", "tabletop", "ceramics", "patio", "parlour", "garden:3:overcast"]
+SKIES = ("noon", "sunset", "studio")
+"""New lights of generated places."""
+
+QUICK = ["nook:2:overcast", "--lights", "1", "--splats", "6000"]
 
 
 def arguments(parser):
-    parser.add_argument("names", nargs="*", metavar="NAME", default=["spot", "tabletop", "patio"])
+    parser.add_argument("names", nargs="*", metavar="NAME", default=DEFAULT)
     parser.add_argument("--data", type=Path, default=GROUND_TRUTH)
     parser.add_argument("--scenes", type=Path, default=Path(tempfile.gettempdir()) / "bench_baselines")
     parser.add_argument("--lights", type=int, metavar="N", help="the first N lights only")
+    parser.add_argument("--splats", type=int, default=50_000, help="of generated places")
 
 
 def run(options, report):
-    if not (options.data / "groundtruth").is_dir():
-        raise SystemExit(f"{options.data} holds no groundtruth folder: name one with --data")
-    table = report.table(scene="<10", light="<14", way="<16", psnr_gain=".2f", psnr_wb=".2f")
+    table = report.table(scene="<18", light="<14", way="<16", psnr_gain=".2f", psnr_wb=".2f")
     for name in options.names:
-        for row in rows(name, options):
-            table.add(**row)
+        truth = truth_of(name, options)
+        if truth is None:
+            report.note(f"{name} left out: {options.data} holds no groundtruth/{name}")
+            continue
+        for light in [*truth.lights][: options.lights]:
+            for way, splats in ways(truth, truth.lights[light]):
+                gain, balanced = score(truth.pictures, splats, light)
+                table.add(scene=name, light=light, way=way, psnr_gain=gain, psnr_wb=balanced)
 
 
-def rows(name, options):
-    """Rows of the table, of one scene."""
-    truth = options.data / "groundtruth" / name
-    folder = options.scenes / name
-    if not folder.exists():
-        convert(truth / "point_cloud.ply", up="+y").save(folder)
-    meta = json.loads((truth / "meta.json").read_text())
-    captured_in, pictures = Environment.load(truth / "env_train.exr"), Pictures(truth)
-    for light in meta["lights"]["relight"][: options.lights]:
-        environment = light_of(options.data / "env", light)
-        for way, splats in ways(folder, environment, captured_in):
-            gain, balanced = score(pictures, splats, light)
-            yield {"scene": name, "light": light, "way": way, "psnr_gain": gain, "psnr_wb": balanced}
+def truth_of(name, options):
+    """The Truth of a NAME, or None where the data lacks it."""
+    options.scenes.mkdir(parents=True, exist_ok=True)
+    kind, *rest = name.split(":")
+    if rest:
+        return generated(kind, int(rest[0]), rest[1], SKIES, options.scenes, options.splats, options.data)
+    return trained(name, options.data, options.scenes) if (options.data / "groundtruth" / name).is_dir() else None
 
 
-def ways(folder, environment, captured_in):
+def ways(truth, environment):
     """Names and splats, from nothing done to all."""
-    ours = job_of(folder, environment)
-    known = job_of(folder, environment, captured_in)
-    binding, look = ours.binding, ours.appearance
-    on_normals = analytic(ours.scene.normals, BANDS).astype(np.float64)
+    ours, known = (
+        Job(RelightRequest(truth.folder, environment, formats=("splat",), capture_env=capture))
+        for capture in (None, truth.captured_in)
+    )
+    binding, look, normals = ours.binding, ours.appearance, ours.scene.normals
+    on_normals = analytic(normals, BANDS).astype(np.float64)
+
+    def ratio(before, after):
+        """Splats under a ratio of irradiances (V, 3), as bright as they were at the median."""
+        before, after = (np.maximum(each, LEAST * np.median(luminance(each))) for each in (before, after))
+        after = after * np.median(luminance(before)) / np.median(luminance(after))
+        return binding.relit(before.astype(np.float32), after.astype(np.float32))
 
     def lit(light):
-        return np.maximum(on_normals @ light.sh(BANDS), 1e-4).astype(np.float32)
+        return on_normals @ light.sh(BANDS)
 
     new = lit(environment)
     yield "unchanged", ours.splats[0]
-    yield "new light alone", binding.relit(np.ones_like(new), new / np.median(luminance(new)))
-    for way, before in (("normals, known", lit(captured_in)), ("normals", lit(look.environment))):
-        yield way, binding.relit(before, new * np.float32(np.median(luminance(before)) / np.median(luminance(new))))
+    yield "new light alone", ratio(np.ones_like(new), new)
+    yield "one SH light", ratio(fitted(normals, look.captured), on_normals[:, : FEW**2] @ environment.sh(FEW))
+    yield "normals, known", ratio(lit(truth.captured_in), new)
+    # A room that was told has lamps, no light that came from far away.
+    if look.environment is not None and look.room is None:
+        yield "normals", ratio(lit(look.environment), new)
     for way, job in (("ours, known", known), ("ours", ours)):
         shaded = next(iter(job.shaded()))
-        received = job.appearance.received(shaded.shading.radiance, shaded.exposure)
+        received = shaded.shading.received
+        if received is None:
+            received = job.appearance.received(shaded.shading.radiance, shaded.exposure)
         yield way, job.binding.relit(job.appearance.irradiance, received, shaded.exposure)
 
 
-def job_of(folder, environment, captured_in=None):
-    return Job(RelightRequest(folder, environment, formats=("splat",), capture_env=captured_in))
+def fitted(normals, captured):
+    """(V, 3) irradiance of the nine coefficients that explain captured colours (V, 3) by their normals alone.
 
-
-def score(pictures, splats, light):
-    """PSNR in dB with the best gain for all colours, and with that of each colour."""
-    shown, wanted = pictures.pixels(splats, light)
-    every = np.array([pictures.errors(shown, wanted, gain) for gain in GAINS])  # (gains, views, colours)
-    each = np.stack([every[every[:, :, c].mean(axis=1).argmin(), :, c] for c in range(3)], axis=1)
-    alike = every[every.mean(axis=(1, 2)).argmin()]
-    return tuple(float(-10 * np.log10(e.mean(axis=1)).mean()) for e in (alike, each))
+    Source: Basri and Jacobs, "Lambertian reflectance and linear subspaces" (2003): nine harmonics of the normal.
+    """
+    basis = evaluate(unit_normals(normals), FEW).astype(np.float64)
+    return basis @ np.linalg.lstsq(basis, captured.astype(np.float64), rcond=None)[0]

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from relight.splats import Binding, relit, write_relit_ply
-from relight.splats.light_ratio import CURVE_POWER, Usual, log_gain
+from relight.splats.light_ratio import BURNING, CURVE_POWER, Usual, log_gain, without_clipping
 from relight.transfer.store import Cache
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.render.rasterize import rasterize
@@ -299,6 +299,33 @@ def test_the_change_is_bounded_in_any_light():
         assert np.isfinite(mean).all()
         shown = captured * np.exp(CURVE_POWER * logs.astype(np.float64))
         assert (shown <= 1.0 + 1e-3).all()  # the shoulder's room for what was captured white
+
+
+def test_no_colour_clips_that_did_not_in_the_capture():
+    rng = np.random.default_rng(4)
+    captured, relit = ((rng.uniform(-0.2, 1.6, (2000, 3)) - 0.5).astype(np.float32) / np.float32(SH_C0) for _ in "ab")
+    np.testing.assert_array_equal(without_clipping(captured, captured), captured)
+    found = without_clipping(relit, captured)
+    darker = relit <= captured
+    np.testing.assert_array_equal(found[darker], relit[darker])
+    before, wanted, shown = (0.5 + SH_C0 * each for each in (captured, relit, found))
+    kept = wanted <= srgb_from_linear(np.float32(BURNING))
+    np.testing.assert_array_equal(found[kept], relit[kept])
+    assert (shown <= wanted + 1e-6).all()  # rounding of float32
+    assert (shown[before < 0.99] < 1.0).all()
+    # What was captured beyond white has a thousandth left to grow by.
+    assert (shown <= np.maximum(before + 1e-3, 1.0)).all()
+
+
+def test_colours_run_into_white_without_a_step_and_in_their_order():
+    shown = np.linspace(0.9, 3.0, 5001)
+    relit = np.repeat(((shown - 0.5) / SH_C0).astype(np.float32)[:, None], 3, axis=1)
+    found = 0.5 + SH_C0 * without_clipping(relit, np.zeros_like(relit))[:, 0].astype(np.float64)
+    steps = np.diff(found)
+    assert (steps >= -1e-7).all() and steps.max() < 1.01 * (shown[1] - shown[0])  # rounding of float32
+    # By hand: a linear 1 exceeds 0.926 by as much as is left to white, so half of that remains.
+    at_one = 0.5 + SH_C0 * without_clipping(np.full((1, 3), 0.5 / SH_C0, np.float32), np.zeros((1, 3), np.float32))
+    np.testing.assert_allclose(at_one, srgb_from_linear(np.float64((1.0 + BURNING) / 2)), atol=1e-6)
 
 
 def test_a_part_of_a_scene_changes_as_it_does_in_the_whole(ball):
