@@ -178,9 +178,11 @@ class Beside:
     def _own(self) -> NDArray[np.float32]:
         """The captured colours under the captured light as the options want it: where no environment gets into a room,
         and that light alone is asked for, it takes after the new one."""
-        if self._room and self.assumed is not None:
-            return self._room.assumed(self._environment, self._options.env_scale)
-        return self._room.with_its_own_light() if self._room else self._look.captured
+        if self._room is None:
+            return self._look.captured
+        if self.assumed is None:
+            return self._room.with_its_own_light()
+        return self._room.assumed(self._environment, self._options.env_scale)
 
     def level(self, radiance: NDArray[np.float32]) -> float:
         """Units of the picture per unit of the environment, which gives a radiance (V, 3)."""

@@ -138,8 +138,8 @@ class KnownScene(Loaded):
         if isinstance(options.lamps, tuple):
             _ = room.lamp_factors if room else options.lamp_factors(0)  # or an InputError
         elif options.lamps != "keep" and not (room and room.lamps_found):
-            told = "`lamps`: found no lamp of known strength, so none is changed"
-            warnings.warn(told, DataWarning, stacklevel=4)
+            message = "`lamps`: found no lamp of known strength, so none is changed"
+            warnings.warn(message, DataWarning, stacklevel=4)
         return room
 
     @property
@@ -151,12 +151,9 @@ class KnownScene(Loaded):
     def assumed(self) -> dict[str, Any] | None:
         """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
         light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
-        beside = self.keeps_captured or self.options.captured is not None or bool(self.asked_lamps)
-        if not self.room or not self.appearance.kept or beside:
+        change = self.beside.assumed
+        if self.room is None or change is None:
             return None
-        from .engine.assumed_light import assumed_change
-
-        change = assumed_change(self.environment, self.options.env_scale)
         return {"outside": self.room.outside, "change": [round(float(each), 4) for each in change]}
 
     @property

@@ -26,6 +26,9 @@ PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
+_LIBRARY = "light", "piz", "splats", "shadow", "framing", "gloss", "exr", "indicator", "live"
+"""Modules that the page joins into one, each after those that it imports. Their names at the top must differ."""
+
 _LOW_PASS = (
     ("cov[0][0] + 0.3;", "cov[0][0] + 1.2;"),
     ("cov[1][1] + 0.3;", "cov[1][1] + 1.2;"),
@@ -107,20 +110,7 @@ def _script() -> str:
     viewer = re.sub(r"^export \{[^}]*\};\s*$", "", _text("viewer/index.js"), flags=re.MULTILINE)
     for theirs, ours in (*_LOW_PASS, _FRAME_KEY):
         viewer = viewer.replace(theirs, ours)
-    library = [
-        _text(name)
-        for name in (
-            "light.js",
-            "piz.js",
-            "splats.js",
-            "shadow.js",
-            "framing.js",
-            "gloss.js",
-            "exr.js",
-            "indicator.js",
-            "live.js",
-        )
-    ]
+    library = [_text(f"{name}.js") for name in _LIBRARY]
     names = [
         name
         for part in library

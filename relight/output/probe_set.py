@@ -35,10 +35,10 @@ def places_of(grid: ProbeGrid | None, given: Sequence[Vector], scene: Scene) -> 
 
     given: (3,) each, frame of the splats."""
     matrix = np.asarray(scene.scene_from_splat, np.float64)
-    told = np.asarray(given, np.float64).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
+    corners = np.asarray(given, np.float64).reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3]
     if grid is None:
-        return told if len(told) > 1 else told[:0]
-    low, high = (told.min(axis=0), told.max(axis=0)) if len(told) else usual_box(scene)
+        return corners if len(corners) > 1 else corners[:0]
+    low, high = (corners.min(axis=0), corners.max(axis=0)) if len(corners) else usual_box(scene)
     return grid.within(low, high)
 
 

@@ -1,5 +1,6 @@
 """The worker's answers to a session: the newest results, whether they match the current wish, and what is missing."""
 
+from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,7 +23,7 @@ class LightWorker(Protocol):
         """End it."""
 
 
-class Answers:
+class Answers(ABC):
     """The wishes of a session and what came of them. A Session says what its wish is.
 
     progress: (label, fraction or None) of the work under way, or None. message: the text to show, or "".
@@ -39,14 +40,14 @@ class Answers:
         self._ended = ""
 
     @property
+    @abstractmethod
     def wish(self) -> LightWish:
         """The results that the current state needs from the worker."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def effects(self) -> frozenset[str]:
         """The effects that take part."""
-        raise NotImplementedError
 
     @property
     def lamps_settled(self) -> bool:

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from coloured_ball import TILT, ball_splats, irradiances, sphere_scene
 from scipy.spatial import cKDTree
 
-from relight.splats import Binding, relit, write_relit_ply
+from relight.splats import Binding, relit
 from relight.splats.light_ratio import BURNING, CURVE_POWER, Usual, log_gain, without_clipping
 from relight.transfer.store import Cache
 from splat2mesh.base.errors import DataWarning, InputError
@@ -11,50 +12,7 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.formats import read_splats
-from splat2mesh.splats.formats.inria import write_inria_ply
-from splat2mesh.splats.formats.ply import Ply
 from splat2mesh.splats.splats import SH_C0, Splats
-
-TILT = np.array([[1, 0, 0, 0.5], [0, -1, 0, 0.25], [0, 0, -1, -2], [0, 0, 0, 1.0]])  # exact in floating point
-
-
-def sphere_scene(max_chunk=40_000, count=3000, frame=TILT):
-    """A ball in the scene frame, coloured by place, chunked."""
-    import open3d as o3d
-
-    ball = o3d.geometry.TriangleMesh.create_sphere(1.0, 24)
-    vertices = np.asarray(ball.vertices, np.float32)
-    colors = np.round(255 * (0.45 + 0.2 * np.sin(3 * vertices))).astype(np.uint8)
-    mesh = Mesh(
-        vertices, vertices / np.linalg.norm(vertices, axis=1, keepdims=True), np.asarray(ball.triangles), colors
-    )
-    return Scene.from_mesh(mesh, max_chunk, scene_from_splat=frame)
-
-
-def ball_splats(degree=1, count=3000, seed=0, frame=TILT, thickness=0.002):
-    """Flat Gaussians on that ball, in the splat's frame, of colours between 0.2 and 0.7."""
-    rng = np.random.default_rng(seed)
-    normals = rng.normal(size=(count, 3))
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    back = np.linalg.inv(frame)
-    means = normals * (1 + rng.normal(0, 0.003, (count, 1))) @ back[:3, :3].T + back[:3, 3]
-    turned = normals @ back[:3, :3].T
-    # The rotation that takes +z to the normal, by half angles; no normal is exactly -z.
-    quats = np.stack([1 + turned[:, 2], -turned[:, 1], turned[:, 0], np.zeros(count)], axis=1)
-    sh = np.zeros((count, (degree + 1) ** 2, 3))
-    sh[:, 0] = (rng.uniform(0.3, 0.6, (count, 3)) - 0.5) / SH_C0
-    sh[:, 1:] = rng.normal(0, 0.02, sh[:, 1:].shape)
-    scales = np.tile([0.05, 0.05, thickness], (count, 1))
-    return Splats(means, scales, quats, rng.uniform(0.3, 0.95, count), sh)
-
-
-def irradiances(scene, seed=0):
-    """Light from two sides, both smooth over the ball and brighter than any captured colour."""
-    x, y, _ = scene.vertices.T
-    before = np.stack([1 + 0.3 * x, 1 + 0.2 * y, 1.1 - 0.3 * x], axis=1)
-    after = np.stack([1 - 0.4 * x, 0.7 + 0.2 * y, 0.5 + 0.3 * x], axis=1)
-    return before.astype(np.float32), after.astype(np.float32)
 
 
 def views_around(count=14, pixels=128):
@@ -375,53 +333,6 @@ def test_exposures_that_are_none_are_refused(ball, exposure):
     scene, _, binding = ball
     with pytest.raises(InputError, match="exposure"):
         binding.relit(*irradiances(scene), exposure=exposure)
-
-
-def test_the_file_differs_from_its_source_in_colours_alone(tmp_path):
-    scene, splats = sphere_scene(), ball_splats(2, 200)
-    source, target = tmp_path / "source.ply", tmp_path / "relit_splat.ply"
-    names = ["opacity", "rot_3", "rot_0", "rot_1", "rot_2", "z", "y", "x", "extra", "scale_0", "scale_1", "scale_2"]
-    names += [f"f_dc_{i}" for i in range(3)] + [f"f_rest_{i}" for i in range(24)]
-    rows = np.zeros(200, [(name, "<f4") for name in names])
-    rng = np.random.default_rng(0)
-    write_inria_ply(target, splats)
-    plain = Ply.open(target).rows("vertex")
-    for name in names:
-        rows[name] = plain[name] if name in plain.dtype.names else rng.normal(size=200)
-    for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
-        rows[name] *= 3.7  # of any length: must not come back normalised
-    rows["x"][7], rows["opacity"][9], rows["rot_0"][4:6] = np.nan, np.inf, 0
-    header = "ply\nformat binary_little_endian 1.0\nelement vertex 200\n"
-    header += "".join(f"property float {name}\n" for name in names) + "end_header\n"
-    source.write_bytes(header.encode() + rows.tobytes())
-    read = read_splats(source)
-    with pytest.warns(DataWarning, match="1 of 200"):
-        result = relit(read, scene, *irradiances(scene))
-    write_relit_ply(target, result, source)
-    written = Ply.open(target).rows("vertex")
-    kept = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
-    for name in kept:
-        assert written[name].tobytes() == rows[name].tobytes(), name
-    assert list(written.dtype.names)[:9] == ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
-    np.testing.assert_array_equal(read_splats(target).sh, result.sh)
-    assert written["f_dc_0"][7] == rows["f_dc_0"][7]
-    assert (written["f_dc_0"] != rows["f_dc_0"]).sum() == 199
-
-
-def test_the_source_of_other_splats_is_refused(tmp_path):
-    splats = ball_splats(0, 30)
-    write_inria_ply(tmp_path / "other.ply", splats)
-    with pytest.raises(InputError, match="holds 30 splats, 20 are to be written"):
-        write_relit_ply(tmp_path / "relit.ply", splats.take(slice(0, 20)), tmp_path / "other.ply")
-    assert not (tmp_path / "relit.ply").exists()
-
-
-def test_without_an_inria_source_the_file_is_the_standard_one(tmp_path):
-    splats = ball_splats(1, 30)
-    (tmp_path / "source.spz").write_bytes(b"NGSP something else")
-    write_relit_ply(tmp_path / "a.ply", splats, tmp_path / "source.spz")
-    write_inria_ply(tmp_path / "b.ply", splats)
-    assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "b.ply").read_bytes()
 
 
 def test_dark_colours_stay_dark():
