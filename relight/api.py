@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
     from .gloss.gloss_plan import GlossPlan
     from .insert.insert_plan import InsertPlan
+    from .planning.bounce_plan import BouncePlan
     from .planning.lamp_plan import LampPlan
     from .viewer.request import SessionRequest
 
@@ -213,9 +214,10 @@ class RelightPlan(NamedTuple):
     """The result of `plan_relight`.
 
     plan: the Plan of the environment; None without one, or where the splat is not meshed yet. note: what it leaves
-    open, or "". lamps: the LampPlan of the added lamps, or None. lamp_count: how many. lamps_picture: (H, W, 3) uint8,
-    the captured lamps of a closed room with their numbers; None without any. gloss: the GlossPlan of the scene; None
-    where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added objects, or None.
+    open, or "". lamps, lamp_bounces: LampPlan and BouncePlan of the added lamps, or None. lamp_count: how many.
+    lamps_picture: (H, W, 3) uint8, the captured lamps of a closed room with their numbers; None without any. gloss: the
+    GlossPlan of the scene; None where nothing is glossy, or before gloss was measured. inserts: the InsertPlan of added
+    objects, or None.
     north_picture: (H, W, 3) uint8, an arrow that points north, for the sun of a date; None for other lights.
     """
 
@@ -227,6 +229,7 @@ class RelightPlan(NamedTuple):
     gloss: "GlossPlan | None" = None
     inserts: "InsertPlan | None" = None
     north_picture: NDArray[np.uint8] | None = None
+    lamp_bounces: "BouncePlan | None" = None
 
     def table(self) -> list[str]:
         """Return it as lines of text."""
@@ -234,7 +237,8 @@ class RelightPlan(NamedTuple):
         lines += [f"  {self.note}"] * bool(self.note) if lines else [self.note] * bool(self.note)
         lines += [] if self.gloss is None else self.gloss.table()
         lines += [] if self.inserts is None else self.inserts.table()
-        return lines + ([] if self.lamps is None else self.lamps.table(self.lamp_count))
+        lines += [] if self.lamps is None else self.lamps.table(self.lamp_count)
+        return lines + ([] if self.lamp_bounces is None else self.lamp_bounces.table())
 
 
 def plan_relight(request: RelightRequest, stages: Stages | None = None) -> RelightPlan:
@@ -248,9 +252,9 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
         note = f"{request.scene} is meshed first: splat2mesh {request.scene} --plan shows how. "
         return RelightPlan(None, note + "Light is planned once that is done.")
     job = Job(planned.under(lights_of(planned)[0]), stages)
-    lamps, count, picture = None, 0, None
+    lamps, bounces, count, picture = None, None, 0, None
     if job.asked_lamps and job.beside.lamp_light is not None:
-        lamps, count = job.beside.lamp_light.plan, len(job.asked_lamps)
+        lamps, bounces, count = job.beside.lamp_light.plan, job.beside.lamp_light.bounce_plan, len(job.asked_lamps)
     if job.from_inside and job.room is not None and job.room.lamps_found:
         from .output.lamps_picture import lamps_picture
 
@@ -258,7 +262,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     inserts = job.insert_plan
     if job.keeps_captured:
         note = "" if lamps or inserts else "the captured light needs no rays, and there is nothing to plan"
-        return RelightPlan(None, note, lamps, count, picture, inserts=inserts)
+        return RelightPlan(None, note, lamps, count, picture, inserts=inserts, lamp_bounces=bounces)
     pointing = None
     if isinstance(request.env, DaylightRequest):
         from .output.north_picture import north_picture
@@ -271,7 +275,7 @@ def plan_relight(request: RelightRequest, stages: Stages | None = None) -> Relig
     if plan is None and lamps is None and inserts is None:
         raise InputError(f"`method` {job.options.method} has nothing to plan; leave it at auto")
     gloss = None if note or job.gloss is None or not job.gloss.known else job.gloss.plan(job.appearance)
-    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing)
+    return RelightPlan(plan, note, lamps, count, picture, gloss, inserts, pointing, bounces)
 
 
 def view_request(

@@ -231,7 +231,7 @@ def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
         "bounces": [round(share, 6) for share in shading.bounces],
         "seed": job.request.lighting.seed,
         "plan": None if job.plan is None else job.plan.as_dict(),
-        "lamp_plan": None if job.beside.lamp_light is None else job.beside.lamp_light.plan.as_dict(),
+        "lamp_plan": None if job.beside.lamp_light is None else job.beside.lamp_light.plan_dict(),
         "rays_traced": job.relighter.rays_traced,
         "exposure": exposure,
         "files": [],

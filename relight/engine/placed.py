@@ -1,6 +1,7 @@
 """The light of placed lamps on a scene: direct, and reflected by its surfaces."""
 
 import copy
+import math
 import warnings
 from collections.abc import Sequence
 from functools import cached_property
@@ -16,10 +17,12 @@ from splat2mesh.scene.color import luminance
 from ..lamps.emitters import Emitters, emitters_of
 from ..lamps.shapes import Lamp
 from ..lamps.tracing import LitVertices, Ordered, lamplight, lamplight_at, ordered
+from ..planning.bounce_plan import BouncePlan, plan_first_bounce
 from ..planning.lamp_plan import LampPlan, plan_lamps
 from ..rooms.evenness import Evenness
 from ..rooms.room import AVERAGING_ROUNDS
 from ..transfer.bounces import with_bounces
+from ..transfer.first_bounce import first_bounce
 from ..transfer.occluder import Frame, Occluder
 from .appearance import CAPTURE, CAPTURE_OF_PLACE, LEAST_ALBEDO
 from .relit_room import ROUNDS
@@ -89,6 +92,23 @@ class LampLight:
             return plan_lamps(self._receivers, self._emitters, beside, self._tolerance, **more)
 
     @cached_property
+    def bounce_plan(self) -> BouncePlan | None:
+        """The number of rays that their first bounce needs, for hard shadows; None without bounces."""
+        if not self._bounces or not len(self._emitters.kind):
+            return None
+        left = math.sqrt(max(self._tolerance**2 - self.plan.error**2, (self._tolerance / 2.0) ** 2))
+        seed, beside = self._relighter.options.seed, self._captured * self._look.irradiance
+        with self._relighter.stages.stage("plan"):
+            direct = self.glimpse()
+            return plan_first_bounce(
+                self._receivers, self._albedo * direct, self._interreflection, beside + direct, left, seed
+            )
+
+    def plan_dict(self) -> dict[str, Any]:
+        """Both plans, JSON-clean, for the report."""
+        return {**self.plan.as_dict(), "first_bounce": self.bounce_plan and self.bounce_plan.as_dict()}
+
+    @cached_property
     def placed(self) -> Placed:
         """The light of all lamps together. Warns of those that light nothing."""
         relighter = self._relighter
@@ -106,7 +126,7 @@ class LampLight:
         other = copy.copy(self)
         other.lamps, other._captured = list(lamps), np.float32(captured)
         other._emitters = emitters_of(other.lamps, self._frame.center, self._frame.diagonal)
-        for name in ("plan", "placed"):
+        for name in ("plan", "bounce_plan", "placed"):
             vars(other).pop(name, None)
         return other
 
@@ -136,8 +156,11 @@ class LampLight:
         albedo = self._albedo
         if not self._bounces:
             return self.without_bounces(direct)
-        with self._relighter.stages.stage("bounces"):
-            radiance, bounces = with_bounces(direct, albedo, self._interreflection)
+        assert self.bounce_plan is not None  # with bounces there is one
+        matrix, rays, seed = self._interreflection, self.bounce_plan.rays, self._relighter.options.seed
+        with self._relighter.stages.stage("bounces", len(albedo)) as advance:
+            first = first_bounce(self._receivers, albedo * direct, rays, seed=seed, advance=advance) if rays else None
+            radiance, bounces = with_bounces(direct, albedo, matrix, first=first)
         received = radiance / np.maximum(albedo, np.float32(LEAST_ALBEDO))
         dark = albedo < LEAST_ALBEDO  # the light that falls on black does not show in the light that black reflects
         received[dark] = np.maximum(received, direct)[dark]

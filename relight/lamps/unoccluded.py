@@ -101,7 +101,7 @@ def tube(
 ) -> float:
     """A cylinder that shines along its side; Gauss's nodes and weights on (0, 1)."""
     along, near, distance, start, turn = tube_angles(px, py, pz, place, first)
-    if distance <= radius:
+    if distance <= radius and start < 0.0 < start + turn:  # inside, not on its axis beyond an end
         return 1.0
     total = 0.0
     for k in range(len(nodes)):

@@ -169,6 +169,7 @@ def with_bounces(
     interreflection: Interreflection,
     tolerance: float = BOUNCE_TOLERANCE,
     max_bounces: int = DEFAULT_MAX_BOUNCES,
+    first: NDArray[np.float32] | None = None,  # (V, 3) the first bounce on white, where more rays than the matrix's tell it
 ) -> tuple[NDArray[np.float32], list[float]]:
     """Exit radiance with interreflection, (V, 3) float32, and what each bounce gave: a list of floats.
 
@@ -182,7 +183,8 @@ def with_bounces(
     radiance = increment.copy()
     contributions: list[float] = []
     while len(contributions) < max_bounces and not _converged(contributions, tolerance):
-        increment = albedo * interreflection.bounce(increment)
+        known = first is not None and not contributions
+        increment = albedo * (first if known else interreflection.bounce(increment))
         radiance += increment
         given, total = _norm(increment, interreflection.shares), _norm(radiance, interreflection.shares)
         contributions.append(given / max(total, np.finfo(np.float64).tiny))

@@ -17,6 +17,8 @@ from relight.job import Job
 from relight.lamps.shapes import RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from scenes.places import build_place
 
+DIRECT_PART = 8  # of the lamp to one of paths: samples of a tube are noisy, and cheap
+
 QUICK = ["--vertices", "1500", "--scenes", "1", "--probes", "40", "--samples", "16"]
 
 OBJECTS, PLACES = ("tabletop", "room"), ("closed-box", "one-window", "lounge")
@@ -26,10 +28,10 @@ LAMPS = ("sphere", "spot", "panel", "tube")
 
 def arguments(parser):
     parser.add_argument("--scenes", type=int, default=20, help="how many, of five kinds, each with four lamps")
-    parser.add_argument("--vertices", type=int, default=8000, help="of a scene, about")
+    parser.add_argument("--vertices", type=int, default=100_000, help="of a scene, about")
     parser.add_argument("--tolerance", type=float, default=0.03)
-    parser.add_argument("--probes", type=int, default=400, help="vertices at which light is compared")
-    parser.add_argument("--samples", type=int, default=4096, help="of the lamp and of paths, for each of those")
+    parser.add_argument("--probes", type=int, default=800, help="vertices at which light is compared")
+    parser.add_argument("--samples", type=int, default=4096, help="paths for each of those, and eight times as many of the lamp")
 
 
 def run(options, report):
@@ -59,7 +61,7 @@ def compared(kind, kind_of_lamp, seed, options):
     probes = np.sort(rng.choice(len(mesh.vertices), min(options.probes, len(mesh.vertices)), replace=False))
     halves = []
     for half in (1, 2):
-        direct = tracer.direct(probes, options.samples // 2, half)
+        direct = tracer.direct(probes, DIRECT_PART * options.samples // 2, half)
         halves.append(mesh.albedo[probes] * (direct + tracer.indirect(probes, options.samples // 2, 2 + half)))
     true, found = (halves[0] + halves[1]) / 2, shaded.shading.radiance[probes]
     light = job.beside.lamp_light

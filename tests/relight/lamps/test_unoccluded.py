@@ -110,6 +110,15 @@ def test_an_endless_tube_gives_its_radius_over_its_distance():
     assert given(tube, (0, 0, 0), (0, 1, 0)) == pytest.approx(0.02, rel=1e-3)
 
 
+def test_a_tube_seen_along_its_axis_gives_next_to_nothing():
+    """Its side alone shines. Inside it all directions do; beyond its end, seen end on, none."""
+    tube = TubeLamp((0, 0, 1.0), (0, 0, 2.0), 0.05, (1, 1, 1))
+    for off in (0.0, 0.02, 0.049):
+        assert given(tube, (off, 0, 1.5), (0, 0, 1)) == 1.0
+        for end, normal in ((0.0, 1), (3.0, -1)):
+            assert given(tube, (off, 0, end), (0, 0, normal)) < 2.0 * 0.05**2  # as much as its end would
+
+
 @pytest.mark.parametrize(
     "lamp",
     [

@@ -274,6 +274,22 @@ def test_closed_bodies_are_black_inside_with_every_effect(scale, offset):
         assert shading.sun_count and not shading.radiance.any()
 
 
+def test_walls_that_end_on_a_floor_without_a_vertex_there_are_lit_down_to_it():
+    """Their lowest vertices lie in the floor's plane, where rays would be taken to start behind it."""
+    lines = np.linspace(-0.5, 0.5, 6)
+    floor = sheet(1.7 * lines)  # none of its lines is one of the wall's
+    turn = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    wall, normals, faces = sheet(lines)
+    wall, normals = wall @ turn + [0.05, 0.5, 0.0], normals @ turn
+    vertices, both, faces = joined(floor, (wall, normals, faces))
+    foot = np.abs(vertices[:, 1]) < 1e-6
+    foot[: len(floor[0])] = False
+    assert foot.sum() == len(lines)
+    for order in (faces, faces[:, ::-1]):
+        fraction = seen(np.float32(vertices), both, order, 256)[foot]
+        np.testing.assert_allclose(fraction, 0.5, atol=0.02)  # the half of its sky that is above the floor
+
+
 def test_the_two_sides_of_a_sheet_are_lit_each_from_its_own():
     lines = np.linspace(-0.5, 0.5, 6)
     vertices, normals, faces = joined(sheet(lines), sheet(lines, 0.0, -1.0))

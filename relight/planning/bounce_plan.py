@@ -1,0 +1,101 @@
+"""The number of rays that the first bounce of placed lamps needs, measured on a sample of the vertices."""
+
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..transfer.bounces import Interreflection
+from ..transfer.first_bounce import first_bounce
+from ..transfer.occluder import Occluder
+
+SAMPLE = 1024
+
+CHOICES = 64, 128, 256, 512
+REFERENCE = 2048
+
+LEAST_LIGHT = 1e-9
+
+BRIGHT = 90.0
+"""Percentile of all light above which a vertex counts as if it had that much: the pool of a spot is overexposed where
+the rest of the room is seen, and would hide its noise."""
+
+
+class BouncePlan(NamedTuple):
+    """The rays for the first bounce of placed lamps, with their error and time.
+
+    rays: from each vertex, beyond those of the matrix of bounces; 0 where these are enough. error: of the light that
+    first bounces bring, relative to all light, root mean square over the sample. seconds: for the whole scene.
+    curve: [(seconds, error, rays)], quickest first. within: whether the error keeps to the tolerance.
+    """
+
+    rays: int
+    error: float
+    seconds: float
+    curve: list[tuple[float, float, int]]
+    within: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-clean, for the report."""
+        curve = [{"seconds": round(s, 3), "error": round(e, 5), "rays": r} for s, e, r in self.curve]
+        return {
+            "rays": self.rays,
+            "predicted_error": round(self.error, 5),
+            "predicted_seconds": round(self.seconds, 3),
+            "within_tolerance": self.within,
+            "curve": curve,
+        }
+
+    def table(self) -> list[str]:
+        """Lines of text, below those of the lamps."""
+        rays = f"{self.rays} more rays from each vertex" if self.rays else "the rays that are there are enough"
+        lines = [f"  first bounce: {rays}; predicted: error {self.error:.2%}; {self.seconds:.2f} s"]
+        lines += [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
+        return lines
+
+
+def plan_first_bounce(
+    occluder: Occluder,
+    sent: NDArray[np.float32],
+    matrix: Interreflection,
+    beside: NDArray[np.float32],
+    tolerance: float,
+    seed: int = 0,
+) -> BouncePlan:
+    """Choose the fewest rays that keep to a tolerance; those of the matrix where they do.
+
+    Parameters
+    ----------
+    occluder : Occluder
+        As `first_bounce` takes it.
+    sent : ndarray, (V, 3) float32
+        Exit radiance of the surfaces in the direct light of the lamps.
+    matrix : Interreflection
+        The bounces that are there.
+    beside : ndarray, (V, 3) float32
+        All other light that vertices receive, irradiance over pi: an error counts as a part of all light.
+    tolerance : float
+        Relative error that is accepted.
+    seed : int
+        Of the sample and of the rays.
+    """
+    count = len(occluder.origins)
+    rows = np.sort(np.random.default_rng(seed).choice(count, min(SAMPLE, count), replace=False))
+    true = first_bounce(occluder, sent, REFERENCE, rows, seed + 1)
+    light = np.sqrt(np.square(true + beside[rows], dtype=np.float64).mean(axis=1))
+    whole = max(float(np.sqrt(np.square(np.minimum(light, np.percentile(light, BRIGHT))).mean())), LEAST_LIGHT)
+    curve = [(0.0, _error(matrix.bounce(sent)[rows], true) / whole, 0)]
+    for rays in CHOICES:
+        if curve[-1][1] <= tolerance:
+            break
+        start = time.perf_counter()
+        found = first_bounce(occluder, sent, rays, rows, seed)
+        seconds = (time.perf_counter() - start) * count / len(rows)
+        curve.append((seconds, _error(found, true) / whole, rays))
+    seconds, error, rays = curve[-1]
+    return BouncePlan(rays, error, seconds, curve, error <= tolerance)
+
+
+def _error(found: NDArray[np.float32], true: NDArray[np.float32]) -> float:
+    return float(np.sqrt(np.square(found - true).mean(dtype=np.float64)))
