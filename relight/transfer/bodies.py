@@ -15,6 +15,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.render.raycaster import RayCaster
 
 from . import sampling
+from .borders import inward_of_borders
 from .neighbors import ranked_nodes
 from .occluder import EDGE_OFFSET, MAX_OFFSET, MIN_OFFSET, MIN_OPENNESS, Frame
 from .reach import Beams, Box, Hemisphere, blocked
@@ -204,10 +205,12 @@ def _stand_off(
             if length > 0:
                 shortest[place[i]] = min(shortest[place[i]], np.float64(length))
                 shortest[place[j]] = min(shortest[place[j]], np.float64(length))
+    inward, little = inward_of_borders(vertices, normals, faces, place, distinct), max(least, rounding)
     for v in range(len(vertices)):
         p = place[v]
         open_by = common[p, 0] * normals[v, 0] + common[p, 1] * normals[v, 1] + common[p, 2] * normals[v, 2]
         offset = max(min(max(EDGE_OFFSET * shortest[p], least), MAX_OFFSET), rounding)
         for axis in range(3):
             step = common[p, axis] if open_by > MIN_OPENNESS else normals[v, axis]
-            origins[v, axis] = np.float64(vertices[v, axis]) + offset * np.float64(step)
+            along = little * np.float64(inward[v, axis])
+            origins[v, axis] = np.float64(vertices[v, axis]) + offset * np.float64(step) + along

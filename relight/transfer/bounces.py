@@ -169,7 +169,8 @@ def with_bounces(
     interreflection: Interreflection,
     tolerance: float = BOUNCE_TOLERANCE,
     max_bounces: int = DEFAULT_MAX_BOUNCES,
-    first: NDArray[np.float32] | None = None,  # (V, 3) the first bounce on white, where more rays than the matrix's tell it
+    first: NDArray[np.float32]
+    | None = None,  # (V, 3) the first bounce on white, where more rays than the matrix's tell it
 ) -> tuple[NDArray[np.float32], list[float]]:
     """Exit radiance with interreflection, (V, 3) float32, and what each bounce gave: a list of floats.
 

@@ -12,6 +12,7 @@ from splat2mesh.base.threads import read_only
 from splat2mesh.render.raycaster import Hits, RayCaster
 
 from ..sh.normals import unit_normals
+from .borders import inward_of_borders
 from .checks import check_faces, check_mesh
 from .neighbors import ranked_nodes
 
@@ -31,11 +32,6 @@ be off by half of one along each axis, against each other: sqrt 3 together. So n
 
 MIN_OPENNESS = 0.1
 """Least cosine between a normal and the common direction of all normals at its place for that to be used."""
-
-
-OPEN_CHAIN = 0.01
-"""Gap between the ends of the chain of edges around a vertex, over its length, above which it is open: rounding leaves
-1e-6, a border a third or more."""
 
 
 class Frame(NamedTuple):
@@ -108,7 +104,7 @@ def _origins(
     Where faces meet at a hard edge, each with vertices of its own, a step along one face's normal can stay
     in its neighbour's plane, where rays slip through. So the step goes along the sum of the distinct normals
     at the position, away from all of them; and along the vertex's own normal where they oppose each other.
-    At the border of a patch it goes inward as well: the wall that the patch ends at may have no vertex there.
+    At the border of a patch it goes inward by as little as counts: what the patch ends at may have no vertex there.
     Any other vertex that lies exactly in a face is taken to be behind it, that is dark.
     """
     order, distinct, new_position = ranked_nodes(np.ascontiguousarray(vertices), normals)
@@ -120,46 +116,11 @@ def _origins(
     step = np.where((common[group] * normals).sum(axis=1, keepdims=True) > MIN_OPENNESS, common[group], normals)
 
     shortest = np.full(len(common), np.inf)
-    inward = np.zeros_like(vertices)
     faces = read_only(faces, np.int32)
     _shorten(vertices, faces, group, shortest)
-    _turn_inward(vertices, normals, faces, inward)
     offset = np.maximum(np.clip(EDGE_OFFSET * shortest, MIN_OFFSET, MAX_OFFSET), rounding)[group]
-    return (vertices + offset[:, None] * (step + inward)).astype(np.float32)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _turn_inward(
-    vertices: NDArray[np.float32], normals: NDArray[np.float32], faces: Integers, inward: NDArray[np.float32]
-) -> None:
-    """Unit directions in the surface from the border of a patch into it, (V, 3); 0 inside.
-
-    The edges opposite a vertex form a chain around it. It closes inside a patch; at the border its ends are apart.
-    """
-    length = np.zeros(len(vertices))
-    for f in range(len(faces)):
-        for corner in range(3):
-            v, b, c = faces[f, corner], faces[f, (corner + 1) % 3], faces[f, (corner + 2) % 3]
-            bx, by, bz = vertices[b, 0], vertices[b, 1], vertices[b, 2]
-            ex, ey, ez = vertices[c, 0] - bx, vertices[c, 1] - by, vertices[c, 2] - bz
-            ax, ay, az = bx - vertices[v, 0], by - vertices[v, 1], bz - vertices[v, 2]
-            facing = (
-                (ay * ez - az * ey) * normals[v, 0]
-                + (az * ex - ax * ez) * normals[v, 1]
-                + (ax * ey - ay * ex) * normals[v, 2]
-            )
-            sign = 1.0 if facing >= 0.0 else -1.0  # whichever way round the face is listed
-            inward[v, 0] += sign * ex
-            inward[v, 1] += sign * ey
-            inward[v, 2] += sign * ez
-            length[v] += np.sqrt(ex * ex + ey * ey + ez * ez)
-    for v in range(len(vertices)):
-        x, y, z = inward[v, 0], inward[v, 1], inward[v, 2]
-        nx, ny, nz = normals[v, 0], normals[v, 1], normals[v, 2]
-        x, y, z = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
-        norm = np.sqrt(x * x + y * y + z * z)
-        scale = 1.0 / norm if norm > OPEN_CHAIN * length[v] else 0.0
-        inward[v, 0], inward[v, 1], inward[v, 2] = scale * x, scale * y, scale * z
+    inward = inward_of_borders(vertices, normals, faces, group, order[distinct])
+    return (vertices + offset[:, None] * step + max(MIN_OFFSET, rounding) * inward).astype(np.float32)
 
 
 @njit(cache=True, nogil=True)

@@ -31,7 +31,9 @@ def arguments(parser):
     parser.add_argument("--vertices", type=int, default=100_000, help="of a scene, about")
     parser.add_argument("--tolerance", type=float, default=0.03)
     parser.add_argument("--probes", type=int, default=800, help="vertices at which light is compared")
-    parser.add_argument("--samples", type=int, default=4096, help="paths for each of those, and eight times as many of the lamp")
+    parser.add_argument(
+        "--samples", type=int, default=4096, help="paths for each of those, and eight times as many of the lamp"
+    )
 
 
 def run(options, report):
