@@ -17,6 +17,9 @@ from .cameras_json import views_of_cameras_json
 from .colmap import is_colmap, read_colmap
 from .nerfstudio import candidates_of_transforms
 
+INSIDE = ("0", "sparse/0", "colmap/sparse/0", "sparse")
+"""Where the COLMAP model of a capture lies in the folders that people name instead."""
+
 KINDS = "a COLMAP folder such as sparse/0, a cameras.json of INRIA, or a transforms.json of nerfstudio"
 
 NONE = "none"
@@ -92,6 +95,9 @@ def read_cameras(path: str | os.PathLike[str], splat_path: str | os.PathLike[str
         if is_colmap(path):
             return [list(read_colmap(path))]
         inside = [path / name for name in ("transforms.json", "cameras.json") if (path / name).is_file()]
+        models = [path / name for name in INSIDE if is_colmap(path / name)]
+        if models and not inside:
+            return [list(read_colmap(models[0]))]
         if not inside:
             raise InputError(f"{path}: no COLMAP model lies in this folder; expected {KINDS}")
         path = inside[0]

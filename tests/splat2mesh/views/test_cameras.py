@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.render.view import View
-from splat2mesh.views.cameras import spread_out
+from splat2mesh.views.cameras import read_cameras, spread_out
 from splat2mesh.views.colmap import read_colmap
 
 PINHOLE = "7 PINHOLE 640 480 500.25 510.5 320.125 241.75"
@@ -56,6 +56,14 @@ def test_a_text_model_reads_back_exactly_in_the_order_of_the_image_ids(tmp_path)
     images = [f"{ids[k]} {pose_text(v)} {k + 1} {k}.png" for k, v in enumerate(views)]
     found = read_colmap(write_text(tmp_path / "model", cameras, images))
     assert_views_equal(found, [views[k] for k in np.argsort(ids)])
+
+
+@pytest.mark.parametrize("named", [".", "sparse", "sparse/0"])
+def test_a_model_is_found_in_the_folders_that_hold_it(tmp_path, named):
+    (tmp_path / "sparse").mkdir()
+    write_text(tmp_path / "sparse" / "0", [PINHOLE], [POSED])
+    (views,) = read_cameras(tmp_path / named)
+    assert len(views) == 1
 
 
 def test_a_binary_model_written_by_colmap_itself_reads_back_exactly(tmp_path):
