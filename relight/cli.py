@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from splat2mesh.base.collecting import compile_without_collector
 from splat2mesh.base.commandline import chosen, several, share
-from splat2mesh.base.console import Display, run, tell
+from splat2mesh.base.console import Display, notify, run
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.requests import given, option_names
@@ -195,7 +195,7 @@ def _viewed(request: RelightRequest, screenshot: str | None, stages: Stages) -> 
 def _served(request: RelightRequest, port: int, stages: Stages) -> tuple[list[str], Any]:
     from .api import serve_request
 
-    serve_request(request, port, lambda url: tell(f"open {url} (Ctrl-C stops)"), stages)
+    serve_request(request, port, lambda url: notify(f"open {url} (Ctrl-C stops)"), stages)
     return [], {"served": True}
 
 

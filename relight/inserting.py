@@ -85,8 +85,8 @@ def captured_sky(look: Appearance) -> Environment:
     """The light of the capture from far away; an even one where nothing tells it, with a DataWarning."""
     if look.environment is not None:
         return look.environment
-    told = "the light of the capture is unknown: objects are lit evenly from all around"
-    warnings.warn(told, DataWarning, stacklevel=3)
+    problem = "the light of the capture is unknown: objects are lit evenly from all around"
+    warnings.warn(problem, DataWarning, stacklevel=3)
     even = np.broadcast_to(np.median(look.irradiance, axis=0), (2, 4, 3))
     return Environment(np.array(even, np.float32), "even")
 

@@ -92,7 +92,7 @@ class KnownScene(Loaded):
         look = self._retinted(appearance_of(self._choice, capture_env, relighter, self._reflected))
         if self.options.opened:  # a room whose own light is not known is lit by its captured colours
             return look._replace(kept=False)
-        shut = look.room is not None and look.room.told["windows"] is None
+        shut = look.room is not None and look.room.report["windows"] is None
         return look._replace(kept=True) if shut else look
 
     def _retinted(self, look: Appearance) -> Appearance:
@@ -175,7 +175,7 @@ class KnownScene(Loaded):
     def lamps_found(self) -> list[dict[str, Any]]:
         """What the report tells of the captured lamps of a closed room, by number."""
         room = self.appearance.room
-        return [] if room is None else list(room.told["lamps"])
+        return [] if room is None else list(room.report["lamps"])
 
     @property
     def mixes(self) -> bool:

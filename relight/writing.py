@@ -68,11 +68,11 @@ class Writer:
         alone = asked.sheet and len(asked.angles_deg) == 1
         with staged_folder(folder, overwrite or there, REPORT, keep=True) as staging:
             earlier = Earlier(folder, settings, overwrite)  # again: another run may have been here since
-            report["files"], told = self._results.write(staging, shaded)
+            report["files"], facts = self._results.write(staging, shaded)
             if asked.sheet:
                 self._results.add_to_sheet(shaded)
                 report["files"] += [self._results.write_sheet(staging, 1)] * alone
-            report.update(told)
+            report.update(facts)
             report = earlier.joined(report)
             self._write_report(staging, report)
         return report

@@ -42,9 +42,9 @@ def outcome(kind, attack, folder):
 def test_lies_and_what_is_no_file(whole, tmp_path, kind):
     begun, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for number, attack in enumerate(attacks_of(kind, whole[kind], LIES_AND_DAMAGE, seed=1)):
-        if not attack.told.endswith(COSTLY):
+        if not attack.label.endswith(COSTLY):
             found = outcome(kind, attack, tmp_path / str(number))
-            assert found is None or attack.summed in (None, found), attack.told
+            assert found is None or attack.summed in (None, found), attack.label
     assert time.process_time() - begun < 30.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 1 << 20  # KiB: a gigabyte
 
@@ -58,11 +58,11 @@ def test_damage_of_all_sorts(whole, tmp_path_factory, kind, data):
 
     files, entry = whole[kind]
     name = data.draw(st.sampled_from(sorted(name for name in files if files[name])))
-    content, told = damaged(files[name], np.random.default_rng(data.draw(st.integers(0, 2**32))))
+    content, label = damaged(files[name], np.random.default_rng(data.draw(st.integers(0, 2**32))))
     folder = tmp_path_factory.mktemp("damaged")
-    found = outcome(kind, Attack(told, files | {name: content}, entry), folder / "case")
+    found = outcome(kind, Attack(label, files | {name: content}, entry), folder / "case")
     if kind in SUMMED and found is not None:
-        assert found == outcome(kind, Attack("whole", files, entry), folder / "whole"), (name, told)
+        assert found == outcome(kind, Attack("whole", files, entry), folder / "whole"), (name, label)
 
 
 def test_whole_files_are_read(whole, tmp_path):

@@ -187,13 +187,13 @@ def test_both_commands_one_after_the_other(meshed, run, home):
 
 def test_a_slip_is_one_line_and_leaves_nothing(first, run, home):
     before = sorted(home.rglob("*"))
-    for command, told in (
+    for command, expected in (
         (["relight", "garden", "--env", "sunst"], "did you mean sunset?"),
         (["relight", "gadren"], "no such scene folder"),
         (["splat2mesh", "garden.ply", "-o", "garden"], "--overwrite"),
     ):
         out, err = run(*command, code=2)
-        assert out == "" and err.count("\n") == 1 and told in err
+        assert out == "" and err.count("\n") == 1 and expected in err
     assert sorted(home.rglob("*")) == before
 
 

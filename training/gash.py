@@ -66,7 +66,7 @@ def train(options):
     count, held_out = (QUICK_MESHES, QUICK_HELD_OUT) if options.quick else (MESHES, HELD_OUT)
     log = []
 
-    def tell(line):
+    def report(line):
         log.append(line)
         options.say(line)
 
@@ -75,8 +75,8 @@ def train(options):
         examples += labelled(from_folder(options.meshes))
     judges = labelled(generated(held_out, options.seed + HELD_OUT_SEED))
     vertices = sum(len(example.vertices) for example in examples)
-    tell(f"{kind}: {len(examples)} meshes with {vertices:,} vertices, {len(judges)} meshes held out")
-    network = fit(kind, examples, judges, 60.0 * options.minutes, options.seed, tell)
+    report(f"{kind}: {len(examples)} meshes with {vertices:,} vertices, {len(judges)} meshes held out")
+    network = fit(kind, examples, judges, 60.0 * options.minutes, options.seed, report)
     out = Path(options.out)
     out.mkdir(parents=True, exist_ok=True)
     file = out / ("neural-gash.onnx" if kind == "motor" else "neural-gash-6d.onnx")
@@ -112,7 +112,7 @@ def network_of(kind):
     return nn.Sequential(*layers, nn.Linear(before, OUTPUTS))
 
 
-def fit(kind, examples, judges, seconds, seed, tell):
+def fit(kind, examples, judges, seconds, seed, report):
     """Train a network for some seconds of processor time; returns that of the least error on the held-out `judges`."""
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
@@ -142,9 +142,9 @@ def fit(kind, examples, judges, seconds, seed, tell):
             error = float(np.mean(list(errors(network, kind, judges, JUDGED).values())))
             if error < best:
                 best, state = error, {name: value.clone() for name, value in network.state_dict().items()}
-            tell(f"{looked:.0f} s, {samples:,} samples: loss {loss.item():.4f}, mean held-out error {error:.4f}")
+            report(f"{looked:.0f} s, {samples:,} samples: loss {loss.item():.4f}, mean held-out error {error:.4f}")
     network.load_state_dict(state)
-    tell(f"kept: mean held-out error {best:.4f}")
+    report(f"kept: mean held-out error {best:.4f}")
     return network.eval()
 
 

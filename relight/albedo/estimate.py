@@ -61,7 +61,7 @@ def estimate(
     if problem:
         return scene.as_captured(problem)
     if sky is not None and scene.under_sky:
-        seen, lit = skylight.told_by_sky(sky), light_under_sky(scene, sky, volume)
+        seen, lit = skylight.visible_part(sky), light_under_sky(scene, sky, volume)
         if lit is None or not lit.sure:
             alone = estimate(occluder, captured, seed, advance, scene.transport)
             if lit is None or not alone.separable:
@@ -114,7 +114,7 @@ def with_known_light(
     if known is not None and measured is not None:
         measured = scene.usual(measured, luminance(received))
         shown = Environment(environment.radiance * measured, environment.name, environment.rotation_deg)
-        result = scene.result(shown, skylight.told_by_sky(known), direct * measured, brighter=False)
+        result = scene.result(shown, skylight.visible_part(known), direct * measured, brighter=False)
         return result._replace(under_sky=True)
     light = fit.KnownLight(received, scene.bounced(), fit.UNIT)
     start = np.log(scene.start() / np.median(received, axis=0))[None] / fit.UNIT

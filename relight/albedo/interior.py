@@ -67,7 +67,7 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) ->
     return float(seen.mean()) if len(seen) else 1.0
 
 
-def told(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
+def room_notice(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
     """The line on a closed room: what enters it, what was found in it or why nothing was, and what to do.
 
     found: the report of a `rooms.Room`; None where the light of the room could not be estimated.

@@ -53,10 +53,10 @@ LEAST_SUN_GAIN = 0.02
 """Relative fall of the cost for which a sun among the clipped is believed; without any, errors of a garden's mesh gave
 up to 1%."""
 
-LEAST_TOLD = 0.05
+LEAST_VISIBLE = 0.05
 """Of the upper hemisphere, weighted as level ground is lit, that a sky must show to be used: windows show less."""
 
-LITTLE_TOLD = 0.25
+LITTLE_VISIBLE = 0.25
 """Of the same, below which what was not seen decides: without looks from within, such a sky is used beside a sun
 alone. In two nooks whose sky showed .06 relit splats were 1 to 8 dB worse by pairs under it than without it."""
 
@@ -215,7 +215,7 @@ def prior_of(of_bands: Callable[[int], NDArray[np.float64]]) -> NDArray[np.float
     return prior.reshape(3 * (unseen + excess), -1) * (STRENGTH / fit.STRENGTH)
 
 
-def told_by_sky(sky: CapturedSky) -> float:
+def visible_part(sky: CapturedSky) -> float:
     """Part of the upper hemisphere, weighted as level ground is lit, that was seen: in [0, 1]."""
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)

@@ -29,8 +29,8 @@ def light_under_sky(scene: CapturedScene, sky: CapturedSky, volume: Floats | Non
 
     volume: as in `estimate`. Not sure where the sky shows little, nobody stood within, and no sun is found.
     """
-    seen, sky = skylight.told_by_sky(sky), skylight.unmixed(sky)
-    places, within, little = scene.places, scene.looks is not None, seen < skylight.LITTLE_TOLD
+    seen, sky = skylight.visible_part(sky), skylight.unmixed(sky)
+    places, within, little = scene.places, scene.looks is not None, seen < skylight.LITTLE_VISIBLE
     parts = skylight.SkyParts.at(sky, places.directions)
     light = skylight.SkyLight(places.sky, parts, places.directions, scene.bounced())
     colors = scene.captured[places.vertices].astype(np.float64)

@@ -13,9 +13,9 @@ from splat2mesh.scene.measured import CapturedSky
 from splat2mesh.scene.scene import Scene
 
 from ..albedo.check import drawn_to_none
-from ..albedo.interior import closed_part, told
+from ..albedo.interior import closed_part, room_notice
 from ..albedo.seen import looks_from, standing
-from ..albedo.skylight import LEAST_TOLD, told_by_sky
+from ..albedo.skylight import LEAST_VISIBLE, visible_part
 from ..transfer.settings import Settings
 from ..transfer.store import array_key
 
@@ -133,7 +133,7 @@ def _without_light(
     prior = Prior(**{name: kept[f"prior_{name}"] for name in Prior._fields})
     described["left_as_captured"] = bool(kept["closed"]) and room is None
     if kept["closed"]:
-        described["room"] = None if room is None else room.told
+        described["room"] = None if room is None else room.report
     check = {name: round(float(kept[name]), 3) for name in _CHECKED if name in kept}
     trust = kept["trust"] if kept["under_sky"] else None  # of objects and rooms it was not measured
     look = Appearance(kept["albedo"], captured, kept["irradiance"], prior, described | check, trust)
@@ -209,7 +209,7 @@ def albedo_kept(
 def _sky_of(scene: Scene) -> CapturedSky | None:
     """The CapturedSky of a Scene where it tells enough of the light, or None."""
     sky = None if scene.measured is None else scene.measured.sky
-    return None if sky is None or told_by_sky(sky) < LEAST_TOLD else sky
+    return None if sky is None or visible_part(sky) < LEAST_VISIBLE else sky
 
 
 def _of_objects(
@@ -267,8 +267,8 @@ def _estimated(
                 asked_of = relighter.occluder, captured, known.transfer, known.interreflection
                 room, hopeless = room_of(scene, *asked_of, relighter.seed, _pointed(relighter))
                 if room is not None:
-                    return as_arrays(room, told(part, room.told))
-                hopeless = told(part, None, hopeless)
+                    return as_arrays(room, room_notice(part, room.report))
+                hopeless = room_notice(part, None, hopeless)
             evidence = CaptureEvidence(sky, looks, volume, reflected, hopeless)
             found = estimate(relighter.occluder, captured, relighter.seed, transport=known, evidence=evidence)
         else:

@@ -52,15 +52,15 @@ class RelitRoom:
         self.lamp_factor = relighter.options.lamp_factor
         self._opened = relighter.options.opened is not None
         self._before: tuple[object, NDArray[np.float32]] | None = None
-        self.lamps_found = 0 if look.room is None else len(look.room.told["lamps"])
-        pointed = () if look.room is None else look.room.told.get("pointed", ())
+        self.lamps_found = 0 if look.room is None else len(look.room.report["lamps"])
+        pointed = () if look.room is None else look.room.report.get("pointed", ())
         self._factors = relighter.options.lamp_factors(self.lamps_found, pointed)
-        self._shut = look.room is not None and look.room.told["windows"] is None
+        self._shut = look.room is not None and look.room.report["windows"] is None
         self.steady = look.kept or (self._shut and not self._opened)
         method = relighter.options.method
         if not self.steady and method != "auto" and method not in SHADOWING:
-            told = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
-            warnings.warn(f"{told}; auto traces rays", DataWarning, stacklevel=3)
+            problem = f"`method` {method} knows no shadows: in a closed room its light comes through the walls"
+            warnings.warn(f"{problem}; auto traces rays", DataWarning, stacklevel=3)
 
     @cached_property
     def lit(self) -> Relighter:

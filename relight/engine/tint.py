@@ -29,7 +29,7 @@ WHITE_RADIUS = 0.01
 LEAST_RECEIVED = 1e-4
 """Of the median irradiance: where less arrives, a colour does not show the light."""
 
-AT_A_PLACE, AS_TOLD = "`white_at`", "`capture_tint`"
+AT_A_PLACE, AS_GIVEN = "`white_at`", "`capture_tint`"
 
 
 def retinted(look: "Appearance", color: NDArray[np.float64], bounced: NDArray[np.float32]) -> "Appearance":
@@ -92,4 +92,4 @@ def checked_tint(value: "str | Sequence[float]") -> tuple[float, float, float]:
     try:
         return parse_color(value)
     except InputError as error:
-        raise InputError(str(error).replace("`color`", AS_TOLD)) from None
+        raise InputError(str(error).replace("`color`", AS_GIVEN)) from None

@@ -30,7 +30,7 @@ objects."""
 
 def hints_at_gloss(fits: PatchFits) -> bool:
     """Whether anything may be glossy at all."""
-    rows = np.flatnonzero(fits.telling)
+    rows = np.flatnonzero(fits.informative)
     alone = _alone(fits.gram[rows][:, :, 0], fits.moments[rows][:, :, 0], fits.power[rows].sum(axis=(1, 2)))
     return bool(np.count_nonzero(alone > HINT) >= HINTS)
 
@@ -40,7 +40,7 @@ def reflected_light(fits: PatchFits) -> NDArray[np.float64] | None:
 
     Returns (K,) SH coefficients of its luminance, K = BANDS^2 of `fits`, frame of the scene, scale unknown, mean 0.
     """
-    rows = np.flatnonzero(fits.telling)
+    rows = np.flatnonzero(fits.informative)
     if len(rows) < LEAST_PATCHES:
         return None
     gram, moments = fits.gram[rows][:, :, 0], fits.moments[rows][:, :, 0]

@@ -65,7 +65,7 @@ class PatchFits(NamedTuple):
     curved: NDArray[np.float64]
 
     @property
-    def telling(self) -> NDArray[np.bool_]:
+    def informative(self) -> NDArray[np.bool_]:
         """(P,) bool: the patches whose reflections are sure to be some: the more curved half, or more where most are.
 
         Over a plane, the mirrored direction is the direction of view, and what harmonics show where no camera stood

@@ -77,7 +77,7 @@ def materials(fits: PatchFits, light: Floats) -> Gloss | None:
         found = _best(fits, patch, light)
         explained[patch], reflectance[patch], alpha[patch], metal[patch] = found
     dull = (explained < GLOSS.least_explained) | (reflectance.max(axis=1) < GLOSS.least_reflectance)
-    if np.count_nonzero((explained > GLOSS.sure_explained) & fits.telling & ~dull) < GLOSS.sure_patches:
+    if np.count_nonzero((explained > GLOSS.sure_explained) & fits.informative & ~dull) < GLOSS.sure_patches:
         return None
     reflectance[dull] = 0.0
     of = fits.patch

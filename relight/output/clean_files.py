@@ -34,7 +34,7 @@ class CleanFiles:
             return kept
 
     @property
-    def told(self) -> dict[str, int]:
+    def report(self) -> dict[str, int]:
         """Their entry in the report."""
         return {"splats": len(self.keep), "floaters": int(np.count_nonzero(~self.keep))}
 

@@ -86,14 +86,14 @@ class LiveFiles:
             others = {each.name: each for each in self._others if each.name != light.name}
             settings = self._settings(next(iter(others.values())) if isinstance(light, CapturedLight) else light)
             albedo, traced = self._appearance.albedo, settings._replace(sun_tolerance=SUN_TOLERANCE)
-            told = self._room is not None and self._room.exposure is not None  # then it is the capture's
+            as_captured = self._room is not None and self._room.exposure is not None
             lights = []
             for each in others.values():
                 if self._assumed:
                     exposure = self._exposure_of(each, None) if self._mixture.exposed else 1.0
                     lights.append((each, *self._assumed_light(each, exposure)))
                     continue
-                radiance = None if told else self._lit.shading(each, albedo, traced).radiance
+                radiance = None if as_captured else self._lit.shading(each, albedo, traced).radiance
                 exposure = (self._level_of if mixes else self._exposure_of)(each, radiance)
                 lights.append((each, exposure, self._lamps(each, exposure)))
             shown = LiveScene(

@@ -88,13 +88,13 @@ class Results:
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
         names = [FILES[kind] for kind in FILES if kind in kinds and kind not in APART]
-        told: dict = {}
+        facts: dict = {}
         relit = None
         with self._stages.stage("write"):
             if "glb" in self._kinds:
                 extras = {"environment": light.name, "angle_deg": light.rotation_deg}
                 placed = self._lamps(light, exposure)
-                told["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
+                facts["clipped_vertices"] = self._write_glb(folder / FILES["glb"], shaded, extras, placed)
             if "ply" in self._kinds:
                 mesh_files.write_ply(folder / FILES["ply"], self._scene, radiance, exposure)
             if "npy" in self._kinds:
@@ -108,7 +108,7 @@ class Results:
         if shaded.inserted is not None:
             names += self._write_inserted(folder, relit, shaded)
         if self._baked:
-            names += self._write_textures(folder, shaded, told)
+            names += self._write_textures(folder, shaded, facts)
         if self._engines is not None:
             names += self._engines.write(folder, light, exposure, relit, self._bound, shaded.backdrop)
         if self._around is not None and relit is not None:
@@ -121,18 +121,18 @@ class Results:
                 names += self._passes.write(folder, shaded, PICTURE_SIZE)
         if self._clean is not None:
             names += self._clean.write(folder)
-            told["clean_splat"] = self._clean.told
+            facts["clean_splat"] = self._clean.report
         if self._live is not None:
             objects = self._live_objects(relit, shaded)
-            written, told["live"] = self._live.write(folder, light, exposure, self._kinds, objects)
+            written, facts["live"] = self._live.write(folder, light, exposure, self._kinds, objects)
             names += written
         if pictured:
             with self._stages.stage("preview"):
                 self._drawn_last = self._drawn(relit, shaded)
                 mesh_files.write_png(folder / FILES["png"], self._drawn_last)
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
-            told["preview"] = {"shows": shown, "camera": self._picture.camera}
-        return names, told
+            facts["preview"] = {"shows": shown, "camera": self._picture.camera}
+        return names, facts
 
     def _write_glb(self, path: Path, shaded: "Shaded", extras: dict[str, Any], placed: PlacedLamps) -> int:
         """relit.glb, in its texture where the scene has one; the number of vertices that are clipped."""
@@ -297,7 +297,7 @@ class Results:
         self,
         folder: Path,
         shaded: "Shaded",
-        told: dict[str, Any],  # what the report tells of them goes in
+        facts: dict[str, Any],  # what the report tells of them goes in
     ) -> list[str]:
         """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
         from .textured_files import write_textured_glb, write_transfer
@@ -311,7 +311,7 @@ class Results:
                 known = {} if appearance.albedo is appearance.captured else known
             self._texture = self._baked_or_kept(known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
-        told["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
+        facts["texture"] = {"size": self._texture.atlas.size, "unseen_texels": self._texture.unseen}
         with self._stages.stage("write"):
             light = shaded.light
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}

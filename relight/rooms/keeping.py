@@ -38,7 +38,7 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
     y, z, x = luminance(coefficients[1:4]) * math.sqrt(4.0 * math.pi / 3.0) / (4.0 * math.pi)
     length = float(np.linalg.norm([x, y, z]))
     direction = np.array([x, y, z]) / length if length > 1e-6 * bright else np.array([0.0, 1.0, 0.0])
-    emitters = [*room.told["lamps"], *([room.told["windows"]] if room.told["windows"] else [])]
+    emitters = [*room.report["lamps"], *([room.report["windows"]] if room.report["windows"] else [])]
     kept: dict[str, Any] = {
         "albedo": room.albedo,
         "irradiance": room.irradiance,
@@ -49,13 +49,13 @@ def as_arrays(room: Room, reason: str) -> dict[str, NDArray[Any]]:
         "concentration": min(length / bright, 1.0),
         "color": mean / bright if bright > 1e-12 else np.ones(3),
         "brightness": room.brightness,
-        "self_relight_db": room.told["self_relight_db"],
+        "self_relight_db": room.report["self_relight_db"],
         "distrusted_share": 0.0,
         "trust": room.trust,
         "under_sky": False,
         "closed": True,
         "room_environment": room.environment.radiance,
-        "room_told": json.dumps(room.told),
+        "room_told": json.dumps(room.report),
     }
     kept |= {f"room_{name}": getattr(room, name) for name in ARRAYS}
     kept |= {f"prior_{name}": value for name, value in room.prior._asdict().items()}
@@ -90,5 +90,5 @@ def room_from(kept: Mapping[str, NDArray[Any]]) -> Room | None:
         brightness=brightness,
         prior=prior,
         trust=kept["trust"],
-        told=report,
+        report=report,
     )

@@ -110,8 +110,8 @@ def places_of(
         It has no places where no vertex is usable.
     """
     normals, captured, areas, usable = surface
-    told = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
-    vertices = samples.places(occluder, areas, told, PLACES, seed)
+    exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
+    vertices = samples.places(occluder, areas, exposed, PLACES, seed)
     directions = fibonacci_sphere(DIRECTIONS)
     unlit = captured.copy()
     for rows in lamps:

@@ -75,7 +75,7 @@ class Room(NamedTuple):
     brightness: float
     prior: Prior
     trust: NDArray[np.float32]
-    told: dict[str, Any]
+    report: dict[str, Any]
 
 
 class Pointed(NamedTuple):
@@ -192,7 +192,7 @@ def room_of(
     lit = _lit(captured, interreflection, outside, areas, seen, emitters, occluder.faces)
     report = _report(frame, found, places, solved) | {"self_relight_db": lit.pop("self_relight_db")}
     report |= {"pointed": [number + 1 for number in numbers]} if numbers else {}
-    return Room(**lit, environment=environment, brightness=brightness, told=report), ""
+    return Room(**lit, environment=environment, brightness=brightness, report=report), ""
 
 
 def _rows_of_lamps(

@@ -103,9 +103,9 @@ def check_city(request: RelightRequest) -> None:
 def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> dict[str, Any]:
     run = CityRun(request, engine, folder, stages)
     run.begin()
-    told = run.light_of_capture()
-    run.light_tiles(told["sha256"])
-    return run.report(told)
+    light = run.light_of_capture()
+    run.light_tiles(light["sha256"])
+    return run.report(light)
 
 
 class CityRun:
@@ -211,14 +211,14 @@ class CityRun:
             tasks.append(Task("far", relit_environment, (*shared, self._background, self._sky)))
         return tasks
 
-    def report(self, told: dict[str, Any]) -> dict[str, Any]:
-        """Write what joins the tiles, and report.json; returns the report with the costs. told: of the shared light."""
+    def report(self, light: dict[str, Any]) -> dict[str, Any]:
+        """Write report.json and the files that join the tiles; return the report. light: the shared light."""
         records = [self._store.read_json(self._record_of(entry)) for entry in self._city["tiles"]]
         self._join(records)
         report = {
             "version": VERSION,
             **self._asked,
-            "light": told,
+            "light": light,
             "tiles": len(records),
             "vertices": sum(record["vertices"] for record in records),
             "bytes": sum(about["bytes"] for record in records for about in record["files"].values()),

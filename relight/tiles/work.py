@@ -57,7 +57,7 @@ def common_light(
     scene, sky = far_scene(shared), shared.sky
     relighter = Relighter(scene, options)
     captured = scene.colors_linear
-    told: dict[str, Any] = {"vertices": len(captured)}
+    facts: dict[str, Any] = {"vertices": len(captured)}
     colors: Any = None if albedo == "white" else captured
     before: Any = captured if albedo == "white" else np.ones_like(captured)
     brightness: Any = None
@@ -66,7 +66,7 @@ def common_light(
         if found.separable:
             capture = Environment(found.environment.radiance, "the capture")
             shared, before = shared._replace(capture=capture, prior=found.prior), found.irradiance
-        told |= {
+        facts |= {
             "separable": bool(found.separable),
             "reason": found.reason,
             "evidence": round(float(found.evidence), 3),
@@ -83,7 +83,7 @@ def common_light(
         mixed = mixture.shading(look, shading, mixture.placed(relighter, look, tolerance_of(options)))
         assert mixed.received is not None  # of a mixture it is known
         shared, received = shared._replace(mixture=mixture), mixed.received
-        told["lamps"] = len(mixture.lamps)
+        facts["lamps"] = len(mixture.lamps)
     exposure = exposure if ev is None else 2.0**ev
     shared = shared._replace(exposure=exposure)
     after = received * np.float32(exposure)
@@ -93,7 +93,7 @@ def common_light(
     shared = shared._replace(usual=usual._replace(gain=gain))
     if far:
         shared = shared._replace(background=background_of(store, far, scene, before, after))
-    return {**told, "exposure": exposure, "sha256": write_shared(store, folder, shared)}
+    return {**facts, "exposure": exposure, "sha256": write_shared(store, folder, shared)}
 
 
 class TileRequest(NamedTuple):
@@ -148,12 +148,12 @@ def _lit(
         chosen = np.zeros(0, np.int64) if places is None else np.flatnonzero(part.holds(places))
         bound = splats.take(chosen) if splats is not None and len(chosen) else None
         local = around.gather(part)
-        radiance[local.rows[local.own]], relit, told = _lit_part(shared, local, request, bound)
+        radiance[local.rows[local.own]], relit, lit_facts = _lit_part(shared, local, request, bound)
         if sh is not None and relit is not None:
             sh[chosen] = relit
         facts["lit_with"] = max(facts["lit_with"], len(local.shown))
         facts["nearest"] = min(facts["nearest"], part.distance / around.spacing)
-        facts |= {name: max(value, facts.get(name, 0)) for name, value in told.items()}
+        facts |= {name: max(value, facts.get(name, 0)) for name, value in lit_facts.items()}
         del local
         give_back()
     shown = np.clip(radiance * np.float32(exposure), 0.0, 1.0)
@@ -199,13 +199,13 @@ def _lit_part(
         assert shading.received is not None  # of a mixture it is known
         received = shading.received
     own = np.flatnonzero(local.own)
-    told = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
+    facts = {"bands": shading.settings.bands, "rays": shading.settings.rays, "suns": shading.sun_count}
     if mixture is not None:
-        told["lamps"] = len(mixture.lamps)
+        facts["lamps"] = len(mixture.lamps)
     relit = None
     if splats is not None:
         relit = _relit_sh(splats, local, before, received, shared, request.spacing)
-    return shading.radiance[own], relit, told
+    return shading.radiance[own], relit, facts
 
 
 def _places(splats: Splats, shared: Shared) -> Floats:

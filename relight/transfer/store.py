@@ -74,7 +74,7 @@ class Cache:
 
     def get(self, kind: str, *settings: object) -> dict[str, NDArray[Any]] | None:
         """Dict of the arrays kept under a kind and its settings, or None."""
-        return self._read(self._path(self.folder, kind, settings), _told(settings)) if self.folder else None
+        return self._read(self._path(self.folder, kind, settings), _as_json(settings)) if self.folder else None
 
     def restored(self, make: Callable[[dict[str, NDArray[Any]]], Made], kind: str, *settings: object) -> Made | None:
         """The result of `make` on the cached arrays, or None where it fails: then they count as absent.
@@ -104,7 +104,7 @@ class Cache:
         with contextlib.suppress(OSError, InputError):  # the latter: another run keeps the same at the moment
             self.folder.mkdir(exist_ok=True)
             with staged_file(self._path(self.folder, kind, settings)) as staging, open(staging, "wb") as file:
-                kept: dict[str, Any] = {"key": np.array(self._key), "settings": np.array(_told(settings)), **arrays}
+                kept: dict[str, Any] = {"key": np.array(self._key), "settings": np.array(_as_json(settings)), **arrays}
                 np.savez(file, **kept)  # not waited for: a torn one counts as not there
             self._forget(self.folder, kind)
             self._fit()
@@ -176,7 +176,7 @@ class Cache:
             path.unlink(missing_ok=True)
 
 
-def _told(settings: tuple[object, ...]) -> str:
+def _as_json(settings: tuple[object, ...]) -> str:
     """Settings as JSON."""
     return json.dumps(settings, default=str)
 

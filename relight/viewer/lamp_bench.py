@@ -73,7 +73,7 @@ class LampBench:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="lamps")
         self._running: tuple[BoardState, Future] | None = None
         self._wanted = board.state
-        self._told: queue.SimpleQueue[tuple[str, Any, Any]] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[tuple[str, Any, Any]] = queue.SimpleQueue()
         self._finished: dict[BoardState, SessionMixture | None] = {board.start: first}
         self._terms: dict[Hashable, LampTerm] = {}
         self._glimpses: dict[Hashable, LampTerm] = {}
@@ -116,8 +116,8 @@ class LampBench:
             if error is not None and not isinstance(error, Superseded):
                 text = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
                 self._failed, changed = (state, text), True
-        while not self._told.empty():
-            kind, key, payload = self._told.get()
+        while not self._events.empty():
+            kind, key, payload = self._events.get()
             getattr(self, f"_take_{kind}")(key, payload)
             changed = True
         self._news += changed
@@ -240,7 +240,7 @@ class LampBench:
     def _prepared(self) -> None:
         if not self.ready:
             self.source.prepare()
-            self._told.put(("prepared", None, None))
+            self._events.put(("prepared", None, None))
 
     def _warmed(self, state: BoardState) -> None:
         self._trace(state, self._check(state))
@@ -284,7 +284,7 @@ class LampBench:
                 self._tell(state.lamps, LampTerm(share * direct, *more, white))
             dark = not direct.any() and any(self._axis([lamp]).any() for lamp in state.lamps)
         check()
-        self._told.put(("finished", state, (self.source.mixture(state.captured, placed), dark)))
+        self._events.put(("finished", state, (self.source.mixture(state.captured, placed), dark)))
 
     def _trace(self, state: BoardState, check: Callable[..., None]) -> None:
         """Find the terms that are missing: of each direct light first."""
@@ -307,7 +307,7 @@ class LampBench:
         return term is not None and term.radiance is not None
 
     def _tell(self, lamps: Sequence[BoardLamp], term: LampTerm) -> None:
-        self._told.put(("term", lamps, term))
+        self._events.put(("term", lamps, term))
 
 
 def without_color(asked: AskedLamp) -> AskedLamp:

@@ -147,7 +147,7 @@ class Panel:
             if control.row == "choices" and control.there(session):
                 left += self._chip(session, control, left, 12) + _GAP
         figures, follows = status(session, frames_per_second)
-        notice = session.message or session.failure or session.told
+        notice = session.message or session.failure or session.notice
         warning = note or notice or (session.splats.failure if session.splats else "")
         if warning:
             follows, color = warning, _WARNING

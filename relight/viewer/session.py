@@ -213,7 +213,7 @@ class Session(LampEditing, Answers):
         return "" if self.objects is None else self.objects.failure
 
     @property
-    def told(self) -> str:
+    def notice(self) -> str:
         """What there is to tell of lamps and objects, or ""."""
         return "".join([each.message for each in (self.bench, self.objects) if each is not None][:2])
 

@@ -85,7 +85,7 @@ class RelitSplats:
         self.source, self.failure = source, ""
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="splats")
         self._bound: Future = self._thread.submit(lambda: (source.binding(), source.sky()))
-        self._told = False
+        self._bound_reported = False
         self._pending: tuple[_Wanted, Future] | None = None
         self._exact: tuple[_Wanted, Splats] | None = None
         self._quick: tuple[_Wanted, Splats] | None = None
@@ -99,8 +99,8 @@ class RelitSplats:
     def poll(self) -> bool:
         """Take in what is done, without waiting; whether that changes the picture."""
         changed = False
-        if not self._told and self._bound.done():
-            self._told = changed = True
+        if not self._bound_reported and self._bound.done():
+            self._bound_reported = changed = True
             error = self._bound.exception()
             self.failure = "" if error is None else f"the splats stay as captured: {error}"
         if self._pending is not None and self._pending[1].done():

@@ -78,7 +78,7 @@ def _attacked(kind, whole, count, seed, folder, keep):
         counts[outcome] += 1
         peak, most = max(peak, gigabytes), max(most, seconds)
         if outcome not in ("read", "refused"):
-            notes.append(f"  {kind} {index} {attack.told}: {outcome} {detail}")
+            notes.append(f"  {kind} {index} {attack.label}: {outcome} {detail}")
             if keep:
                 keep.mkdir(parents=True, exist_ok=True)
                 with contextlib.suppress(shutil.Error):  # of pipes and devices

@@ -115,12 +115,12 @@ def patch_row(case, looked, glossy, light):
     if not len(explained):
         return {"case": case, "planned": "unseen", "patches": 0}
     fits: PatchFits = gloss.fits
-    seen, telling = fits.pixels > 0, fits.telling
+    seen, informative = fits.pixels > 0, fits.informative
     matte = explained[seen & ~glossy]
     row = {"case": case, "planned": "no" if gloss.of(appearance) is None else "yes", "patches": int(seen.sum())}
     row |= {"matte_most": float(matte.max(initial=0.0)), "light": light}
     row["matte_sure"], row["glossy_sure"] = (
-        int(np.count_nonzero((explained > GLOSS.sure_explained) & telling & kind)) for kind in (~glossy, glossy)
+        int(np.count_nonzero((explained > GLOSS.sure_explained) & informative & kind)) for kind in (~glossy, glossy)
     )
     if (seen & glossy).any():
         row |= {f"from_{each:g}": float((explained[seen & glossy] > each).mean()) for each in THRESHOLDS}

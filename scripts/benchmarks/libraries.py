@@ -56,7 +56,7 @@ def run(options, report):
             library, read = kinds[kind]
             counts, sound = Counter(), _outcome(read, Attack("whole", *whole[kind]).write(Path(folder, "sound")))
             for number, attack in enumerate(attacks_of(kind, whole[kind], options.inputs, seed=1)[NO_FILES:]):
-                if not attack.told.endswith(COSTLY):
+                if not attack.label.endswith(COSTLY):
                     path = attack.write(Path(folder, str(number)))
                     counts[_compared(_outcome(READERS[kind], path), _outcome(read, path), sound)] += 1
             table.add(kind=kind, library=library, inputs=counts.total(), **counts)

@@ -142,7 +142,7 @@ def recorded_warnings() -> Iterator[list[str]]:
         warnings.showwarning = show
 
 
-def tell(message: str) -> None:
+def notify(message: str) -> None:
     """Print a line on stderr while the work goes on."""
     print(printable(message), file=sys.stderr, flush=True)
 

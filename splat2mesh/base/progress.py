@@ -32,7 +32,7 @@ class Stages:
             if task is not None:
                 self._bars.update(task, total=1, completed=1)
 
-    def tell(self, line: str) -> None:
+    def notify(self, line: str) -> None:
         """Show a line that stays, where progress is shown."""
         if self._show:
             self._started().console.print(line, markup=False, highlight=False)

@@ -156,7 +156,7 @@ def tiling_engine(tiling: TilingOptions, stages: Stages) -> Iterator[Any]:
     """The engine that runs the tasks of a city, from its TilingOptions; prints the address of its dashboard, if any."""
     with engine(tiling.scheduler, tiling.workers, tiling.memory) as running:
         if running.dashboard:
-            stages.tell(f"dashboard: {running.dashboard}")
+            stages.notify(f"dashboard: {running.dashboard}")
         yield running
 
 

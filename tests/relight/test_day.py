@@ -40,7 +40,7 @@ def test_the_sky_of_a_date_takes_the_place_of_an_environment():
 
 
 @pytest.mark.parametrize(
-    ("wishes", "told"),
+    ("wishes", "message"),
     [
         ({"sun": "2026-06-21T12:00", "at": "48,2"}, "zone"),
         ({"sun": PARIS["sun"]}, "`at`"),
@@ -51,8 +51,8 @@ def test_the_sky_of_a_date_takes_the_place_of_an_environment():
         ({**PARIS, "day": "13:00-11:00/1h"}, "13:00"),
     ],
 )
-def test_half_a_date_is_said_before_any_work(wishes, told):
-    with pytest.raises(InputError, match=told):
+def test_half_a_date_is_said_before_any_work(wishes, message):
+    with pytest.raises(InputError, match=message):
         RelightRequest("x", **wishes)
 
 

@@ -81,7 +81,7 @@ def test_a_sheet_of_the_same_lights_is_written_again(scene, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("more", "told"),
+    ("more", "message"),
     [
         (["--env", "sunset"], "--env noon, now sunset"),
         (["--rotate", "45"], "now 45"),
@@ -93,11 +93,11 @@ def test_a_sheet_of_the_same_lights_is_written_again(scene, tmp_path, capsys):
         (["--sky", "keep"], "--sky new, now keep"),
     ],
 )
-def test_other_settings_ask_in_one_line_that_names_them(relight, tmp_path, more, told):
+def test_other_settings_ask_in_one_line_that_names_them(relight, tmp_path, more, message):
     assert relight("--format", "npy")[0] == 0
     before = contents(tmp_path)
     code, said = relight("--format", "ply", *more)
-    assert code == 2 and said.count("\n") == 1 and told in said and "--overwrite" in said
+    assert code == 2 and said.count("\n") == 1 and message in said and "--overwrite" in said
     assert contents(tmp_path) == before
 
 

@@ -115,14 +115,14 @@ def test_the_scene_tells_what_it_holds(room, alone, folder):
     for name in ("splats", "vertices", "faces", "views"):
         assert room.statistics[name] == sum(by_itself.statistics[name] for by_itself in alone)
     assert room.settings["detail"] == "draft" and room.settings["max_chunk_vertices"] == 1000
-    told = room.settings["objects"]["bust"]["up_from"]
-    assert told.startswith("assumed -y, since no plane stands out as a floor")
+    reason = room.settings["objects"]["bust"]["up_from"]
+    assert reason.startswith("assumed -y, since no plane stands out as a floor")
     assert room.settings["objects"]["bust"] == {
         "vertices": 1500,
         "up": "auto",
         "cameras": "virtual",
         "lod": "auto",
-        "up_from": told,
+        "up_from": reason,
     }
 
 

@@ -107,8 +107,8 @@ def test_a_tabletop_is_near_the_truth_where_it_was_seen(files):
 
 
 def test_what_was_done_is_recorded(converted, files):
-    told = converted.settings["up_from"]
-    assert told.startswith("assumed -y, since no plane stands out as a floor, and") and told.endswith("from above")
+    reason = converted.settings["up_from"]
+    assert reason.startswith("assumed -y, since no plane stands out as a floor, and") and reason.endswith("from above")
     assert converted.settings == {
         "detail": "draft",
         "surface": "field",
@@ -116,7 +116,7 @@ def test_what_was_done_is_recorded(converted, files):
         "vertices": VERTICES,
         "max_chunk_vertices": LIMIT,
         "up": "auto",
-        "up_from": told,
+        "up_from": reason,
         "lod": "auto",
         "from": "auto",
         "seed": 0,

@@ -206,9 +206,9 @@ def _cameras(folder):
     found = {"cameras.json": ({"c.json": json.dumps([one, one | {"id": 1}]).encode()}, "c.json")}
     flipped = pose @ np.diag([1.0, -1.0, -1.0, 1.0])
     frames = [{"file_path": "a.png", "transform_matrix": flipped.tolist()}]
-    told = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48, "frames": frames}
+    transforms = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48, "frames": frames}
     found["transforms.json"] = (
-        {"t.json": json.dumps(told | {"applied_transform": np.eye(4)[:3].tolist()}).encode()},
+        {"t.json": json.dumps(transforms | {"applied_transform": np.eye(4)[:3].tolist()}).encode()},
         "t.json",
     )
     cameras = struct.pack("<QIiQQ4d", 1, 1, 1, 64, 48, 60.0, 60.0, 32.0, 24.0)

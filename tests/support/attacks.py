@@ -43,8 +43,8 @@ def _scene(path):
     from splat2mesh.scene.scene import Scene
 
     scene = Scene.load(path)
-    told = scene.scene_from_splat, scene.background_splats, scene.source["sha256"], scene.preview_camera
-    return scene.vertices, scene.normals, scene.faces, scene.colors_srgb, *told
+    rest = scene.scene_from_splat, scene.background_splats, scene.source["sha256"], scene.preview_camera
+    return scene.vertices, scene.normals, scene.faces, scene.colors_srgb, *rest
 
 
 def _animation(path):
@@ -104,7 +104,7 @@ class Attack:
     """One hostile input. files: name -> bytes, or what makes it at a path. entry: what is read. summed: digest of
     the whole content where it must load as that or not at all."""
 
-    told: str
+    label: str
     files: dict
     entry: str
     summed: str | None = None
@@ -151,8 +151,8 @@ def attacks_of(kind, whole, count, seed):
     while len(found) < count:
         names = [name for name in files if files[name]]
         name = names[rng.integers(len(names))]
-        changed, told = damaged(files[name], rng)
-        found.append(Attack(f"{name} {told}", files | {name: changed}, entry, digest))
+        changed, label = damaged(files[name], rng)
+        found.append(Attack(f"{name} {label}", files | {name: changed}, entry, digest))
     if kind in SUMMED:
         digest = _digest_of(kind, files, entry)
         for attack in found:

@@ -126,13 +126,13 @@ class Browser:
         return message
 
     def _note(self, message):
-        method, told = message.get("method"), message.get("params", {})
+        method, params = message.get("method"), message.get("params", {})
         if method == "Runtime.consoleAPICalled":
-            line = " ".join(str(each.get("value", each.get("description"))) for each in told["args"])
+            line = " ".join(str(each.get("value", each.get("description"))) for each in params["args"])
             self.log.append(line)
-            if told["type"] in ("error", "warning", "assert"):
+            if params["type"] in ("error", "warning", "assert"):
                 self.said.append(line)
         if method == "Runtime.exceptionThrown":
-            self.said.append(told["exceptionDetails"].get("exception", {}).get("description", "an exception"))
-        if method == "Log.entryAdded" and told["entry"]["level"] in ("error", "warning"):
-            self.said.append(told["entry"]["text"])
+            self.said.append(params["exceptionDetails"].get("exception", {}).get("description", "an exception"))
+        if method == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+            self.said.append(params["entry"]["text"])

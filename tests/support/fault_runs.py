@@ -132,10 +132,10 @@ def state_of(folder):
 def _lasting(content):
     """A report without what varies; as it is where it is half."""
     try:
-        told = json.loads(content)
+        report = json.loads(content)
     except ValueError:
         return content
-    return json.dumps({key: told[key] for key in told if key not in VARYING}).encode()
+    return json.dumps({key: report[key] for key in report if key not in VARYING}).encode()
 
 
 def part_of(state, name):

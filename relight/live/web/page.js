@@ -3,7 +3,7 @@
 async function start() {
   const data = JSON.parse(element("live-data").textContent), query = new URLSearchParams(location.hash.slice(1) || location.search);
   document.body.insertAdjacentHTML("beforeend", `<div id="relight">${PANEL}</div><div id="relight-message"></div><div id="relight-line"></div>`);
-  const tell = (text) => {
+  const notify = (text) => {
     element("relight-message").textContent = text;
     element("relight-message").style.display = text ? "block" : "none";
   };
@@ -17,10 +17,10 @@ async function start() {
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
     const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects?.mesh });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
-    window.relight = new Session(bundle, proxy, lights, stage, data, tell);
+    window.relight = new Session(bundle, proxy, lights, stage, data, notify);
     window.relight.begin(query);
   } catch (error) {
-    tell(error.message);
+    notify(error.message);
     throw error;
   }
 }
@@ -49,8 +49,8 @@ async function readFiles({ files, packed }) {
 }
 
 class Session {
-  constructor(bundle, proxy, lights, stage, data, tell) {
-    Object.assign(this, { bundle, proxy, lights, stage, tell, live: Live });
+  constructor(bundle, proxy, lights, stage, data, notify) {
+    Object.assign(this, { bundle, proxy, lights, stage, notify, live: Live });
     this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;

@@ -97,9 +97,9 @@ function listen(session) {
   const take = async (file) => {
     try {
       await session.addLight(file.name.replace(/\.(hdr|exr)$/i, ""), new Uint8Array(await file.arrayBuffer()));
-      session.tell("");
+      session.notify("");
     } catch (error) {
-      session.tell(`${file.name}: ${error.message}`);
+      session.notify(`${file.name}: ${error.message}`);
     }
   };
   element("r-file").onchange = ({ target }) => target.files.length && take(target.files[0]);

@@ -11,7 +11,7 @@ from relight.albedo import contrast, estimate, samples, with_known_light
 from relight.albedo.check import self_relight
 from relight.albedo.patches import ColorPatches, patches_of
 from relight.albedo.seen import LOOKS, looks_from, standing
-from relight.albedo.skylight import LITTLE_TOLD, told_by_sky
+from relight.albedo.skylight import LITTLE_VISIBLE, visible_part
 from relight.light.projections import texel_directions
 from relight.sh import harmonics
 from relight.sh.sphere import fibonacci_sphere
@@ -108,7 +108,7 @@ def test_a_sun_over_what_was_photographed_from_outside_is_found_where_little_sky
     toward, above, captured = under_a_sun(geometry, albedo)
     bound = np.broadcast_to(above & (SKY[..., 2:] < -0.9), (64, 128, 3)).astype(np.float32)
     sky = CapturedSky(0.4 * bound, bound, np.zeros_like(bound))
-    assert 0.0 < told_by_sky(sky) < LITTLE_TOLD
+    assert 0.0 < visible_part(sky) < LITTLE_VISIBLE
     found = estimate(geometry[0], captured, **given(geometry, sky=sky))
     assert found.direction @ toward > np.cos(np.radians(12.0)) and found.under_sky
     level = Environment(np.where(above, 0.4, 0.05) * np.ones(3), "level")
@@ -139,8 +139,8 @@ def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
     found = contrast.brightness_of(patches, directions, bound, clipped, high.astype(float))
     assert found.beyond == beyond and found.sun is None
     region = clipped + (high if beyond else 0.0)
-    told = bound + region * found.excess * np.exp(directions @ found.lean)
-    assert 0.7 < told.mean() / light.mean() < 1.4
+    estimated = bound + region * found.excess * np.exp(directions @ found.lean)
+    assert 0.7 < estimated.mean() / light.mean() < 1.4
 
 
 def test_too_few_patches_tell_nothing(place):

@@ -177,7 +177,7 @@ def test_a_metre_is_as_high_as_eyes_are_and_objects_are_a_metre():
 
 
 @pytest.mark.parametrize(
-    ("lighting", "told"),
+    ("lighting", "message"),
     [
         ({"placed": ["1,2"]}, "1,2"),
         ({"placed": [3.0]}, "`placed`"),
@@ -187,8 +187,8 @@ def test_a_metre_is_as_high_as_eyes_are_and_objects_are_a_metre():
         ({"lamps": "1=off,1=2"}, "`lamps`"),
     ],
 )
-def test_what_makes_no_sense_is_said_before_any_work(lighting, told):
-    with pytest.raises(InputError, match=told):
+def test_what_makes_no_sense_is_said_before_any_work(lighting, message):
+    with pytest.raises(InputError, match=message):
         job_of(hollow_ball(1), **lighting).require("environment", "asked_lamps")
 
 

@@ -47,15 +47,15 @@ def tint_error(found, true):
 
 def test_the_true_colour_takes_the_cast_out_of_the_albedo(table, look):
     relighter, albedo, color = table
-    told = retinted(look, color, bounced_light(relighter))
+    tinted = retinted(look, color, bounced_light(relighter))
     # .056 as estimated, .0006 with the true colour were measured.
     assert tint_error(look.albedo, albedo) > 0.03
-    assert tint_error(told.albedo, albedo) < 0.01
-    np.testing.assert_allclose(told.capture["color"], color, rtol=1e-4)
+    assert tint_error(tinted.albedo, albedo) < 0.01
+    np.testing.assert_allclose(tinted.capture["color"], color, rtol=1e-4)
     # What was captured is what its light sends out, but for where the albedo is held back; luminance stays.
-    shown = np.median(told.albedo * told.irradiance / np.maximum(look.captured, 1e-3), axis=0)
+    shown = np.median(tinted.albedo * tinted.irradiance / np.maximum(look.captured, 1e-3), axis=0)
     np.testing.assert_allclose(shown, 1.0, atol=0.05)
-    np.testing.assert_allclose(told.capture["brightness"], look.capture["brightness"], rtol=1e-4)
+    np.testing.assert_allclose(tinted.capture["brightness"], look.capture["brightness"], rtol=1e-4)
 
 
 def test_the_estimated_colour_changes_nothing(table, look):
@@ -72,9 +72,9 @@ def test_what_was_white_becomes_grey(table, look):
     lit = luminance(look.irradiance) > 0.5 * np.median(luminance(look.irradiance))
     near = int(np.argmin(np.where(lit, spread, np.inf)))  # the greyest vertex in the light
     found = color_where_white(look, bounced, scene.vertices, scene.diagonal, scene.vertices[near])
-    told = retinted(look, found, bounced)
+    tinted = retinted(look, found, bounced)
     around = np.linalg.norm(scene.vertices - scene.vertices[near], axis=1) < 0.01 * scene.diagonal
-    grey = np.median(told.albedo[around], axis=0)
+    grey = np.median(tinted.albedo[around], axis=0)
     np.testing.assert_allclose(grey / grey.mean(), 1.0, atol=0.02)  # medians of colours are not of one vertex
     with pytest.raises(InputError, match="no surface"):
         color_where_white(look, bounced, scene.vertices, scene.diagonal, scene.vertices[near] + scene.diagonal)

@@ -13,7 +13,7 @@ TURN = TILT[:3, :3]
 
 
 @pytest.fixture(scope="module")
-def told():
+def glazed():
     scene, splats = scene_and_splats()
     binding = glaze(scene, splats)[0]
     colors = linear_from_srgb(scene.colors_srgb / 255.0).astype(np.float32)
@@ -21,16 +21,16 @@ def told():
     return scene, binding, openness(binding.surface, nodes, binding.surface.of_vertices(colors), TURN)
 
 
-def test_where_nothing_hides_the_light_all_of_it_is_seen(told):
+def test_where_nothing_hides_the_light_all_of_it_is_seen(glazed):
     """The top of the ball: the coefficients are those of 1, to rounding."""
-    scene, binding, (visible, hidden) = told
+    scene, binding, (visible, hidden) = glazed
     top = binding.surface.node[scene.vertices[:, 1].argmax()]
     np.testing.assert_allclose(visible[top], [np.sqrt(4 * np.pi), 0, 0, 0], atol=1e-5)
     assert not hidden[top].any()
 
 
-def test_below_the_ball_it_is_seen_to_the_sides_and_the_ball_hides_the_rest(told):
-    scene, binding, (visible, hidden) = told
+def test_below_the_ball_it_is_seen_to_the_sides_and_the_ball_hides_the_rest(glazed):
+    scene, binding, (visible, hidden) = glazed
     plate = np.flatnonzero((np.abs(scene.vertices[:, 1]) < 1e-4) & (scene.normals[:, 1] > 0.9))
     below = plate[np.hypot(*scene.vertices[plate][:, [0, 2]].T).argmin()]
     row = binding.surface.node[below]

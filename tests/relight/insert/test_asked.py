@@ -64,7 +64,7 @@ def test_an_option_without_an_object_is_refused(option, capsys):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("nothing.glb at=0,0,0", "no such file"),
         ("at=0,0,0", "expected a file first"),
@@ -84,13 +84,13 @@ def test_an_option_without_an_object_is_refused(option, capsys):
         ("out.json", "lies outside"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(text, told, statue, tmp_path):
+def test_what_makes_no_sense_is_one_line(text, message, statue, tmp_path):
     (tmp_path / "layout.json").write_text(json.dumps([{"file": statue, "at": [0, 0, 0]}]))
     (tmp_path / "broken.json").write_text("[")
     (tmp_path / "empty.json").write_text("[]")
     (tmp_path / "lost.json").write_text(json.dumps([{"file": "lost.glb", "at": [0, 0, 0]}]))
     (tmp_path / "out.json").write_text(json.dumps([{"file": "../out.glb", "at": [0, 0, 0]}]))
-    with pytest.raises(InputError, match=told) as raised:
+    with pytest.raises(InputError, match=message) as raised:
         asked_inserts([text])
     assert "\n" not in str(raised.value)
 

@@ -50,8 +50,8 @@ def test_shares_are_those_of_the_whole_scene(place, tmp_path):
 
 
 def test_an_object_that_nothing_sees_changes_nothing(place, tmp_path):
-    told = plan_relight(request(place, [f"{disc(tmp_path, 0.3)} at=0,-2,0"], None)).inserts
-    assert (told.objects, told.changed) == (1, 0.0)
+    planned = plan_relight(request(place, [f"{disc(tmp_path, 0.3)} at=0,-2,0"], None)).inserts
+    assert (planned.objects, planned.changed) == (1, 0.0)
 
 
 def test_the_command_tells_it(place, tmp_path, capsys):
@@ -59,6 +59,6 @@ def test_the_command_tells_it(place, tmp_path, capsys):
     assert main(words) == 0
     assert "objects: 1 object; " in capsys.readouterr().out
     assert main([*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["inserts"]
-    assert 0.0 < told["changed"] <= told["reach"] <= 1.0
-    assert grid_floor().vertices.shape[0] * told["reach"] > 10
+    planned = json.loads(capsys.readouterr().out)["inserts"]
+    assert 0.0 < planned["changed"] <= planned["reach"] <= 1.0
+    assert grid_floor().vertices.shape[0] * planned["reach"] > 10

@@ -88,10 +88,10 @@ def test_light_that_goes_up_begins_there(tmp_path):
 
 
 def test_factors(tmp_path):
-    told = {"multiplier": 2.0, "ballast": 0.9, "second": 0.5}
-    assert read_profile(written(tmp_path, text([0, 90], [0], [[10, 5]], **told))).candela == pytest.approx(18.0)
+    three = {"multiplier": 2.0, "ballast": 0.9, "second": 0.5}
+    assert read_profile(written(tmp_path, text([0, 90], [0], [[10, 5]], **three))).candela == pytest.approx(18.0)
     # Until 1991 the second one is the ballast's too.
-    assert read_profile(written(tmp_path, text([0, 90], [0], [[10, 5]], "1991", **told))).candela == pytest.approx(9.0)
+    assert read_profile(written(tmp_path, text([0, 90], [0], [[10, 5]], "1991", **three))).candela == pytest.approx(9.0)
 
 
 def test_numbers_run_over_lines_and_end_as_dos_has_them(tmp_path):

@@ -196,9 +196,9 @@ def test_what_lights_lose_is_counted(stage):
     shaping.CreateShapingConeAngleAttr(40.0)
     with pytest.warns(DataWarning) as caught:
         (lamp,) = read(stage)
-    told = " ".join(str(each.message) for each in caught)
+    messages = " ".join(str(each.message) for each in caught)
     assert isinstance(lamp, RectangleLamp)
-    assert all(word in told for word in ("1 textures", "1 IES profiles", "1 focuses", "1 cones of rectangles"))
+    assert all(word in messages for word in ("1 textures", "1 IES profiles", "1 focuses", "1 cones of rectangles"))
 
 
 def test_lights_that_are_hidden_are_off(stage):

@@ -46,7 +46,7 @@ def test_pixels_are_divided_by_all_exposures():
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [
         (HEAD + b"EXPOSURE=0\n\n-Y 1 +X 1\n" + bytes(4), "exposure"),
         (HEAD + b"EXPOSURE=much\n\n-Y 1 +X 1\n" + bytes(4), "EXPOSURE"),
@@ -58,6 +58,6 @@ def test_pixels_are_divided_by_all_exposures():
         (HEAD, "header has no end"),
     ],
 )
-def test_what_makes_no_sense_is_refused(content, told):
-    with pytest.raises(InputError, match=told):
+def test_what_makes_no_sense_is_refused(content, message):
+    with pytest.raises(InputError, match=message):
         decode(content, "a")

@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def told(folder, **wish):
+def changes(folder, **wish):
     script = ROOT / "tests/support/gloss_change.mjs"
     asked = json.dumps({"light": 0, "eye": EYE} | wish)
     done = subprocess.run(["node", script, WEB, folder, asked], capture_output=True, text=True, check=True, timeout=60)
@@ -93,7 +93,7 @@ def test_a_reader_that_knows_no_gloss_reads_the_bundle(folder):
 
 @in_node
 def test_the_captured_light_gives_back_what_is_taken_out(folder):
-    change = told(folder, light=2)[0]  # that of the capture
+    change = changes(folder, light=2)[0]  # that of the capture
     assert np.abs(change).max() == 0.0
 
 
@@ -104,7 +104,7 @@ def test_changes_are_the_lobes_of_relights_own_pixels(folder, light, angle_deg):
     direction, blurred by the lobe. The top of the ball sees all of it."""
     live = glossy_scene()[-1]
     ratio = 1.7
-    change, places, normals = told(folder, light=light, angle=np.radians(angle_deg), ratio=[ratio] * 3)
+    change, places, normals = changes(folder, light=light, angle=np.radians(angle_deg), ratio=[ratio] * 3)
     number = material_of_splats(live)
     toward = np.array(EYE) - places
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
@@ -134,8 +134,8 @@ def test_what_is_hidden_mirrors_what_hides_it(folder):
     """The underside of the ball mirrors the plate: brighter with the plate, whatever the sky does."""
     live = glossy_scene()[-1]
     eye = {"eye": [0.3, 0.15, 2.5]}
-    dark, normals = (told(folder, **eye, hidden=[0.0] * 3)[each] for each in (0, 2))
-    bright = told(folder, **eye, hidden=[2.0] * 3)[0]
+    dark, normals = (changes(folder, **eye, hidden=[0.0] * 3)[each] for each in (0, 2))
+    bright = changes(folder, **eye, hidden=[2.0] * 3)[0]
     under = (material_of_splats(live) == 2) & (normals[:, 1] < -0.4)
     over = (material_of_splats(live) > 0) & (normals[:, 1] > 0.8)
     assert (bright - dark)[under].min() > 0.0
@@ -166,7 +166,7 @@ def test_the_page_shows_the_lobes_as_the_eye_sees_them(folder, tmp_path):
     view = View.look_at(eye, target, back[:3, 1], camera["fov"], 240, 240)
     ratio = gains**2.4
     size = {"light": 1, "angle": np.radians(140), "eye": list(camera["position"]), "hidden": hidden}
-    new, old = (told(folder, **size, ratio=[each] * 3)[0] for each in (0.0, 1.0))
+    new, old = (changes(folder, **size, ratio=[each] * 3)[0] for each in (0.0, 1.0))
     change = new + ratio * (old - new)
     plain = SH_C0 * live.splats.sh[:, 0] + 0.5
     lit = gains * (plain + 0.055) - 0.055

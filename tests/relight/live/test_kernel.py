@@ -149,21 +149,21 @@ def test_a_dropped_hdr_is_the_light_that_python_reads(folder, tmp_path, runs, si
     image = (1.5 + np.sin(6.28 * right + 3 * down))[..., None] * [1.0, 0.8, 0.5] + rng.uniform(0, 0.2, (*size, 3))
     write_hdr(tmp_path / "sky.hdr", image, runs)
     read = Environment.load(tmp_path / "sky.hdr")
-    told = lit(folder, hdr=str(tmp_path / "sky.hdr"))
+    result = lit(folder, hdr=str(tmp_path / "sky.hdr"))
     expected = about_y(read.sh(10))
-    np.testing.assert_allclose(np.reshape(told["rest"], (100, 3)), expected, atol=0.01 * np.abs(expected).max())
-    assert told["mean"] == pytest.approx(read.mean_luminance, rel=5e-3) and told["suns"] == []
+    np.testing.assert_allclose(np.reshape(result["rest"], (100, 3)), expected, atol=0.01 * np.abs(expected).max())
+    assert result["mean"] == pytest.approx(read.mean_luminance, rel=5e-3) and result["suns"] == []
 
 
 def test_the_sun_of_a_dropped_hdr_is_found_where_it_is(folder, tmp_path):
     write_hdr(tmp_path / "noon.hdr", np.asarray(Environment.load("noon").radiance))
-    told, own = lit(folder, hdr=str(tmp_path / "noon.hdr")), light_of(Environment.load("noon"), 1.0)
-    (sun,) = told["suns"]
+    result, own = lit(folder, hdr=str(tmp_path / "noon.hdr")), light_of(Environment.load("noon"), 1.0)
+    (sun,) = result["suns"]
     assert np.dot(sun["direction"], own.suns.directions[0]) > np.cos(np.radians(2.0))
     assert sun["weight"] == pytest.approx(own.suns.weights[0], rel=0.05)
     basis = harmonics.evaluate(np.array([sun["direction"]]) @ np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]).T, 4)
-    whole = np.reshape(told["rest"], (100, 3))[:16] + basis.T @ np.array([sun["weight"]])
-    np.testing.assert_allclose(whole, np.reshape(told["whole"], (16, 3)), atol=1e-6)
+    whole = np.reshape(result["rest"], (100, 3))[:16] + basis.T @ np.array([sun["weight"]])
+    np.testing.assert_allclose(whole, np.reshape(result["whole"], (16, 3)), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -178,8 +178,8 @@ def test_the_sun_of_a_dropped_hdr_is_found_where_it_is(folder, tmp_path):
 )
 def test_a_broken_hdr_is_refused_in_one_line(folder, tmp_path, content, message):
     (tmp_path / "x.hdr").write_bytes(content)
-    told = lit(folder, hdr=str(tmp_path / "x.hdr"))["error"]
-    assert message in told and "\n" not in told
+    result = lit(folder, hdr=str(tmp_path / "x.hdr"))["error"]
+    assert message in result and "\n" not in result
 
 
 def test_the_saved_ply_is_the_relit_splat(folder, tmp_path):
@@ -204,8 +204,8 @@ def test_another_splat_is_refused_in_one_line(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "b")
     path = tmp_path / "b" / "splat.compressed.ply"
     path.write_bytes(path.read_bytes()[:-1] + b"\1")
-    told = lit(tmp_path / "b")["error"]
-    assert "SHA-256 differs" in told and "\n" not in told
+    result = lit(tmp_path / "b")["error"]
+    assert "SHA-256 differs" in result and "\n" not in result
 
 
 def test_rows_come_back_from_clusters_as_they_went_in():

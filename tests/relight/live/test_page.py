@@ -214,7 +214,7 @@ def test_a_dropped_exr_lights_the_page_and_others_are_refused(page, tmp_path):
     said = page.run("document.getElementById('relight-message').textContent")
     assert said == "cross.exr: a picture of 48 x 64: expected a lat-long light, twice as wide as high"
     assert page.run("relight.lights.at(-1).name") == "sky"
-    page.run("relight.tell('')")
+    page.run("relight.notify('')")
 
 
 @in_browser

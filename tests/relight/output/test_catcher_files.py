@@ -104,8 +104,8 @@ def test_it_needs_an_object():
 
 def test_the_command_says_so_in_one_line(made, capsys):
     assert main([str(made[1].parent / "floor"), "--format", "catcher"]) == 2
-    told = capsys.readouterr().err.strip()
-    assert "--format catcher" in told and "--insert" in told and len(told.splitlines()) == 1
+    error = capsys.readouterr().err.strip()
+    assert "--format catcher" in error and "--insert" in error and len(error.splitlines()) == 1
 
 
 def test_it_comes_from_the_library_too_without_splats_of_its_own(made, tmp_path):

@@ -106,9 +106,9 @@ def test_a_plan_tells_leaves_beside_what_they_were_chosen_for(scene):
 
     thick = plan(Thick(sizes[0], 1.0), tolerance=0.05)
     assert thick.settings.volume in NOISE and thick.settings.rays
-    told = {effect: (error, decision) for effect, error, decision in thick.contributions}
-    assert told["volume"][0] > SKIPPED * 0.05
-    assert told["volume"][1].startswith(f"{thick.settings.volume} directions for {sizes[0]:,} vertices")
+    table = {effect: (error, decision) for effect, error, decision in thick.contributions}
+    assert table["volume"][0] > SKIPPED * 0.05
+    assert table["volume"][1].startswith(f"{thick.settings.volume} directions for {sizes[0]:,} vertices")
     surfaces = plan(Thick(sizes[0], 0.0), tolerance=0.05)  # a volume of nothing
     assert surfaces.settings == plan(None, tolerance=0.05).settings and surfaces.settings.volume == 0
     assert dict((effect, decision) for effect, _, decision in surfaces.contributions)["volume"] == "skipped"

@@ -50,7 +50,7 @@ def test_a_lamp_that_was_pointed_at_goes_out_and_leaves_neither_glow_nor_stain()
     job, dark = shaded(scene, {at: 0.0})
     # The ceiling was lamp 1 before; beside the true one it cannot prove it, and is dark, but keeps its number.
     other, lamp = job.lamps_found
-    assert job.appearance.room.told["pointed"] == [2] and not any(other["radiance"])
+    assert job.appearance.room.report["pointed"] == [2] and not any(other["radiance"])
     np.testing.assert_allclose(lamp["place"], scene.vertices[glowing].mean(axis=0), atol=0.1)
     # It is the only lamp of a room without an opening.
     assert dark[~glowing].mean() < 0.05 * captured[~glowing].mean() and dark[glowing].max() < 0.05
@@ -74,21 +74,21 @@ def test_a_place_on_a_lamp_that_was_found_means_that_one():
 
 
 @pytest.mark.parametrize(
-    ("lamps", "told"),
+    ("lamps", "message"),
     [
         ("at=90,0,0=off", "the nearest surface is"),
         ("at=FLOOR=off", "what is there was captured at"),
         ("9=off,at=LAMP", "its lamps are 1 to 2"),
     ],
 )
-def test_a_place_that_is_no_lamp_gets_one_line(lamps, told):
+def test_a_place_that_is_no_lamp_gets_one_line(lamps, message):
     scene, _, at = yellow_box()
     shift = scene.scene_from_splat[:3, 3]
     corner = scene.vertices[np.argmin(scene.vertices.sum(axis=1))] - shift
     text = {"FLOOR": corner, "LAMP": at}
     for word, place in text.items():
         lamps = lamps.replace(word, ",".join(f"{each:.4f}" for each in place))
-    with pytest.raises(InputError, match=told), warnings.catch_warnings():
+    with pytest.raises(InputError, match=message), warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # of the room itself
         next(iter(job_of(scene, lamps).shaded()))
 

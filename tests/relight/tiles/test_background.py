@@ -32,8 +32,8 @@ def far(tmp_path):
     square = Mesh(corners, up, np.int32([[0, 1, 2], [0, 2, 3]]), np.full((4, 3), 90, np.uint8))
     light = np.ones((4, 3))
     made = background_of(Store(tmp_path), [0, 1], Scene([square]), light, GAIN * light)
-    told = np.isin(rows, sky_rows(splats, rows, np.eye(4)))
-    return made, [far_splats(Store(tmp_path), piece) for piece in (0, 1)], [told[::2], told[1::2]]
+    is_sky = np.isin(rows, sky_rows(splats, rows, np.eye(4)))
+    return made, [far_splats(Store(tmp_path), piece) for piece in (0, 1)], [is_sky[::2], is_sky[1::2]]
 
 
 def test_sky_shows_the_new_light_and_the_rest_takes_its_change(far):

@@ -125,11 +125,11 @@ def test_a_tile_out_of_reach_knows_no_lamp(city):
     lamp = SphereLamp(above, 0.05, (power, power, power))
     options = LightingOptions(**OPTIONS, placed=(in_splat(lamp, scene),))
     relit_city(city, "noon", options, formats=("npy",), albedo="white", folder="relit/corner")
-    told = [json.loads((city / "relit/corner" / entry["name"] / "relit.json").read_text()) for entry in tiles(city)]
-    assert sorted(each["lamps"] for each in told)[0] == 0 and max(each["lamps"] for each in told) == 1
+    reports = [json.loads((city / "relit/corner" / entry["name"] / "relit.json").read_text()) for entry in tiles(city)]
+    assert sorted(each["lamps"] for each in reports)[0] == 0 and max(each["lamps"] for each in reports) == 1
     plain = relit_city(city, "noon", LightingOptions(**OPTIONS), formats=("npy",), albedo="white", folder="relit/none")
     assert plain["vertices"]
-    for entry, each in zip(tiles(city), told, strict=True):
+    for entry, each in zip(tiles(city), reports, strict=True):
         one, other = (
             np.load(city / folder / entry["name"] / "radiance.npy") for folder in ("relit/corner", "relit/none")
         )

@@ -19,9 +19,9 @@ def test_a_module_in_the_current_folder_is_not_run(tmp_path, monkeypatch):
     command[at] = command[at].replace(
         "main()", "import queue, json; print(json.dumps([queue.__file__, json.__file__]))"
     )
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    finished = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     assert not (tmp_path / "ran").exists()
-    assert all(not path.startswith(str(tmp_path)) for path in json.loads(told.stdout))
+    assert all(not path.startswith(str(tmp_path)) for path in json.loads(finished.stdout))
 
 
 def test_the_current_folder_comes_last_where_it_was_asked_for(tmp_path, monkeypatch):

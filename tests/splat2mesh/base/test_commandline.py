@@ -72,8 +72,8 @@ def test_a_second_value_is_told_with_what_to_do_instead(capsys, words):
     with pytest.raises(SystemExit) as exit_:
         parser.parse_args(words)
     assert exit_.value.code == 2
-    told = f"{words[1]} takes one value, found b.exr and c.exr: give a folder that holds them"
-    assert capsys.readouterr().err == f"error: {told}; tool --help shows all\n"
+    message = f"{words[1]} takes one value, found b.exr and c.exr: give a folder that holds them"
+    assert capsys.readouterr().err == f"error: {message}; tool --help shows all\n"
 
 
 @pytest.mark.parametrize("words", [["a", "b"], ["a", "--flag", "b"], ["a", "--env", "c", "--flag", "b"]])

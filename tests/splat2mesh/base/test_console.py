@@ -35,8 +35,8 @@ def test_words_of_all_scripts_stay_as_they_are():
 def test_names_of_files_are_spelled_out(main, name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main([f"{name}.ply"]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("error: ") and told.count("\n") == 1 and told.rstrip("\n").isprintable()
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and error.count("\n") == 1 and error.rstrip("\n").isprintable()
 
 
 def test_so_is_what_files_hold(tmp_path, capsys):

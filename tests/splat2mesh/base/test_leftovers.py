@@ -72,8 +72,8 @@ def test_a_run_that_is_told_to_stop_leaves_what_was_there(tmp_path, number):
     process = writer(tmp_path)
     process.send_signal(number)
     process.send_signal(number)  # once more, into the clean-up
-    _, told = process.communicate(timeout=60)
-    assert process.returncode == EXIT_INTERRUPTED and told.startswith("error: ") and told.count("\n") == 1
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == EXIT_INTERRUPTED and error.startswith("error: ") and error.count("\n") == 1
     assert names(tmp_path) == ["out"] and (tmp_path / "out" / "mark").read_text() == "old"
 
 

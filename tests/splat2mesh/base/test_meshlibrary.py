@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-TOLD = """
+SCRIPT = """
 import sys
 from splat2mesh.base import console
 from splat2mesh.base.meshlibrary import PAGES, open3d
@@ -19,7 +19,7 @@ print(*(name in sys.modules for name in PAGES))
 
 @pytest.mark.parametrize("owned", [True, False])
 def test_a_command_imports_no_web_pages(owned):
-    told = subprocess.run(
-        [sys.executable, "-c", TOLD.format(owned=owned)], capture_output=True, text=True, check=True, timeout=120
+    finished = subprocess.run(
+        [sys.executable, "-c", SCRIPT.format(owned=owned)], capture_output=True, text=True, check=True, timeout=120
     )
-    assert told.stdout.split() == [str(not owned)] * 3
+    assert finished.stdout.split() == [str(not owned)] * 3

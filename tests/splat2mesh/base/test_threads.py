@@ -18,17 +18,17 @@ def add(begin, end, array, step):
 @pytest.mark.parametrize("cores", [1, 2, 7])
 def test_every_item_is_met_once(count, cores, monkeypatch):
     monkeypatch.setattr(threads, "all_cores", lambda: cores)
-    seen, told = np.zeros(count, int), []
+    seen, calls = np.zeros(count, int), []
     add(count, seen, 3)
     assert (seen == 3).all()
 
     def kernel(begin, end):
         seen[begin:end] += 1
-        told.append((begin, end))
+        calls.append((begin, end))
 
     threads.in_slices(kernel, count)
     assert (seen == 4).all()
-    assert len(told) == (cores if count >= threads.MIN_SHARED else 1)
+    assert len(calls) == (cores if count >= threads.MIN_SHARED else 1)
 
 
 def test_many_threads_may_loop_at_once(monkeypatch):
@@ -62,8 +62,8 @@ def test_a_thread_of_the_pool_never_waits_for_another(monkeypatch):
         return out.sum(), len(names), threads.cores()
 
     assert threads.cores() == 7
-    for item, told in enumerate(threads.in_order(work, range(32))):
-        assert told == (item * threads.MIN_SHARED * 2, 1, 1)
+    for item, result in enumerate(threads.in_order(work, range(32))):
+        assert result == (item * threads.MIN_SHARED * 2, 1, 1)
 
 
 @pytest.mark.parametrize("failing", [0, 30])

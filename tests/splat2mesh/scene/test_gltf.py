@@ -26,12 +26,12 @@ def test_what_glb_writes_is_read(tmp_path, wide):
     attributes = {"POSITION": file.positions(POINTS), "NORMAL": file.values(normals)}
     attributes["COLOR_0"] = file.values(linear_from_srgb(colors).astype(np.float32))
     file.mesh("body", attributes, indices=indices)
-    file.save(tmp_path / "a.glb", {"told": 1})
+    file.save(tmp_path / "a.glb", {"key": 1})
     found = read_gltf(tmp_path / "a.glb")
     np.testing.assert_array_equal(found.points[found.faces], POINTS[FACES])
     np.testing.assert_array_equal(found.normals[found.faces], normals[FACES])
     np.testing.assert_allclose(found.colors[found.faces], colors[FACES], atol=1e-6)  # sRGB to linear float32 and back
-    assert GltfData(tmp_path / "a.glb").document.scenes[0].extras == {"told": 1}
+    assert GltfData(tmp_path / "a.glb").document.scenes[0].extras == {"key": 1}
     assert file.content() == file.content()
 
 
@@ -88,11 +88,11 @@ def test_nodes_below_others_take_their_transforms_one_after_the_other(tmp_path):
 
 
 def test_normalised_integers_are_shares_of_their_range(tmp_path):
-    told, blob = document()
-    told["bufferViews"].append({"buffer": 0, "byteOffset": 72, "byteLength": 4})
-    told["buffers"] = [{"byteLength": 76}]
-    told["accessors"].append({"bufferView": 2, "componentType": 5120, "count": 4, "type": "SCALAR", "normalized": True})
-    (tmp_path / "a.glb").write_bytes(_glb(told, blob + np.array([-128, -127, 0, 127], "i1").tobytes()))
+    raw, blob = document()
+    raw["bufferViews"].append({"buffer": 0, "byteOffset": 72, "byteLength": 4})
+    raw["buffers"] = [{"byteLength": 76}]
+    raw["accessors"].append({"bufferView": 2, "componentType": 5120, "count": 4, "type": "SCALAR", "normalized": True})
+    (tmp_path / "a.glb").write_bytes(_glb(raw, blob + np.array([-128, -127, 0, 127], "i1").tobytes()))
     assert GltfData(tmp_path / "a.glb").array(2, "it").tolist() == [-1.0, -1.0, 0.0, 1.0]
 
 
@@ -104,8 +104,8 @@ def test_entries_are_named_by_whole_numbers_of_those_that_are_there(index):
 
 
 def test_a_view_that_goes_beyond_its_buffer_is_refused(tmp_path):
-    told, blob = document()
-    told["accessors"][0]["count"] = 5
-    (tmp_path / "a.glb").write_bytes(_glb(told, blob))
+    raw, blob = document()
+    raw["accessors"][0]["count"] = 5
+    (tmp_path / "a.glb").write_bytes(_glb(raw, blob))
     with pytest.raises(InputError, match=r"the mesh of node 0 is damaged \(60 bytes of 72\)"):
         read_gltf(tmp_path / "a.glb")

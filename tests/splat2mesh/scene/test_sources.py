@@ -246,8 +246,8 @@ def test_a_damaged_source_is_refused(room, damage, message):
     meta = json.loads(path.read_text())
     damage(meta["source"]["objects"][1])
     meta["schema_version"] = 1  # before there were checksums
-    for told in (meta, *meta["chunks"]):
-        del told["sha256"]
+    for record in (meta, *meta["chunks"]):
+        del record["sha256"]
     del meta["files"]
     path.write_text(json.dumps(meta))
     with pytest.raises(InputError, match=message):

@@ -83,7 +83,7 @@ def test_the_dashboard_answers_to_this_machine_alone(monkeypatch, capfd):
             create_connection(("127.0.0.2", int(port)), timeout=5)
         for show in (False, True):
             stages = Stages(show=show)
-            stages.tell(f"dashboard: {running.dashboard}")
+            stages.notify(f"dashboard: {running.dashboard}")
             stages.close()
             assert (running.dashboard in capfd.readouterr().err) == show
 

@@ -46,9 +46,9 @@ def thing(request):
 
 
 def test_a_thing_on_its_head_is_told_and_turned_where_pictures_show_it(thing, request):
-    matrix, told = upright("auto", [], thing)
-    assert told.startswith("the floor") or (
-        told.startswith("assumed -y") and told.endswith("times brighter from above")
+    matrix, reason = upright("auto", [], thing)
+    assert reason.startswith("the floor") or (
+        reason.startswith("assumed -y") and reason.endswith("times brighter from above")
     )
     turned, doubted = upright("auto", [], placed(thing, OVER))
     assert brightness_from_above(thing, matrix[1, :3]) > CLEAR

@@ -144,16 +144,16 @@ def test_the_order_of_the_splats_changes_nothing():
 
 
 def test_auto_asks_cameras_then_the_floor_then_assumes():
-    matrix, told = upright("auto", [], garden())
+    matrix, reason = upright("auto", [], garden())
     np.testing.assert_array_equal(matrix, np.eye(4))
-    assert told == "the floor, 0.0 degrees from +y" or told.startswith("the floor, 0.")
+    assert reason == "the floor, 0.0 degrees from +y" or reason.startswith("the floor, 0.")
     assert not np.signbit(upright("auto", [], turned(garden(), "-y"))[0][matrix == 0]).any()
-    matrix, told = upright("auto", [], solid_ball())
+    matrix, reason = upright("auto", [], solid_ball())
     np.testing.assert_array_equal(matrix, scene_from_splat("-y"))
-    assert told.startswith("assumed -y, since no plane stands out as a floor")
-    matrix, told = upright("+z", [], garden())
+    assert reason.startswith("assumed -y, since no plane stands out as a floor")
+    matrix, reason = upright("+z", [], garden())
     np.testing.assert_array_equal(matrix, scene_from_splat("+z"))
-    assert told == "asked for"
+    assert reason == "asked for"
 
 
 def test_nothing_is_looked_for_where_cameras_tell(monkeypatch):
@@ -162,9 +162,9 @@ def test_nothing_is_looked_for_where_cameras_tell(monkeypatch):
 
     monkeypatch.setattr(module, "ground_of", None)
     views = [View.look_at([0, 0, -3], [0, 0, 0], [0, 1, 0], 50.0, 16)]
-    matrix, told = upright("auto", views, garden())
+    matrix, reason = upright("auto", views, garden())
     np.testing.assert_allclose(matrix, np.eye(4), atol=1e-12)
-    assert told == "the cameras"
+    assert reason == "the cameras"
 
 
 def test_thresholds_are_between_what_was_measured():
