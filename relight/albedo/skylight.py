@@ -54,11 +54,11 @@ LEAST_SUN_GAIN = 0.02
 up to 1%."""
 
 LEAST_VISIBLE = 0.05
-"""Of the upper hemisphere, weighted as level ground is lit, that a sky must show to be used: windows show less."""
+"""Least visible part of the upper hemisphere for a sky to be used: windows show less."""
 
 LITTLE_VISIBLE = 0.25
-"""Of the same, below which what was not seen decides: without looks from within, such a sky is used beside a sun
-alone. In two nooks whose sky showed .06 relit splats were 1 to 8 dB worse by pairs under it than without it."""
+"""Visible part below which the invisible part decides. Without views from inside, such a sky is used only beside a sun:
+in two nooks with .06 visible, pairs under the sky made relit splats 1 to 8 dB worse than without it."""
 
 LEAST_OPEN = 0.3
 """Mean part of the sky that the surfaces of a scene see, from which a captured sky is its light: a garden's see 0.59,
@@ -216,7 +216,7 @@ def prior_of(of_bands: Callable[[int], NDArray[np.float64]]) -> NDArray[np.float
 
 
 def visible_part(sky: CapturedSky) -> float:
-    """Part of the upper hemisphere, weighted as level ground is lit, that was seen: in [0, 1]."""
+    """Visible part of the upper hemisphere, weighted as it lights level ground: in [0, 1]."""
     height, width = sky.bound.shape[:2]
     weight = np.maximum(texel_directions(height, width)[..., 1], 0.0) * row_solid_angles(height, width)
     return float(((sky.bound + sky.clipped).mean(axis=2) * weight).sum() / weight.sum())

@@ -1,4 +1,4 @@
-"""The colours of a scene: as captured, as a file has them, or with the light of the capture taken out."""
+"""The colours of a scene: as captured, from a file, or with the captured light removed."""
 
 import os
 import warnings
@@ -30,21 +30,23 @@ CHOICES = ("estimated", "captured", "white")
 LEAST_ALBEDO = 0.02  # to divide by
 
 WAY = 11
-"""Of the way that light and albedo are estimated: goes up when it would give other numbers, for what is kept."""
+"""Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
+estimates."""
 
 CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))
-"""The transfer and bounces from which the capture's light is estimated; of a place as most lights call for them
-afterwards, which then find them there."""
+"""Transfer and bounces for the estimate of the captured light. In a place they are those that most lights need later,
+and the cache then holds them."""
 
 
 class Appearance(NamedTuple):
-    """What surfaces look like. albedo: (V, 3) float32 linear, None for white. captured: (V, 3) float32 linear colours.
+    """The appearance of surfaces. albedo: (V, 3) float32 linear, None for white. captured: (V, 3) float32 linear
+    colours.
 
-    irradiance: (V, 3) float32, what every vertex received on the capture day, in the unit of `captured`; where it was
-    not estimated, what the albedo leaves for it. prior: of `albedo.albedo_of`, for other colours of the scene, or None.
-    capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], how much of a change of light is
-    applied to each vertex of a splat; all of it without. kept: whether it all stays as captured. room: the Room of a
-    closed room whose lamps and windows were told, or None. environment: that of the capture as it was estimated, in the
+    irradiance: (V, 3) float32, the captured light at every vertex, in the unit of `captured`; without an
+    estimate, the captured colour over the albedo. prior: of `albedo.albedo_of`, for other colours of the scene, or
+    None. capture: dict for the report, None without an estimate. trust: (V,) in [0, 1], the share of a change of light
+    that each vertex of a splat takes; None for all of it. kept: whether all colours stay as captured. room: the Room of
+    a closed room whose lamps and windows were separated, or None. environment: the estimated captured light, in the
     unit of `captured` and the frame of the scene, or None.
     """
 
@@ -59,10 +61,10 @@ class Appearance(NamedTuple):
     environment: "Environment | None" = None
 
     def received(self, radiance: NDArray[np.float32], exposure: float = 1.0) -> NDArray[np.float32]:
-        """(V, 3) float32 irradiance of vertices that send out a radiance (V, 3): that over their albedo.
+        """(V, 3) float32 irradiance of vertices with exit radiance (V, 3): the radiance over the albedo.
 
-        Where the estimate is not trusted it is drawn towards what they received on the capture day; where splats and
-        textures stay as captured, it is what is shown at this exposure as it was then.
+        Where the estimate is not trusted, it moves towards the captured irradiance. Where splats and textures stay as
+        captured, it is the irradiance that this exposure shows unchanged.
         """
         if self.kept:
             return self.irradiance / np.float32(exposure)
@@ -77,11 +79,11 @@ def appearance_of(
     relighter: "Relighter",
     reflected: NDArray[np.float64] | None = None,
 ) -> Appearance:
-    """The Appearance that an `albedo` names.
+    """Return the Appearance for a choice of `albedo`.
 
-    choice: one of CHOICES, or linear albedo (V, 3), as an array or a .npy file. capture_env: the Environment of the
-    capture day, or None. reflected: of `albedo.estimate`, the shape of its light that gloss shows. The albedo of a
-    light that cannot be told apart is the captured colour, with a DataWarning.
+    choice: one of CHOICES, or linear albedo (V, 3), as an array or a .npy file. capture_env: the known Environment of
+    the capture, or None. reflected: the shape of the light that gloss shows, see `albedo.estimate`. Where the light
+    cannot be separated, the captured colours serve as albedo, with a DataWarning.
     Raises InputError for an albedo that does not fit.
     """
     captured = relighter.scene.colors_linear
@@ -144,7 +146,7 @@ def _without_light(
 
 
 def _pointed(relighter: "Relighter") -> "Pointed | None":
-    """Where the options say that captured lamps are; None where nobody pointed at any."""
+    """Positions of captured lamps from the options, or None."""
     places = relighter.options.pointed_at
     if not places:
         return None
@@ -156,7 +158,7 @@ def _pointed(relighter: "Relighter") -> "Pointed | None":
 
 
 def _checked_estimate(kept: dict[str, Any], shape: tuple[int, ...]) -> dict[str, Any]:
-    """What was kept of an estimate. Raises KeyError or ValueError where something is missing or does not fit."""
+    """The estimate in cached arrays. Raises KeyError or ValueError where something is missing or does not fit."""
     from ..albedo import Prior
 
     names = ("separable", "reason", "under_sky", "closed", "self_relight_db", "distrusted_share", "trust", *_DESCRIBED)
@@ -178,7 +180,7 @@ def _key(
     relighter: "Relighter",
     reflected: NDArray[np.float64] | None,
 ) -> tuple[str, int]:
-    """Under what an estimate is kept."""
+    """The cache key of an estimate."""
     sky = _sky_of(relighter.scene)
     parts = [] if sky is None else [sky.radiance, sky.bound, sky.clipped]
     parts += [standing(relighter.scene), np.array(WAY)] + ([] if reflected is None else [reflected])
@@ -188,7 +190,7 @@ def _key(
 
 
 def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
-    """(V, 3) float32: what the surfaces of a scene sent each other on the capture day; none in a layout of several."""
+    """(V, 3) float32 captured light that surfaces of a scene bounced to each other; 0 in a layout of several splats."""
     scene = relighter.scene
     if len(scene.source.get("objects") or ()) > 1:  # each was captured by itself
         return np.zeros_like(scene.colors_linear)
@@ -199,7 +201,7 @@ def bounced_light(relighter: "Relighter") -> NDArray[np.float32]:
 def albedo_kept(
     capture_env: "Environment | None", relighter: "Relighter", reflected: NDArray[np.float64] | None = None
 ) -> NDArray[np.float32] | None:
-    """The albedo that was estimated before and kept, (V, 3), or None: what a plan asks, which estimates nothing."""
+    """The albedo (V, 3) of a cached estimate, or None. A plan calls this, since it must not estimate anything."""
     captured = relighter.scene.colors_linear
     key = _key(captured, capture_env, relighter, reflected)
     kept = relighter.cache.restored(lambda arrays: _checked_estimate(arrays, captured.shape), "albedo", *key)
@@ -207,7 +209,7 @@ def albedo_kept(
 
 
 def _sky_of(scene: Scene) -> CapturedSky | None:
-    """The CapturedSky of a Scene where it tells enough of the light, or None."""
+    """The CapturedSky of a Scene where enough of the sky is visible, or None."""
     sky = None if scene.measured is None else scene.measured.sky
     return None if sky is None or visible_part(sky) < LEAST_VISIBLE else sky
 
@@ -218,9 +220,9 @@ def _of_objects(
     relighter: "Relighter",
     reflected: NDArray[np.float64] | None,
 ) -> dict[str, Any]:
-    """Dict of arrays of the estimate; of a layout each object by itself, in the light that it alone was captured in.
+    """Dict of arrays of the estimate. Each object of a layout is estimated by itself, under its own captured light.
 
-    What a layout has only once, as the report tells it, is that of the object with the most vertices.
+    Entries that a layout has only once, such as those for the report, come from the object with the most vertices.
     """
     from .relighter import Relighter
 

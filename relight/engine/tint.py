@@ -74,7 +74,7 @@ def color_where_white(
     own, received, others = (np.median(each[near].astype(np.float64), axis=0) for each in _parts(look, bounced))
     direct = received - others
     if own.min() <= 0.0 or direct.min() <= LEAST_RECEIVED * float(np.median(look.irradiance)):
-        raise InputError(f"{AT_A_PLACE}: the surface there is too dark to tell the colour of its light")
+        raise InputError(f"{AT_A_PLACE}: the surface there is too dark to show the colour of its light")
     neutral = own * (luminance(received) / luminance(own))  # irradiance that makes it grey, as bright as estimated
     color = np.maximum(neutral - others, LEAST_COLOR * direct) / direct * np.asarray(look.capture["color"])
     return np.asarray(color / luminance(color))

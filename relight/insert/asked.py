@@ -23,7 +23,7 @@ from splat2mesh.scene.mesh import Mesh
 Vector: TypeAlias = tuple[float, float, float]
 
 WORDS = ("at", "turn", "scale", "on", "albedo")
-"""The words after a file, as name=value."""
+"""Keys of the name=value words after a file."""
 
 SUPPORTS = ("floor",)
 """The surfaces that an object may be dropped on."""
@@ -40,11 +40,11 @@ _KEY = re.compile(r"(\w+)\s*=\s*(.*)", re.DOTALL)
 class AskedInsert:
     """An object to insert.
 
-    source: a mesh file, a splat, or a Mesh whose y points up. at: where its origin goes, in the frame of the splat that
-    the scene was made of. turn_deg: about the vertical, counter-clockwise from above. scale: its own units times this
-    are those of the splat; None for 1, and for less where it would be larger than the scene. on: "floor" lets it down
-    on what is below, or lifts it up on it. albedo: linear, times its own colours; None for those, or for grey where it
-    has none.
+    source: a mesh file, a splat, or a Mesh whose y points up. at: the position of its origin, in the frame of the splat
+    that the scene was made from. turn_deg: about the vertical, counter-clockwise from above. scale: units of the splat
+    per unit of the object; None for 1, or less if the object would then exceed the scene. on: "floor" drops or lifts
+    it onto the surface below. albedo: linear, multiplies its own colours; None keeps them, or takes grey if it has
+    none.
     """
 
     source: "str | os.PathLike[str] | Mesh"
@@ -74,7 +74,8 @@ class AskedInsert:
 def asked_inserts(inserted: Iterable[Any]) -> list[AskedInsert]:
     """Return the requested objects, in order.
 
-    inserted: each an AskedInsert, a Mesh, a path, or a text as above. Raises InputError, in one line, for others.
+    inserted: each an AskedInsert, a Mesh, a path, or a text as above. Raises InputError, in one line, for anything
+    else.
     """
     found: list[AskedInsert] = []
     for each in inserted:

@@ -1,7 +1,7 @@
-"""Light that arrives at objects, and what they change at the surfaces around them: rays, as few as reach something.
+"""Light that arrives at objects, and the change that objects make at surrounding surfaces, with as few rays as needed.
 
-What an object changes at a vertex is what it sends there less what came along the same rays before: of the sky, of
-other surfaces, of suns and of lamps. So a vertex that it does not reach keeps its light to the bit.
+The change at a vertex is the light from the object minus the light that came along the same rays before: from the sky,
+other surfaces, suns and lamps. So a vertex that the object does not reach keeps its light to the bit.
 """
 
 import numpy as np
@@ -22,28 +22,28 @@ from .surroundings import LAMP_RAYS, Receiving, Surroundings, Together, weights_
 BATCH_RAYS = 2**20
 
 OBJECT_RAYS = 256
-"""From each vertex of an object, all around."""
+"""Rays from each vertex of an object, in all directions."""
 
 OWN_ROUNDS = 4
-"""Of light between the parts of objects."""
+"""Bounces between the parts of objects."""
 
 NEAR_RAYS = 4
-"""Times as many rays where a vertex lies within the sphere of an object, and they go all around."""
+"""Factor on the number of rays for a vertex within the sphere of an object, where they go in all directions."""
 
 NEAR = 1.05
-"""Radii of that sphere up to which they do: its cone would be nearly half of all directions."""
+"""Distance, in radii of that sphere, up to which they do: the cone would be nearly half of all directions."""
 
 BOX = 1.001
-"""Times the reach of an object: half the side of its box, with room for rounding."""
+"""Factor on the reach of an object that gives half the side of its box, with room for rounding."""
 
 LEAST_CONE = 1.0 / 400.0
-"""Part of a hemisphere that the sphere of an object must fill: less changes no light that is seen."""
+"""Part of a hemisphere that the sphere of an object must fill: a smaller part makes no visible change."""
 
 
 def light_on(
     around: Surroundings, standing: Standing, seed: int = 0, advance: Advance = lambda count: None
 ) -> NDArray[np.float32]:
-    """Return what white would send on at the vertices of objects, (V, 3) float32, light between them included."""
+    """Return the exit radiance of white at the vertices of objects, (V, 3) float32, with light between them."""
     at, count = standing.occluder, len(standing.vertices)
     azimuths = fibonacci_azimuths(OBJECT_RAYS)
     received = np.zeros((count, 3), np.float32)
@@ -78,7 +78,7 @@ def _thrown_on(
     faces: NDArray[np.int32],
     weights: NDArray[np.float32],
 ) -> NDArray[np.float32]:
-    """Light (V, 3) with what objects send to each other and to themselves."""
+    """Light (V, 3) including bounces within and between objects."""
     corners, found = standing.faces[faces], received
     for _ in range(OWN_ROUNDS if len(rows) else 0):
         sent = standing.albedo * found + standing.emission
@@ -97,8 +97,8 @@ def change_at(
     advance: Advance = lambda count: None,
     least: float = LEAST_CONE,  # part of a hemisphere that an object must fill
 ) -> NDArray[np.float32]:
-    """Return by how much objects change the irradiance over pi of places, (M, 3) float32: exactly 0 where none of the
-    rays meets one."""
+    """Return the change of irradiance over pi at M points due to objects, (M, 3) float32: exactly 0 where no ray meets
+    an object."""
     change = np.zeros((len(at.origins), 3), np.float32)
     for number, (middle, radius) in enumerate(standing.spheres):
         reached = np.flatnonzero(in_reach(middle, radius, at, least))
@@ -126,8 +126,8 @@ def change_at(
 
 
 def within(around: Surroundings, standing: Standing, at: Receiving, least: float) -> Indices:
-    """Rows of the places in the boxes that hold what objects may change by `in_reach`; all where suns or lamps throw
-    shadows, which reach farther."""
+    """Rows of the points in the boxes that `in_reach` can change; all points where suns or lamps cast shadows, which
+    reach farther."""
     if len(around.suns) or around.lamps is not None:
         return np.arange(len(at.origins))
     found = np.zeros(len(at.origins), bool)
@@ -142,8 +142,8 @@ def within(around: Surroundings, standing: Standing, at: Receiving, least: float
 
 
 def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: float = LEAST_CONE) -> Mask:
-    """Which places (M,) the sphere of an object may change other light of than that of suns and lamps: those before
-    which it is large enough."""
+    """Mask (M,) of the points where an object may change light other than that of suns and lamps: those from which its
+    sphere is large enough."""
     toward = middle - at.origins
     height = np.einsum("ij,ij->i", at.normals, toward)
     return np.asarray((radius**2 > least * (toward**2).sum(axis=1)) & (height > -radius))
@@ -159,7 +159,7 @@ def _through(
     count: int,
     seed: int,
 ) -> NDArray[np.float32]:
-    """What one object changes at M places by the rays that go towards it, (M, 3). cone: its axes and cosines."""
+    """Change (M, 3) that one object makes at M points, by the rays towards it. cone: its axes and cosines."""
     size = len(at.origins)
     rays, weights = np.zeros((size, count, 6), np.float32), np.zeros((size, count), np.float32)
     offsets = hashed_offsets(at.origins, at.normals, seed)
@@ -185,7 +185,7 @@ def _of(hits: Hits, rows: Mask) -> Hits:
 
 
 def _direct_where(around: Surroundings, standing: Standing, at: Receiving) -> Indices:
-    """Rows of the places that may lie in the shadow which objects throw of suns and lamps."""
+    """Rows of the points that may lie in the shadow of objects under suns and lamps."""
     origins = at.origins.astype(np.float64)
     found = np.zeros(len(origins), bool)
     for middle, radius in standing.spheres:
@@ -203,7 +203,8 @@ def _direct_where(around: Surroundings, standing: Standing, at: Receiving) -> In
 def _behind(
     around: Surroundings, lamp: int, origins: NDArray[np.float64], middle: NDArray[np.float64], radius: float
 ) -> NDArray[np.bool_]:
-    """Which places (N, 3) a ball may hide a lamp from: those whose way to the lamp's sphere leads past it."""
+    """Mask of the points (N, 3) where a ball may occlude a lamp: those whose path to the lamp's sphere passes the
+    ball."""
     assert around.lamps is not None
     of_lamp = around.lamps.lamp == lamp
     places, reach = around.lamps.middle[of_lamp].astype(np.float64), around.lamps.reach[of_lamp]
@@ -217,7 +218,7 @@ def _behind(
 
 
 def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[np.float32]:
-    """Light of suns and lamps at the places that an occluder has for its vertices, (M, 3)."""
+    """Light of suns and lamps at the vertices of an occluder, (M, 3)."""
     found = np.zeros((len(at.origins), 3), np.float32)
     if len(around.suns):
         found += sunlight(occluder, slice(None), around.suns)
@@ -239,8 +240,8 @@ def _aim(
     rays: NDArray,
     weights: NDArray,
 ) -> None:
-    """Directions even over a cone about an axis, and what each counts of the irradiance over pi: its solid angle times
-    cosine over pi; below -1 the cone is the cosine lobe itself, in which all count alike."""
+    """Directions evenly over a cone about an axis, and the weight of each in the irradiance over pi: solid angle times
+    cosine over pi. Below -1 the cone is the cosine lobe itself, and all weights are equal."""
     count, one = len(azimuths), np.float32(1)
     for v in range(begin, end):
         lobe = cosines[v] < -one

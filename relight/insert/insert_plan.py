@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from splat2mesh.splats.splats import Splats
 
 SAMPLE = 2048
-"""Vertices in reach that are traced; shares have a standard error of 1% of what is in reach, at most."""
+"""Vertices in reach that are traced. The standard error of a share is at most 1% of the vertices in reach."""
 
 
 class InsertPlan(NamedTuple):
     """The work for inserted objects.
 
     objects: their number. reach: share of the scene's vertices from which an object is large enough to change their
-    light. changed: share of them whose light it changes visibly, in an even light, without shadows of suns and lamps.
+    light. changed: share of them that change visibly under an even light, without shadows of suns and lamps.
     splats: share of the splats in reach, None where there are none. rays: for the light on the objects and the change
     of the vertices. seconds: for both.
     """
@@ -66,7 +66,7 @@ def plan_inserts(standing: Standing, scene: "Scene", around: Surroundings, splat
     start = time.perf_counter()
     change = change_at(around, standing, sent, RAYS, at.of(sample))
     seconds = time.perf_counter() - start
-    # In an even light of 1 each vertex receives 1 at most; that it receives less makes a change larger, not smaller.
+    # In an even light of 1 each vertex receives at most 1. A vertex that receives less changes more, not less.
     seen = (np.abs(change) > LEAST_CHANGE * (1.0 + SOFTNESS)).any(axis=1).mean() if len(sample) else 0.0
     part = len(rows) / max(len(scene.vertices), 1)
     of_objects = OBJECT_RAYS * len(standing.vertices)
@@ -90,7 +90,7 @@ def _reached(standing: Standing, at: Receiving) -> Mask:
 
 
 def _near(standing: Standing, scene: "Scene", splats: "Splats") -> NDArray[np.bool_]:
-    """Which splats are in reach, whichever way they face."""
+    """Mask of the splats in reach, whichever way they face."""
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     points = standing.frame.unit(splats.means.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
     found = np.zeros(len(points), bool)

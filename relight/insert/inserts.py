@@ -1,4 +1,4 @@
-"""Objects in a scene under one light after another: what they receive, and what they change around them."""
+"""Objects in a scene under one light after another: the light on them, and their effect on the scene."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -28,33 +28,34 @@ if TYPE_CHECKING:
     from ..engine.relighter import Relighter
 
 RAYS = 32
-"""From each vertex to each object, where it is first asked what that changes."""
+"""Rays from each vertex to each object, in the first pass over what it changes."""
 
 GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 16.0
-"""Rays of a glimpse, and what part of a hemisphere an object must fill to be looked at."""
+"""Rays of a quick preview, and the part of a hemisphere that an object must fill to be considered in it."""
 
 LATER_BOUNCES = 4
-"""Of what surfaces send less or more for it: in a garden they darken the shade of an object by a tenth."""
+"""Bounces of the change: in a garden they darken the shadow of an object by a tenth."""
 
 SOFTNESS = 0.05
-"""Of the median irradiance, added to what was there before and after: where next to nothing was received, what an
-object hides of it is as uncertain."""
+"""Share of the median irradiance, added before and after: where a surface received next to no light, the part that an
+object occludes is as uncertain."""
 
 LEAST_RATIO = 0.03
-"""Least light that stays, of what was there: no shade is black, and the colours of a capture tell no such shades."""
+"""Least share of the light that remains: no shadow is black, and captured colours do not resolve darker ones."""
 
 LEAST_CHANGE = 0.004
-"""Of the logarithm of the light: less is not seen, and is left out, so that what is far off keeps every bit."""
+"""Least change of the logarithm of the light. Smaller changes are invisible and dropped; so far surfaces keep every
+bit."""
 
 BURIED = 0.9
-"""Part of the vertices of an object that must be in the dark for it to stand in a wall."""
+"""Share of dark vertices from which on an object is inside a wall."""
 
 
 class Inserts:
     """Objects in the scene of a Relighter.
 
-    asked: what is put in. look: returns the Appearance, whose albedo bounces take. read: reads what is asked for, as
-    `read_object` reads meshes.
+    asked: the requested objects. look: returns the Appearance, whose albedo bounces use. read: reads a requested
+    object, as `read_object` reads meshes.
     Raises InputError, on first use, for files that cannot be read.
     """
 
@@ -72,7 +73,7 @@ class Inserts:
         return self._look()
 
     def moved(self, asked: Sequence[AskedInsert]) -> "Inserts":
-        """The same objects elsewhere; nothing is read again."""
+        """The same objects in other positions, without reading them again."""
         other = Inserts(asked, self.relighter, self._look, self._read)
         other.__dict__.update(objects=self.objects, _frame=self._frame, _diagonal=self._diagonal)
         return other
@@ -84,7 +85,7 @@ class Inserts:
         return other
 
     def starting(self, objects: list[InsertedObject]) -> "Inserts":
-        """The same objects in other poses, let down on the floor in these."""
+        """The same objects in other poses, dropped onto the floor."""
         other = self.moved(self.asked)
         other.__dict__.update(objects=objects)
         return other
@@ -111,22 +112,22 @@ class Inserts:
 
     @cached_property
     def standing(self) -> Standing:
-        """The objects where they stand."""
+        """The objects at their positions."""
         with self.relighter.stages.stage("objects"):
             return Standing.of(self._frame, self.objects, self._placed)
 
     def under(
         self, around: Surroundings, received: NDArray[np.float32], check: Callable[[int], None] = lambda count: None
     ) -> "InsertedLight":
-        """Return what the objects receive and change. around: the light on the scene without them. received: (V, 3)
-        irradiance over pi of its vertices in it. check: called now and then with what is done; may raise to end it."""
+        """Return the light on the objects and their effect. around: the light on the scene without them. received: (V,
+        3) irradiance over pi of its vertices in that light. check: called now and then with the progress; may raise."""
         stages, seed = self.relighter.stages, self.relighter.seed
         with stages.stage("light on objects"):
             light = light_on(around, self.standing, seed, check)
         self._check_lit(light, received)
         radiance = self.standing.albedo * light + self.standing.emission
         with stages.stage("shadows of objects", len(received)) as advance:
-            # Leaves too by their normals: beside an object it counts which of them turn to it (.70 of the shadow in a
+            # Leaves use their normals too: beside an object, their orientation towards it matters (.70 of the shadow in a
             # trained garden, .69 as volumes).
             at = Receiving(around.occluder.origins, around.occluder.normals)
 
@@ -139,8 +140,8 @@ class Inserts:
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
 
     def glimpse(self, before: "InsertedLight") -> "InsertedLight":
-        """Return nearly the same by few rays, and without what surfaces send to each other. before: of the same
-        objects elsewhere, whose light they keep."""
+        """Return an approximation with few rays and without bounces. before: the result for the same objects at other
+        positions, whose light they keep."""
         around = before.around
         at = Receiving(around.occluder.origins, around.occluder.normals)
         direct, rows = np.zeros(at.origins.shape, np.float32), within(around, self.standing, at, GLIMPSE_CONE)
@@ -154,7 +155,7 @@ class Inserts:
         return found
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
-        """What surfaces send to each other less, or more, for a change of light (V, 3) on them."""
+        """Change of the light that surfaces bounce to each other, for a change of light (V, 3) on them."""
         albedo, later = self.look.albedo, np.zeros_like(direct)
         if albedo is None or not direct.any():
             return later
@@ -181,8 +182,8 @@ class InsertedLight:
     """Objects in one light; V vertices of the scene, W of the objects.
 
     around: the light without them. received: (V, 3) irradiance over pi in it. light: (W, 3) float32 irradiance over pi
-    of the objects. radiance: (W, 3) what they send out. direct, later: (V, 3) by how much they change the irradiance
-    over pi of the scene, by what is seen of them and by light that surfaces throw on.
+    of the objects. radiance: (W, 3) their exit radiance. direct, later: (V, 3) change of the scene's irradiance over
+    pi, direct and by bounces.
     """
 
     inserts: Inserts
@@ -199,17 +200,17 @@ class InsertedLight:
 
     @cached_property
     def softness(self) -> float:
-        """What is added to all irradiance before it is compared."""
+        """Added to all irradiance before comparison."""
         return SOFTNESS * float(np.median(self.received))
 
     @cached_property
     def ratio(self) -> NDArray[np.float32]:
-        """(V, 3): light of the scene's vertices with the objects over that without; exactly 1 where they change
-        nothing that is seen."""
+        """(V, 3) ratio of the light at the scene's vertices with and without the objects; exactly 1 where no change is
+        visible."""
         return self.compared(self.received, self.direct + self.later)
 
     def compared(self, received: NDArray[np.float32], change: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The ratio of light (V, 3) that changes by so much to that before."""
+        """The ratio of changed light (V, 3) to the light before."""
         ratio = np.ones(change.shape, np.float32)
         rows = np.flatnonzero(change.any(axis=1))
         before = np.asarray(received[rows], np.float64) + max(self.softness, 1e-12)

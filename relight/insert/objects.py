@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from .splat_object import SplatObject
 
 FINENESS = 48
-"""Edges along the diagonal of an object at least: light is computed at its vertices."""
+"""Least number of edges along the diagonal of an object, since its vertices carry the light."""
 
 MOST_FACES = 100_000
-"""From which an object is not made finer."""
+"""Number of vertices from which on an object is not refined."""
 
 GREY = 0.5
 """Linear albedo of objects without colours."""
 
 DARKEST, LIGHTEST = 0.02, 0.95
-"""As of the albedo of captures: soot to fresh snow."""
+"""Range of albedo, as for captures: soot to fresh snow."""
 
 MOST_TEXELS = 1 << 26
-"""Of all pictures of a file together."""
+"""Most texels of all pictures of a file together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Part:
 
     vertices, normals: (V, 3) float32, y up. faces: (F, 3) int32. color: (V, 4) float32 linear, factor on the texture.
     uv: (V, 2) float32 or None. albedo, emission: (V, 3) float32 linear, including the texture. material: its index in
-    the document, or None. node: of the document, or None. rounds: of `refined`, by which it is finer than its file.
+    the document, or None. node: of the document, or None. rounds: the `refined` rounds since its file.
     """
 
     vertices: NDArray[np.float32]
@@ -88,7 +88,7 @@ def read_object(asked: AskedInsert) -> InsertedObject:
     source = asked.source
     if isinstance(source, Mesh):
         return InsertedObject(asked.name, [_fine(_of_mesh(source, asked), tint)])
-    mesh = read_mesh(source)  # checks all that a file may have wrong
+    mesh = read_mesh(source)  # checks the file
     if Path(source).suffix.lower() not in (".glb", ".gltf"):
         return InsertedObject(asked.name, [_fine(_of_mesh(mesh, asked), tint)])
     data = GltfData(os.fspath(source))
@@ -99,7 +99,7 @@ def read_object(asked: AskedInsert) -> InsertedObject:
 
 
 class _Raw:
-    """A part before it is made finer. texture: (H, W, 3) linear, or None; glow: likewise, of its emission."""
+    """A part before refinement. texture: (H, W, 3) linear, or None; glow: likewise, of its emission."""
 
     def __init__(self, points: NDArray, normals: NDArray, faces: Faces, color: NDArray) -> None:
         self.points, self.normals, self.faces, self.color = points, normals, faces, color
@@ -152,7 +152,7 @@ def _of_piece(data: GltfData, piece: Piece, pictures: dict[Any, NDArray], asked:
 
 
 def _fine(raw: _Raw, tint: NDArray, whole: Mesh | None = None) -> Part:
-    """The Part, its edges short beside the whole mesh that it is of."""
+    """The Part, refined until its edges are short beside the whole mesh."""
     extent = raw.points if whole is None else whole.vertices
     diagonal = float(np.linalg.norm(np.ptp(extent.astype(np.float64), axis=0)))
     faces, rounds = refined(raw.points, raw.faces, diagonal / FINENESS, MOST_FACES)

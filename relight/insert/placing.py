@@ -1,4 +1,4 @@
-"""Where an object stands in a scene: its own frame turned, scaled, shifted, let down on the floor."""
+"""The pose of an object in a scene: its own frame turned, scaled, shifted, dropped onto the floor."""
 
 import warnings
 
@@ -12,14 +12,14 @@ from ..transfer.occluder import Frame, Occluder
 from .asked import AskedInsert
 
 MOST_OF_SCENE = 0.5
-"""Of the scene's diagonal: the largest that an object is left, where nobody gave its scale. Files in centimetres and
-millimetres are larger."""
+"""Largest size of an object without a given scale, in diagonals of the scene. Files in centimetres and millimetres
+exceed it."""
 
 LEAST_OF_SCENE = 2e-4
-"""Of the scene's diagonal: what is smaller is not seen, and no shadow of it."""
+"""Smallest size, in diagonals of the scene: a smaller object and its shadow are invisible."""
 
 COLUMNS = 9
-"""Along a side of the grid of places from which is looked down for the floor."""
+"""Points along a side of the grid from which rays search for the floor."""
 
 
 def placed_by(
@@ -54,7 +54,7 @@ def placed_by(
 
 
 def _guessed_scale(name: str, size: float, diagonal: float) -> float:
-    """1, or the power of ten by which an object of another unit fits into the scene."""
+    """1, or the power of ten that fits an object of another unit into the scene."""
     if size <= MOST_OF_SCENE * diagonal:
         return 1.0
     scale = 10.0 ** -np.ceil(np.log10(size / (MOST_OF_SCENE * diagonal)))
@@ -66,7 +66,7 @@ def _guessed_scale(name: str, size: float, diagonal: float) -> float:
 
 
 def _drop(vertices: NDArray[np.float64], scene: Scene, occluder: Occluder) -> float:
-    """By how much an object (V, 3) moves up to stand on what is highest below it, looked for from its middle."""
+    """Height by which an object (V, 3) moves up to stand on the highest surface below it, searched from its middle."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     share = (np.arange(COLUMNS) + 0.5) / COLUMNS
     x, z = (grid.ravel() for grid in np.meshgrid(*(low[axis] + share * (high - low)[axis] for axis in (0, 2))))
@@ -76,7 +76,7 @@ def _drop(vertices: NDArray[np.float64], scene: Scene, occluder: Occluder) -> fl
     rays[:, :3] = frame.unit(np.stack([x, np.full_like(x, middle), z], axis=1))
     rays[:, 4] = -1.0
     distance = occluder.first_hits(rays).distance * frame.diagonal
-    # What lies under a corner alone, such as a table's edge, holds nothing: most of the columns must be no lower.
+    # A surface under one corner alone, such as a table's edge, does not support it: most columns must be no lower.
     met = np.sort(distance[np.isfinite(distance)])
     if not len(met):
         _warn("found no floor below the object: it stays at its position")

@@ -1,7 +1,7 @@
-"""The light that arrives at a place: what the splats show in each direction, and where they clip what is known of it.
+"""The light that arrives at a position: the splats in each direction, and the known radiance where they clip.
 
-A splat shows the sky, a window, a lamp as white at most. So what the rays of the mesh miss takes the sky that was
-estimated, or is given, and what glows takes the radiance that was solved for.
+A splat shows sky, windows and lamps as white at most. So directions that miss the mesh take the estimated or given
+sky, and glowing surfaces take the solved radiance.
 """
 
 import warnings
@@ -32,18 +32,18 @@ FIELD_DEG = 92.0
 """Angle of a face: a little over a quarter turn, so that they overlap."""
 
 NEAR = 0.004
-"""Near plane, in diagonals of the scene: what hangs at the very place itself hides nothing."""
+"""Near plane, in diagonals of the scene, so that splats at the position itself hide nothing."""
 
 SURE, CLIPPED = 0.85, 0.98
 """Display values of the brightest channel up to which the splats show a sky as it was, and from which they clip it."""
 
 INSIDE = 0.5
-"""Share of directions in which a place sees the backs of faces, from which on it lies inside something."""
+"""Share of directions that meet back faces, from which on the position is inside something."""
 
 
 class Light(NamedTuple):
-    """What is known of the light besides the splats. skies: with their suns. glow: (V, 3) float32 of the scene's
-    vertices, what lamps send, or None. Both in the unit of the radiance."""
+    """Known light besides the splats. skies: with their suns. glow: (V, 3) float32 radiance of the scene's vertices
+    that are lamps, or None. Both in the unit of the radiance."""
 
     skies: list[Sky]
     glow: NDArray[np.float32] | None
@@ -85,7 +85,8 @@ def probe(
 
 
 def _check_free(scene: Scene, faces: Integers, directions: NDArray, place: Vector) -> None:
-    """Warn of a place inside something, with a DataWarning. faces: (N,) first met in each direction (N, 3); -1 none."""
+    """Warn of a position inside something, with a DataWarning. faces: (N,) first hit in each direction (N, 3); -1:
+    none."""
     met = np.flatnonzero(faces >= 0)
     a, b, c = np.moveaxis(scene.vertices[scene.faces[faces[met]]].astype(np.float64), 1, 0)
     backs = (np.cross(b - a, c - a) * directions[met]).sum(axis=1) > 0.0
@@ -97,8 +98,8 @@ def _check_free(scene: Scene, faces: Integers, directions: NDArray, place: Vecto
 
 
 def usual_place(scene: Scene, occluder: Occluder) -> Vector:
-    """Where a probe stands that nobody places, in the frame of the splats: where the capture stood in a room, in the
-    middle of where it stood about anything else, or above an object."""
+    """The default position of a probe, in the frame of the splats: a camera position in a room, the middle of the
+    cameras elsewhere, or above an object."""
     back = np.linalg.inv(np.asarray(scene.scene_from_splat, np.float64))
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     if len(eyes) and scene.capture.get("from") == "inside":
@@ -138,7 +139,7 @@ def _shown(
 
 
 def _between(image: NDArray, column: NDArray, row: NDArray) -> NDArray[np.float32]:
-    """Bilinear values of an image at places, which lie within it."""
+    """Bilinear values of an image at positions inside it."""
     left, top = np.floor(column).astype(np.int64), np.floor(row).astype(np.int64)
     a, b = column - left, row - top
     a, b = (part.reshape(-1, *[1] * (image.ndim - 2)) for part in (a, b))

@@ -1,4 +1,4 @@
-"""Where the probes of a grid stand, and which of them have air around them."""
+"""Positions of the probes of a grid, and which of them are in open air."""
 
 import math
 import re
@@ -15,28 +15,28 @@ from splat2mesh.scene.scene import Scene
 from ..transfer.occluder import Frame, Occluder
 
 MOST = 4096
-"""Probes of a grid at most: each takes a picture."""
+"""Most probes of a grid: each renders a picture."""
 
 MIDDLE = 0.05, 0.95
-"""Quantiles of the vertices between which a grid lies that nobody bounds: far background is beyond."""
+"""Quantiles of the vertices that bound a grid by default: far background lies beyond."""
 
 LOOKS = 256
-"""Directions in which a place looks for the backs of faces."""
+"""Directions in which a probe looks for back faces."""
 
 BACKS = 0.25
-"""Share of directions that meet backs, and more backs than fronts, from which on a place is in a wall or the ground."""
+"""Share of directions that meet back faces, and more than front faces, from which on a probe is in a wall or ground."""
 
 
 @dataclass(frozen=True)
 class ProbeGrid:
-    """How many probes stand along x, y, z of the scene frame, or, where counts is None, how far apart at most."""
+    """Number of probes along x, y, z of the scene frame, or, where counts is None, their largest spacing."""
 
     counts: tuple[int, int, int] | None
     spacing: float = 0.0
 
     @classmethod
     def parse(cls, text: str) -> "ProbeGrid":
-        """Of 4x3x4, or a spacing in units of the scene. Raises InputError for anything else."""
+        """Parse 4x3x4, or a spacing in units of the scene. Raises InputError for anything else."""
         if re.fullmatch(r"\d{1,4}x\d{1,4}x\d{1,4}", text):
             x, y, z = (int(each) for each in text.split("x"))
             if 1 <= x * y * z <= MOST:
@@ -51,7 +51,7 @@ class ProbeGrid:
         raise InputError(f"`probes` {text}: expected counts along x, y and z, such as 4x3x4, or a spacing above 0")
 
     def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The places (N, 3) in a box, from corner to corner, (3,) each; a single one along an axis in its middle.
+        """Positions (N, 3) in a box, from corner to corner, (3,) each; a single one along an axis is in the middle.
         x runs fastest, then y.
 
         Raises InputError for more than MOST."""
@@ -68,13 +68,13 @@ class ProbeGrid:
 
 
 def usual_box(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest corner, (3,) each, of the box of a grid that nobody bounds, scene frame."""
+    """Lowest and highest corner, (3,) each, of the default box of a grid, scene frame."""
     low, high = np.quantile(scene.vertices.astype(np.float64), MIDDLE, axis=0)
     return low, high
 
 
 def free(scene: Scene, occluder: Occluder, positions: Points) -> Mask:
-    """Whether each position, (N, 3) in the scene frame, is outside of walls, bodies and the ground: (N,) bool."""
+    """Mask (N,) bool of the positions (N, 3), scene frame, that are outside walls, bodies and the ground."""
     directions = fibonacci_sphere(LOOKS)
     frame = Frame.around(scene.vertices, scene.faces)
     a, b, c = np.moveaxis(scene.vertices[scene.faces].astype(np.float64), 1, 0)

@@ -1,4 +1,4 @@
-"""Finer triangles where they are wanted, without gaps: long edges are halved, on both sides of every seam."""
+"""Local refinement of triangles without gaps: long edges are halved on both sides of every seam."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Faces, Integers, Mask, Points
 
 MOST_ROUNDS = 12
-"""Of halving: an edge becomes up to 4,096."""
+"""Rounds of halving: an edge becomes at most 4,096 edges."""
 
 
 def refined(
@@ -16,8 +16,8 @@ def refined(
     most_faces: int,  # no round begins with more
     wanted: Mask | None = None,  # (V,) bool: edges between two others stay whole
 ) -> tuple[Faces, list[Integers]]:
-    """Halve long edges, round after round: the new faces, and the parents (M, 2) of the vertices of each round, which
-    stand in the middle between them, after all that were there before. See `carried`."""
+    """Halve long edges, round after round: the new faces, and the parents (M, 2) of the vertices of each round. A new
+    vertex lies halfway between its parents, after all earlier vertices. See `carried`."""
     points, corners = np.asarray(points, np.float64), faces.astype(np.int64)
     wanted = np.ones(len(points), bool) if wanted is None else wanted
     rounds: list[Integers] = []
@@ -39,14 +39,14 @@ def refined(
 
 
 def carried(values: NDArray, rounds: list[Integers]) -> NDArray:
-    """Values (V, ...) of vertices with those of the new ones, the mean of their parents', after them."""
+    """Values (V, ...) of vertices, followed by those of new vertices, the means of their parents'."""
     for parents in rounds:
         values = np.concatenate([values, values[parents].mean(axis=1, dtype=np.float64).astype(values.dtype)])
     return values
 
 
 def unit(normals: NDArray) -> NDArray[np.float32]:
-    """Normals (V, 3) at unit length; those of no length stay as they are."""
+    """Normals (V, 3) at unit length; zero normals stay."""
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.divide(normals, length, out=np.array(normals, np.float32), where=length > 0.0)
 

@@ -25,26 +25,26 @@ from .refine import carried, refined, unit
 from .surroundings import Receiving
 
 FINENESS = 20.0
-"""Edges along the radius of the smallest object, in what it changes."""
+"""Edges along the radius of the smallest object, in the region that it changes."""
 
 MOST_FACES = 600_000
-"""Of the changed faces, more than all others, from which none is cut."""
+"""Number of faces in the changed region from which on none is subdivided."""
 
 SEEN_CHANGE = 0.01
-"""Of the logarithm of the light: where it changes by less, triangles stay as they are."""
+"""Change of the logarithm of the light below which triangles stay as they are."""
 
 RAYS = 96
-"""To each object from the vertices of finer triangles."""
+"""Rays to each object from the vertices of refined triangles."""
 
 VIEWS, PIXELS, AROUND = 16, 256, 3.5
-"""Views of the fit, their side, and how far about an object they look, in its radii."""
+"""Views of the fit, their side in pixels, and the field around an object that they show, in its radii."""
 
 WIDEST_DEG, LEAST_AWAY = 100.0, 1.2
-"""Of those views; and how far from an object they stand at least, in its radii."""
+"""Of those views, and their least distance from an object, in its radii."""
 
 
 def shadowed(light: InsertedLight, splats: Splats) -> Splats:
-    """The splats with the change of light of an InsertedLight: a splat that it does not reach keeps every bit."""
+    """The splats under the change of an InsertedLight. A splat that it does not reach keeps every bit."""
     if not (light.ratio != 1.0).any():
         return splats
     with light.inserts.relighter.stages.stage("shadows on splats"):
@@ -72,8 +72,8 @@ class ShadowedSplats:
         self._binding = Binding(splats, finer, _views(light, finer))
 
     def under(self, light: InsertedLight) -> Splats:
-        """The splats with the change of light of one of the poses, or another like them: what it does not reach keeps
-        every bit."""
+        """The splats under the change of one of the poses, or a similar one. A splat that it does not reach keeps every
+        bit."""
         ratio = self._ratio(light)
         binding, ones, none = self._binding, np.ones_like(ratio), np.zeros(3)
         relit = binding.relit(ones, ratio, usual=Usual(none, np.ones(3), none))
@@ -83,7 +83,7 @@ class ShadowedSplats:
         return replace(self._splats, sh=sh)
 
     def _ratio(self, light: InsertedLight) -> NDArray[np.float32]:
-        """The ratio (V, 3) of light at the finer vertices; only where it changes rays are traced."""
+        """The ratio (V, 3) of light at the refined vertices. Rays are traced only where the light changes."""
         rounds = self._rounds
         received, later, change = (carried(each, rounds) for each in (light.received, light.later, light.direct))
         rows = np.flatnonzero(carried(_changed(light).astype(np.float32), rounds) > 0.0)
@@ -99,8 +99,8 @@ def _changed(light: InsertedLight) -> NDArray[np.bool_]:
 def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
     """Views towards the objects from where the capture stood, in the frame of the splats; None without standpoints.
 
-    None at all in a closed room: the fit costs a trained parlour a tenth of the truth's shadow, where it gains a garden
-    .03 of it.
+    A closed room has none: the fit loses a tenth of the true shadow in a trained parlour, and gains .03 of it in a
+    garden.
     """
     if light.inserts.look.room is not None:
         return []
@@ -123,7 +123,7 @@ def _views(light: InsertedLight, scene: Scene) -> list[View] | None:
 
 
 def _apart(ways: NDArray[np.float64], least: float, count: int) -> Indices:
-    """The rows of so many ways (E, 3) of at least this length whose directions are far from each other, the shortest
+    """Rows of `count` offsets (E, 3) of at least this length whose directions are far from each other, the shortest
     first."""
     distance = np.linalg.norm(ways, axis=1)
     far = np.flatnonzero(distance > least)

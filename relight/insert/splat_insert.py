@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def splat_object(name: str, scene: Scene, binding: Binding, count: int, look: "Appearance") -> InsertedObject:
-    """Return an object of `count` splats and their own Scene: its frame is upright, and begins where theirs does."""
+    """Return an object of `count` splats and their own Scene. Its frame is upright and has their origin."""
     matrix = np.asarray(scene.scene_from_splat, np.float64)
     scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or 1.0
     vertices = ((scene.vertices.astype(np.float64) - matrix[:3, 3]) / scale).astype(np.float32)

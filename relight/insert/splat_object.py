@@ -15,7 +15,7 @@ from ..splats import Binding
 class SplatObject:
     """N inserted Gaussians and the mesh that lights them.
 
-    binding: of the splats to their own scene. irradiance: (V, 3) that their mesh received on their capture day. rows:
+    binding: of the splats to their own scene. irradiance: (V, 3) captured irradiance of their mesh. rows:
     (M,) of the inserted splats; far background is not among them. object_from_splat: (4, 4).
     """
 
@@ -29,6 +29,6 @@ class SplatObject:
         light: NDArray[np.float32],  # (V, 3) irradiance over pi, in units of the picture
         splat_from_object: NDArray[np.float64],  # (4, 4), the splat of the place
     ) -> Splats:
-        """Return them in the light of the place, in the frame of its splat."""
+        """Return them under the light of the place, in the frame of its splat."""
         splats = self.binding.relit(self.irradiance, light).take(self.rows)
         return placed(splats, splat_from_object @ self.object_from_splat)

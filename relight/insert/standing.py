@@ -1,4 +1,4 @@
-"""Objects as they stand in a scene: one set of triangles in its frame, and the sphere around each."""
+"""Objects in a scene: one set of triangles in its frame, and the sphere around each."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,15 +15,15 @@ from .refine import unit
 from .surroundings import receivers_in
 
 ROOM = 1.001
-"""By which spheres are larger than what is in them: rays beside an edge are no rays lost."""
+"""Factor by which spheres exceed their content, so that rays beside an edge count."""
 
 
 @dataclass(frozen=True, eq=False)
 class Standing:
-    """Objects that stand in a scene, V vertices in all, ends to ends.
+    """Objects in a scene, V vertices in all, concatenated.
 
     frame: of the scene. objects: as read. vertices, normals: (V, 3) float32, scene frame. faces: (F, 3) int32.
-    albedo, emission: (V, 3) float32. starts: (N + 1,), where the vertices of each object begin. placed: the matrices.
+    albedo, emission: (V, 3) float32. starts: (N + 1,), first vertex of each object. placed: the matrices.
     """
 
     frame: Frame
@@ -64,7 +64,7 @@ class Standing:
 
     @cached_property
     def owner(self) -> NDArray[np.int64]:
-        """(F,): the object that each face is of."""
+        """(F,) number of the object of each face."""
         return np.searchsorted(self.starts, self.faces[:, 0], side="right") - 1
 
     @cached_property

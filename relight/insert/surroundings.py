@@ -19,17 +19,17 @@ from ..light.suns import Suns
 from ..transfer.occluder import Frame, Occluder
 
 BANDS = 8
-"""Of the harmonics that suns are split off for: as in the estimate of a capture's light."""
+"""Bands of the harmonics from which suns are split off: as in the estimate of the captured light."""
 
 LAMP_RAYS = 32
-"""To each lamp in half-shadows."""
+"""Rays to each lamp in half-shadows."""
 
 MOST_GLOWING = 20_000
-"""Faces of captured lamps that send light by themselves; of more every so manyth, as much brighter."""
+"""Most faces of captured lamps that emit. Of more faces, every n-th emits, n times as bright."""
 
 
 class Sky(NamedTuple):
-    """An Environment, turned, and what its radiance is multiplied by."""
+    """A rotated Environment and the factor on its radiance."""
 
     environment: Environment
     factor: float
@@ -39,8 +39,8 @@ class Sky(NamedTuple):
 class Surroundings:
     """Light on a scene of V vertices, in one unit.
 
-    occluder: the scene to trace rays in. radiance: (V, 3) float32, what surfaces send; 0 where lamps are. skies: what
-    is behind, without its suns. suns: Suns. lamps: Emitters in the unit frame of the scene, or None.
+    occluder: the scene to trace rays in. radiance: (V, 3) float32 exit radiance of surfaces; 0 at lamps. skies: the
+    background, without its suns. suns: Suns. lamps: Emitters in the unit frame of the scene, or None.
     """
 
     occluder: Occluder
@@ -50,7 +50,7 @@ class Surroundings:
     lamps: Emitters | None
 
     def seen(self, hits: Hits, directions: Directions) -> NDArray[np.float32]:
-        """(N, 3): what comes along rays of unit directions (N, 3) that met something, or the sky; backs are black."""
+        """(N, 3) radiance along rays of unit directions (N, 3), from a surface or the sky. Back faces are black."""
         found = np.zeros((len(directions), 3), np.float32)
         away = hits.faces < 0
         found[away] = self.sky(directions[away])
@@ -63,7 +63,7 @@ class Surroundings:
         return found
 
     def sky(self, directions: Directions) -> NDArray[np.float32]:
-        """(N, 3): what comes from unit directions (N, 3) where nothing hides it, without suns."""
+        """(N, 3) radiance from unit directions (N, 3) without occlusion and suns."""
         found = np.zeros((len(directions), 3), np.float32)
         for sky in self.skies:
             found += np.float32(sky.factor) * sky.environment.lookup(np.asarray(directions, np.float32))
@@ -71,18 +71,18 @@ class Surroundings:
 
 
 class Receiving(NamedTuple):
-    """Places that receive light. origins: (M, 3) float32, where rays start, unit frame. normals: (M, 3) float32."""
+    """Points that receive light. origins: (M, 3) float32, where rays start, unit frame. normals: (M, 3) float32."""
 
     origins: NDArray[np.float32]
     normals: NDArray[np.float32]
 
     def of(self, rows: Indices) -> "Receiving":
-        """Some of them."""
+        """The points of these rows."""
         return Receiving(*(each[rows] for each in self))
 
 
 class Together(Occluder):
-    """A scene's Occluder that receives light at other places, and whose rays meet objects too."""
+    """A scene's Occluder with other receiving points, whose rays meet objects too."""
 
     def __init__(self, scene: Occluder, at: Receiving, objects: RayCaster | None = None) -> None:
         self.origins, self.normals, self.faces = at.origins, at.normals, scene.faces
@@ -104,8 +104,8 @@ def receivers_in(
     faces: NDArray[np.int32],
     caster: RayCaster,
 ) -> Occluder:
-    """An Occluder of objects alone (V, 3), in the unit frame of a scene: rays start as near to them as their own size
-    allows. caster: of the objects, in that frame."""
+    """An Occluder of the objects alone (V, 3), in the unit frame of a scene. Rays start as close to them as their own
+    size allows. caster: of the objects, in that frame."""
     own, alone = Frame.around(vertices, faces), Occluder(vertices, normals, faces)
     moved = copy.copy(alone)
     moved.origins = frame.unit(alone.origins.astype(np.float64) * own.diagonal + own.center)
@@ -119,9 +119,10 @@ def surroundings_of(
     radiance: Radiance,  # (V, 3)
     skies: list[Sky],
     lamps: list[Lamp],  # frame of the scene, unit of the radiance
-    glow: NDArray[np.float32] | None = None,  # (V, 3) what captured lamps send, 0 elsewhere
+    glow: NDArray[np.float32] | None = None,  # (V, 3) radiance of captured lamps, 0 elsewhere
 ) -> Surroundings:
-    """Return the Surroundings: suns split off the skies, captured lamps made lamps, so that shadows have edges."""
+    """Return the Surroundings. Suns are split off the skies and captured lamps become emitters, to give sharp
+    shadows."""
     rests, directions, weights = [], [np.zeros((0, 3))], [np.zeros((0, 3))]
     for sky in skies:
         if sky.factor <= 0.0 or not sky.environment.radiance.any():
@@ -148,7 +149,7 @@ def weights_of(uv: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _lamp_of(scene: Scene, glow: NDArray[np.float32], glowing: Mask) -> Lamp | None:
-    """The faces all of whose corners glow, as one lamp."""
+    """The faces whose corners all glow, as one lamp."""
     faces = scene.faces[glowing[scene.faces].all(axis=1)]
     step = -(-len(faces) // MOST_GLOWING)
     if not len(faces):
@@ -157,7 +158,7 @@ def _lamp_of(scene: Scene, glow: NDArray[np.float32], glowing: Mask) -> Lamp | N
     used, corners = np.unique(faces, return_inverse=True)
     light = step * glow[faces].mean(axis=1).astype(np.float64)
     corners = corners.reshape(-1, 3)
-    # Which side is the front, the vertex normals say, not the winding.
+    # The vertex normals decide which side is the front, not the winding.
     points = scene.vertices[used].astype(np.float64)
     across = np.cross(points[corners[:, 1]] - points[corners[:, 0]], points[corners[:, 2]] - points[corners[:, 0]])
     against = np.einsum("ij,ij->i", across, scene.normals[faces].sum(axis=1)) < 0.0

@@ -1,4 +1,4 @@
-"""What places of a room receive of each of its emitters: lamps, what is clipped of the sky in its windows, surfaces."""
+"""Light that sample points of a room receive from each emitter: lamps, the clipped sky in windows, surfaces."""
 
 from typing import NamedTuple
 
@@ -17,37 +17,37 @@ from ..transfer.facing import met_in_front
 from ..transfer.occluder import Occluder
 
 PLACES, DIRECTIONS = 2500, 2048
-"""Places on the surface, and directions in which each looks for windows: 4.5 degrees apart."""
+"""Sample points on the surface, and directions per point that search for windows: 4.5 degrees apart."""
 
 HITS = 4
-"""One direction in this many looks up what other surfaces send."""
+"""One direction in this many samples the light from other surfaces."""
 
 ONE_PLANE = 0.5
-"""In diagonals: half of the distance that a place facing the other way counts as. So most pairs are of one wall, and of
-one paint: pairs by distance alone made the agreement in albedo worse than that in captured colours."""
+"""Half of the extra distance, in diagonals, for a point that faces the other way. Most pairs then share a wall and its
+paint: with pairs by distance alone, albedo agreed less than captured colours."""
 
 CELLS, MOST_PATCHES = 400, 24
-"""Cells of the sphere, 10 degrees wide, that make the patches of a sky in windows, and how many of those at most: the
-ones that bring most light; what lies in others goes to the nearest."""
+"""Cells of the sphere, 10 degrees wide, for the patches of a sky in windows, and the largest number of patches: the
+brightest cells. Other cells join the nearest patch."""
 
 LEAST_OPEN, LEAST_UNSEEN = 0.01, 0.02
-"""Mean part of the sky that places see, from which windows are an emitter, and the same where no sky was captured in
-them: then they are more likely holes. Those of an office let in .002, of an exhibition room with a glossy floor .014,
+"""Mean visible share of the sky from which on windows are an emitter, and the same where no sky was captured in them:
+then they are more likely holes. Holes of an office let in .002, those of an exhibition room with a glossy floor .014,
 which turned patches of a green wall blue."""
 
 LEAST_ABOVE = 0.02
-"""Steradians that were seen of a sky above the horizon from which they stand for what was not."""
+"""Visible steradians of the sky above the horizon from which on they represent the invisible rest."""
 
 DARK, SATURATED = 0.002, 0.97
-"""Linear colours between which a place says something about its light."""
+"""Range of linear colours in which a point carries information about its light."""
 
 
 class RoomIrradiance(NamedTuple):
-    """What N places of a room receive of each emitter.
+    """Light that N sample points of a room receive from each emitter.
 
-    vertices: (N,) indices. known: (N, 3) light of the sky that was seen unclipped. emitters: (E, N, 3) of each
-    emitter at strength 1; the last W are what is not known of the sky, in patches about `patches`
-    (W, 3), unit directions. bounce: (N, 3) what other surfaces send. pairs, weights: of `samples.neighbor_pairs`.
+    vertices: (N,) indices. known: (N, 3) light of the visible, unclipped sky. emitters: (E, N, 3) light of each
+    emitter at strength 1; the last W are the unknown part of the sky, in patches about `patches`
+    (W, 3), unit directions. bounce: (N, 3) light from other surfaces. pairs, weights: of `samples.neighbor_pairs`.
     log_captured: (N, 3).
     """
 
@@ -62,7 +62,7 @@ class RoomIrradiance(NamedTuple):
 
     @property
     def lamps(self) -> int:
-        """How many of the emitters are lamps; they come first."""
+        """Number of emitters that are lamps; they come first."""
         return len(self.emitters) - len(self.patches)
 
 
@@ -70,7 +70,7 @@ class RoomSurface(NamedTuple):
     """The V vertices of a room.
 
     normals: (V, 3) unit vectors, averaged along the surface. captured: (V, 3) linear. areas: (V,) around each vertex,
-    in squared diagonals. usable: (V,) what was seen from within and is no lamp.
+    in squared diagonals. usable: (V,) mask of the vertices visible from inside that are not lamps.
     """
 
     normals: NDArray[np.float32]
@@ -87,7 +87,7 @@ def places_of(
     sky: CapturedSky | None,
     seed: int = 0,
 ) -> RoomIrradiance:
-    """Gather what places of a room receive of each of its emitters.
+    """Gather the light that sample points of a room receive from each emitter.
 
     Parameters
     ----------
@@ -98,16 +98,16 @@ def places_of(
     lamps : list of ndarray of int64
         Vertices of each of L lamps.
     lamp_light : ndarray of float32, (L, V)
-        What white vertices send on of each lamp, as `lamps.light_of` returns it.
+        Exit radiance of white vertices under each lamp, from `lamps.light_of`.
     sky : CapturedSky or None
-        What was captured in the windows.
+        The sky captured in the windows.
     seed : int
-        Seed of the choice of places.
+        Seed of the choice of points.
 
     Returns
     -------
     RoomIrradiance
-        It has no places where no vertex is usable.
+        Without points if no vertex is usable.
     """
     normals, captured, areas, usable = surface
     exposed = usable & (captured.min(axis=1) > DARK) & (captured.max(axis=1) < SATURATED)
@@ -138,12 +138,12 @@ def places_of(
 def sky_parts(
     sky: CapturedSky | None, directions: NDArray[np.float64], image: bool = False
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Divide the radiance of a sky in windows into what was seen and what is unknown.
+    """Split the radiance of a sky in windows into a known and an unknown part.
 
     Parameters
     ----------
     sky : CapturedSky or None
-        None where no sky was captured: then all of it is unknown, equally bright, without a colour.
+        None where no sky was captured: then all of it is unknown, equally bright and grey.
     directions : ndarray of float64, (K, 3)
         Unit vectors that share the sphere evenly, or those of an image's texels.
     image : bool
@@ -152,7 +152,7 @@ def sky_parts(
     Returns
     -------
     known, unknown : ndarray of float64, (K, 3)
-        Radiance in the unit of the captured colours: what was seen, and what exceeds it, at strength 1.
+        Radiance in the unit of the captured colours: the visible part, and the excess over it at strength 1.
     """
     if sky is None:
         upward = np.where(directions[:, 1:2] < 0.0, GROUND, 1.0)
@@ -163,8 +163,8 @@ def sky_parts(
 
 
 def _mean_above(sky: CapturedSky) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3,) each of what was seen of a sky above the horizon, or anywhere where nothing was: mean radiance that binds,
-    with 1 for what was clipped, and the share that was clipped."""
+    """(3,) each, over the visible sky above the horizon, or anywhere if none is visible there: mean radiance that
+    binds, with 1 where it clips, and the clipped share."""
     height, width = sky.bound.shape[:2]
     areas = np.repeat(row_solid_angles(height, width), width, axis=1)
     seen = areas[..., None] * (sky.bound + sky.clipped)
@@ -177,7 +177,7 @@ def _mean_above(sky: CapturedSky) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def _patches(directions: Directions, brought: Floats) -> tuple[Directions, Integers]:
-    """Centres (W, 3) of the patches, and which of them each direction (K, 3) is in. brought: (K,) light of each."""
+    """Centres (W, 3) of the patches, and the patch of each direction (K, 3). brought: (K,) light of each."""
     cells = fibonacci_sphere(CELLS)
     cell = cKDTree(cells).query(directions)[1]
     total = np.bincount(cell, brought, CELLS)
@@ -203,7 +203,7 @@ def _free(occluder: Occluder, smooth: Directions, vertices: Integers, directions
 def _sent(
     occluder: Occluder, smooth: Directions, vertices: Integers, directions: Directions, captured: Radiance
 ) -> NDArray[np.float64]:
-    """Light (N, 3) float64 that other surfaces send. Backs of faces are black."""
+    """Light (N, 3) float64 from other surfaces. Back faces are black."""
     bounce = np.zeros((len(vertices), 3))
     toward = np.ascontiguousarray(directions, np.float32)
     for start in range(0, len(vertices), samples.BATCH):

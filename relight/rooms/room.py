@@ -61,8 +61,8 @@ class Room(NamedTuple):
     elsewhere. lamp_light: (L, V, 3) float32, direct light of each lamp on white surfaces. lamp_of: (V,) int16, the lamp
     that a vertex belongs to, -1 for none. environment: the capture's, black without windows. brightness: luminance of
     the uniform sky that would bring as much light through the windows, 1 without. prior: of `albedo_of`. trust: (V,)
-    float32, of `trust_in`: how much of a change of its own a place takes, beside that of the whole room. told: dict for
-    the report.
+    float32, of `trust_in`: the share of its own change that a vertex takes, beside that of the whole room. report: dict
+    for the report.
     """
 
     albedo: NDArray[np.float32]
@@ -94,7 +94,7 @@ def room_of(
     seed: int = 0,
     pointed: Pointed | None = None,
 ) -> tuple[Room | None, str]:
-    """Tell lamps, windows and albedo of a closed room from its captured colours.
+    """Separate lamps, windows and albedo of a closed room from its captured colours.
 
     Parameters
     ----------
