@@ -1,4 +1,4 @@
-"""A scene and a light, from files to radiance. Every stage is done when it is asked for; `writing` writes the results.
+"""A scene and a light, from files to radiance. Every stage runs on first use; `writing` writes the results.
 
 job = Job(RelightRequest("garden", "sunset", LightingOptions(tolerance=0.02), angles_deg=(45.0,)))
 job.plan                load, albedo, plan
@@ -43,14 +43,14 @@ OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 
 
 class Job(KnownScene):
-    """A request of a relight, done stage by stage. Nothing is read or computed before it is asked for.
+    """A relight request, processed stage by stage. Every stage reads and computes on first use.
 
     request: RelightRequest of one light. stages: Stages that time the work.
-    Raises InputError, then, for whatever cannot be read or used.
+    Stages raise InputError for input that cannot be read or used.
     """
 
     def under(self, env: AnyLight) -> "Job":
-        """The same job under another light: all that does not depend on the light is shared."""
+        """The same job under another light. Both share every stage that does not depend on the light."""
         self.require("appearance", "formats")
         other = Job(self.request.under(env), self.stages)
         done = {name: made for name, made in vars(self).items() if name not in vars(other)}
@@ -61,16 +61,16 @@ class Job(KnownScene):
 
     @cached_property
     def plan(self) -> "Plan | None":
-        """The Plan for all the angles; None where there is nothing to plan: a method without, a room that is kept."""
+        """The Plan for all angles; None for a method without a plan and for a room that stays as captured."""
         albedo, room = self.appearance.albedo, self.room
         if self.steady or self.keeps_captured:
             return None
         return (room.lit if room else self.relighter).plan_for(self.environment, albedo, len(self.request.angles_deg))
 
     def planned(self) -> tuple["Plan | None", str]:
-        """The Plan without any work that takes long, and a note on what it leaves open, or "".
+        """The Plan without any long work, and a note on its assumption, or "".
 
-        Where the albedo was not estimated yet, it plans with the captured colours.
+        Without an estimate of the albedo, it plans with the captured colours.
         """
         if self.choice_name != "estimated" or "appearance" in self.__dict__:
             return self.plan, ""
@@ -85,10 +85,10 @@ class Job(KnownScene):
     # shade
 
     def shaded(self) -> Iterator[Shaded]:
-        """Light the scene from angle after angle, all at the same exposure."""
+        """Light the scene from each angle in turn, all at the same exposure."""
         self.require("plan")  # for all the angles
         lights = self.lights
-        # One light is shaded once; of many the first pass only finds the exposure, or all would be in memory at once.
+        # One light is shaded once. With several, a first pass finds the exposure, which avoids holding all in memory.
         first = self.shading(lights[0])
         if not first.radiance.any() and lights[0].radiance.any() and not self.mixes:
             message = "no vertex receives any light: the scene is closed, or its faces and normals point inwards"
@@ -100,7 +100,7 @@ class Job(KnownScene):
 
     @cached_property
     def inserts(self) -> "Inserts | None":
-        """The objects that are put in, where they stand; None without."""
+        """The inserted objects at their positions, or None."""
         if not self.asked_inserts:
             return None
         from .insert.inserts import Inserts
@@ -109,7 +109,7 @@ class Job(KnownScene):
 
     @property
     def insert_plan(self) -> "InsertPlan | None":
-        """How much of the scene the objects change, and what that costs; None without any."""
+        """The share of the scene that the objects change, and its cost; None without objects."""
         if self.inserts is None:
             return None
         from .insert.insert_plan import evenly_lit, plan_inserts
@@ -119,7 +119,7 @@ class Job(KnownScene):
         return plan_inserts(self.inserts.standing, self.scene, around, splats)
 
     def _object_of(self, asked: "AskedInsert") -> "InsertedObject":
-        """What was asked to be put in; a splat is meshed first, as a scene is, and told from its own light."""
+        """A requested object. A splat is meshed first, as a scene is, and its captured light is removed."""
         if asked in self.inserted_meshes:
             return self.inserted_meshes[asked]
         from .insert.splat_insert import splat_object
@@ -132,7 +132,7 @@ class Job(KnownScene):
         return splat_object(asked.name, own.scene, own.binding, len(own.splats[0]), own.appearance)
 
     def lamps_shown(self, light: Environment, exposure: float) -> "PlacedLamps":
-        """The lamps beside a light that is shown at an exposure, in the frame of the scene and in display values."""
+        """The lamps beside a light at an exposure, in the frame of the scene and in display values."""
         known = not self.asked_lamps or self.request.exposure_ev is None
         radiance = self.appearance.captured if known else self.shading(light).radiance
         return self.beside.lamps_shown(light, radiance, exposure)
@@ -142,7 +142,7 @@ class Job(KnownScene):
         return shaded if self.inserts is None else self._with_objects(shaded, self.inserts)
 
     def light_around(self, shaded: Shaded) -> "Light":
-        """The skies of one of the lights, and what captured lamps send in it."""
+        """The skies of one of the lights, and the radiance of captured lamps in it."""
         from .inserting import light_under
 
         return light_under(shaded, self.appearance, self.beside, self.mixes, self.steady)
@@ -160,11 +160,11 @@ class Job(KnownScene):
         return shaded._replace(shading=shading, inserted=inserted)
 
     def light_parts(self, shaded: Shaded) -> dict[str, NDArray[np.float32]]:
-        """What surfaces send out in one of the lights, (V, 3), by the way that their light came.
+        """Exit radiance of surfaces under one of the lights, (V, 3), by the path of the light.
 
-        direct: of the environment. sun: of that the part of single suns. bounced: what surfaces threw on. room: of the
-        environment and captured lamps in a closed room, whose model tells no ways. captured: of the captured light.
-        lamps: of those that are put in, bounces included. All but sun make up the radiance.
+        direct: from the environment. sun: the part of direct from single suns. bounced: from other surfaces. room: from
+        the environment and captured lamps in a closed room, whose model does not separate paths. captured: from the
+        captured light. lamps: from added lamps, bounces included. All but sun sum to the radiance.
         """
         own, scale, parts = self.shading(shaded.light), np.float32(1.0), {}
         if self.mixes:
@@ -181,7 +181,7 @@ class Job(KnownScene):
         return {name: np.asarray(part * ratio, np.float32) for name, part in parts.items()}
 
     def shading(self, light: Environment) -> Shading:
-        """The scene in the light of an environment alone; black for that of the capture."""
+        """The scene under an environment alone; black for the captured light."""
         if isinstance(light, CapturedLight):
             return Shading(np.zeros_like(self.appearance.captured), 0, [], self.options.unplanned)
         if self.room:
@@ -189,11 +189,12 @@ class Job(KnownScene):
         return self.relighter.shading(light, self.appearance.albedo)
 
     def _exposure(self, first: Shading) -> float:
-        """Display value per unit of radiance: 2^EV; else that of the capture's camera under as bright a sky, but within
-        a stop of what the brightest vertices in any of the lights call for, which it is where no capture is known."""
+        """Display value per unit of radiance: 2^EV if requested; otherwise the exposure of the capture's camera under
+        an equally bright sky, within a stop of the exposure for the brightest vertices under any of the lights. Without
+        a known capture, it is the latter."""
         if self.request.exposure_ev is not None:
             return 2.0**self.request.exposure_ev
-        if self.mixes:  # lamps are told in units of the picture
+        if self.mixes:  # lamps are given in units of the picture
             return self.beside.level(first.radiance)
         if self.room and self.room.exposure is not None:
             return self.room.exposure

@@ -1,4 +1,4 @@
-"""A whole relight as one frozen value, with a field for each option of the command.
+"""A complete relight request as a frozen value, with a field for each option of the command.
 
 It holds every default and checks every field before any work. Imports nothing heavy.
 """
@@ -34,16 +34,16 @@ AnyAlbedo: TypeAlias = "str | os.PathLike[str] | NDArray[np.floating]"
 """One of "estimated", "captured" and "white"; a .npy file; or (V, 3) linear."""
 
 MOST_EXPOSURE_EV = 64.0
-"""Far beyond any light, and 2^64 still fits in the float32 of the files."""
+"""Largest exposure in stops: far beyond any light, and 2^64 still fits in the float32 of the files."""
 
 MOST_ANGLES = 3600
-"""A full turn in steps of a tenth of a degree."""
+"""Most angles: a full turn in steps of a tenth of a degree."""
 
 AUTO = "auto"
 """Lets the request choose the light."""
 
 CACHING = ("keep", "read", "none")
-"""Keep what is computed in the scene's folder, read what was kept there, or neither."""
+"""Write and read the cache in the scene's folder, only read it, or neither."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class RelightRequest:
         A Scene, a scene folder, a mesh file or mesh object, a splat (which is meshed first), or a city in tiles.
     env : Environment, path or name
         The light: an `.exr` or `.hdr` file, a folder of them, one of studio, overcast, sunset, noon, or "captured",
-        the light of the capture; "auto" is captured where something is added or that light changes, else studio.
+        the light of the capture; "auto" is captured if something is added or that light changes, otherwise studio.
     sun : str
         Replaces `env` by the clear sky of a date and time with its zone, such as "2026-06-21T19:30+02:00".
     at : str
@@ -83,8 +83,8 @@ class RelightRequest:
     exposure_ev : float, optional
         Show radiance times 2^EV. Default: the exposure of the capture.
     formats : sequence of str, optional
-        Words of `output.kinds.FILES`, for a city of `CITY_FILES`. Default: glb, png and, where the scene comes from a
-        splat, splat; for a city glb and splat.
+        Words of `output.kinds.FILES`, for a city of `CITY_FILES`. Default: glb, png and, for a scene from a splat,
+        splat; for a city glb and splat.
     baked : sequence of {"texture", "transfer"}
         Textures for low-poly meshes.
     texture_size : int, optional
@@ -96,7 +96,7 @@ class RelightRequest:
     lights : sequence
         More lights for the page and the bundle.
     probe_at : sequence of (3,)
-        Positions of the probes, in the frame of the splat. Default: one where the capture stood.
+        Positions of the probes, in the frame of the splat. Default: one at the position of the capture.
     probes : str
         A grid of probes for engines: counts along x, y, z such as "4x2x4", or the largest distance between two, in the
         box about `probe_at`, or about the scene without its far background.
@@ -111,9 +111,9 @@ class RelightRequest:
     splat : path, optional
         The splat of the scene. Default: the file that the scene names.
     animated : bool
-        Light every frame of an animated .glb, or of those that are put in. fps : frames per second.
+        Light every frame of an animated .glb, or of animated inserted objects. fps : frames per second.
     caching : {"keep", "read", "none"}
-        Whether transfers, albedo and texels are kept in the scene's folder. clear_cache : empty it first.
+        Whether transfers, albedo and texels are cached in the scene's folder. clear_cache : empty it first.
     meshing : ConvertOptions
         How to mesh a splat that has no scene folder yet.
     tiling : TilingOptions, optional
@@ -187,7 +187,7 @@ class RelightRequest:
                 raise InputError("`probes`: a box has two corners; give another `probe_at`, or none")
             _ = self.probe_grid  # or an InputError
         if "catcher" in (self.formats or ()) and not self.inserted:
-            raise InputError("`formats` catcher: it holds what objects change; name one that is put in, as `inserted`")
+            raise InputError("`formats` catcher: it holds the change that objects make; give an object, as `inserted`")
         for name in ("cameras", "color_space"):
             if getattr(self, name) != getattr(RelightRequest, name) and "passes" not in (self.formats or ()):
                 raise InputError(f"`{name}`: it belongs to the format passes; give that too")
@@ -210,7 +210,7 @@ class RelightRequest:
             raise InputError("`angles_deg`: an animation has one angle")
 
     def _check_tint(self) -> None:
-        """Make the tint three numbers. Raises InputError for what is no colour, and for two tints."""
+        """Make the tint three numbers. Raises InputError for anything but a colour, and for two tints."""
         if self.white_at is not None:
             object.__setattr__(self, "white_at", _place("white_at", self.white_at))
         if self.capture_tint is None:
@@ -218,7 +218,7 @@ class RelightRequest:
         from .engine.tint import checked_tint
 
         if self.white_at is not None:
-            raise InputError("`white_at`: it takes the place of `capture_tint`; give one of them")
+            raise InputError("`white_at`: it replaces `capture_tint`; give one of them")
         object.__setattr__(self, "capture_tint", checked_tint(self.capture_tint))
 
     def _check_sun(self) -> None:
@@ -229,7 +229,7 @@ class RelightRequest:
                     raise InputError(f"`{name}`: it belongs to the `sun` of a date; give that too")
             return
         if not isinstance(self.env, DaylightRequest) and self.env != AUTO:
-            raise InputError("`sun`: it takes the place of `env`; give one of them")
+            raise InputError("`sun`: it replaces `env`; give one of them")
         if not self.at:
             raise InputError("`sun`: give the latitude and longitude too, as `at`, such as 48.85,2.35")
         asked = DaylightRequest.parse(self.sun, self.at, self.north_deg)
@@ -239,7 +239,7 @@ class RelightRequest:
 
     @property
     def needs_no_light(self) -> bool:
-        """Whether nothing is asked for that light changes."""
+        """Whether the request needs no light."""
         other = self.baked or self.sheet or self.live_mesh
         return bool(self.formats) and not other and {*(self.formats or ())} <= {*WITHOUT_LIGHT}
 

@@ -127,8 +127,8 @@ class Inserts:
         self._check_lit(light, received)
         radiance = self.standing.albedo * light + self.standing.emission
         with stages.stage("shadows of objects", len(received)) as advance:
-            # Leaves use their normals too: beside an object, their orientation towards it matters (.70 of the shadow in a
-            # trained garden, .69 as volumes).
+            # Leaves use their normals too: beside an object, their orientation matters (.70 of the shadow in a trained
+            # garden, .69 as volumes).
             at = Receiving(around.occluder.origins, around.occluder.normals)
 
             def done(count: int) -> None:

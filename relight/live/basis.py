@@ -1,7 +1,7 @@
 """Responses as a few numbers each: only what usual lights distinguish.
 
-Rows are weighed by the second moment of usual lights, turned by all angles about the vertical: light comes from above
-and from the horizon, and varies slowly. Part of it is even in all directions of a band, for lights that are not usual.
+The second moment of usual lights, turned by all angles about the vertical, weights the rows: light comes from above and
+from the horizon, and varies slowly. A part of the moment is even in all directions of a band, for unusual lights.
 """
 
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from .lights import light_of
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, light_vector
 
 DIRECTIONS = 48
-"""Numbers that a response is; what they leave out is a tenth of what bytes do."""
+"""Numbers per response. Their error is a tenth of the error of the bytes."""
 
 EVEN = 0.3
 """Part of the moment that is the same for all directions of a band."""
@@ -45,7 +45,7 @@ class Basis(NamedTuple):
 
 def usual_moment(brightness: float) -> NDArray[np.float64]:
     """Mean of v v^T over the built-in lights, their angles and colours, (COEFFICIENTS, COEFFICIENTS): v is the
-    `light_vector` of a light of mean luminance `brightness`. Lamps are as they were captured."""
+    `light_vector` of a light of mean luminance `brightness`. Lamps stay as captured."""
     total = np.zeros((COEFFICIENTS, COEFFICIENTS))
     for name in BUILTIN:
         light = light_of(Environment.load(name), 1.0)
@@ -65,7 +65,7 @@ def usual_moment(brightness: float) -> NDArray[np.float64]:
 def reduced(
     values: NDArray[np.float32], counts: Floats, moment: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], Basis]:
-    """(rows (V, D) float32, Basis) of responses (V, COEFFICIENTS, 3) that count so much (V,), by `usual_moment`."""
+    """(rows (V, D) float32, Basis) of responses (V, COEFFICIENTS, 3) with weights (V,), by `usual_moment`."""
     size, axes = np.linalg.eigh(moment)
     size = np.sqrt(np.maximum(size, 1e-9 * size.max()))
     ahead, back = (axes * size) @ axes.T, (axes / size) @ axes.T
@@ -84,7 +84,7 @@ def reduced(
 
 
 class Packed(NamedTuple):
-    """A Basis and the clusters in it as integers, each row of which is scale * integer.
+    """A Basis and its clusters as integers; each row is scale * integer.
 
     directions: (1 + D, COEFFICIENTS, 3) int16, the mean first; direction_scales: (1 + D,) float32. means: (C, D) int16,
     components: (C, W, D) int8, and scales (C, 1 + W) float32 of both.
@@ -97,7 +97,7 @@ class Packed(NamedTuple):
     scales: NDArray[np.float32]
 
     def tobytes(self) -> bytes:
-        """direction_scales, directions, scales, means, components, little-endian, end to end."""
+        """direction_scales, directions, scales, means, components, little-endian, concatenated."""
         kinds = {"direction_scales": "<f4", "directions": "<i2", "scales": "<f4", "means": "<i2", "components": "i1"}
         return b"".join(getattr(self, name).astype(kind).tobytes() for name, kind in kinds.items())
 

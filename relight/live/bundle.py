@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "relight-live", 1
 
 VERSION_OF_TERMS = 2
-"""Of a bundle with light beside the environment, which a reader of version 1 would not show."""
+"""Version of a bundle with light beside the environment, which a reader of version 1 would not show."""
 
 META = "live.json"
 
 
 def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = True) -> list[str]:
-    """Write the files of a Live into a folder that exists; returns their names. exact: whether splat.ply too."""
+    """Write the files of a Live into an existing folder; return their names. exact: whether to write splat.ply too."""
     folder = Path(folder)
     kinds = ["compressed.ply"] + ["ply"] * exact
     for kind in kinds:
@@ -62,7 +62,7 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
 
 
 def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
-    """What live.json says: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
+    """Content of live.json: dict, JSON-clean. splats: list of dicts of file, sha256 and count."""
     clusters, weights, directions = live.basis.components.shape
     return {
         "format": FORMAT,
@@ -128,7 +128,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _beside(light: "PortableLight") -> dict[str, Any]:
-    """What a light has beside it at the start."""
+    """The terms beside a light at the start."""
     return {"captured": light.captured, "unit": light.unit, "sky": CAPTURED if light.keeps_sky else "own"}
 
 

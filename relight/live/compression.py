@@ -15,27 +15,27 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.threads import in_slices
 
 TRAINED_ON = 2**15
-"""Rows that clusters are found on; all rows then choose theirs and take part in its components."""
+"""Rows in the sample that determines clusters; then all rows choose a cluster and contribute to its components."""
 
 ROUNDS = 8
-"""Of k-means; those that follow lower the error by less than 1% each."""
+"""Iterations of k-means; each further one lowers the error by less than 1%."""
 
 LEAST_ROWS = 64
-"""Rows a cluster: of fewer its own components take more bytes than they save."""
+"""Least rows per cluster: with fewer, its components take more bytes than they save."""
 
 CANDIDATES = 4
-"""Nearest clusters among which a row takes the one that shows it best: against the nearest alone 8% less error."""
+"""Nearest clusters among which a row takes the best: 8% less error than with the nearest alone."""
 
 REFITS = 2
-"""How often rows choose again and components follow."""
+"""Iterations in which rows choose again and components are refitted."""
 
 LARGEST = 127
 """Weights and components are signed bytes."""
 
 
 class CompressionLevel(NamedTuple):
-    """The size of the compressed data. bytes: of a row. clusters, weights: 2 bytes name the cluster, one each is a
-    weight."""
+    """The size of the compressed data. bytes: per row, 2 for the cluster and 1 for each weight. clusters, weights:
+    their numbers."""
 
     clusters: int
     weights: int
@@ -46,7 +46,7 @@ class CompressionLevel(NamedTuple):
 
 
 CHOICES = tuple(CompressionLevel(clusters, weights) for weights in (2, 6, 14) for clusters in (64, 256, 1024))
-"""4, 8 and 16 bytes a row: what a shader reads in whole texels."""
+"""4, 8 and 16 bytes a row, which a shader reads as whole texels."""
 
 
 COMPONENT = 52
@@ -63,7 +63,7 @@ class Compressed(NamedTuple):
     components: NDArray[np.float32]
 
     def rows(self, part: slice = slice(None)) -> NDArray[np.float32]:
-        """The rows as they are read again: (N, D) float32."""
+        """The decoded rows: (N, D) float32."""
         cluster = self.cluster[part]
         return self.means[cluster] + np.einsum(
             "nw,nwd->nd", self.weights[part].astype(np.float32), self.components[cluster]
@@ -71,8 +71,8 @@ class Compressed(NamedTuple):
 
 
 def principal(values: Floats, counts: Floats, most: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean (D,) and orthonormal directions (P, D), P <= most, that hold most of the variance of rows (V, D), each
-    counted so often (V,). float64."""
+    """Mean (D,) and orthonormal directions (P, D), P <= most, that hold most of the variance of rows (V, D) with
+    weights (V,). float64."""
     counts = counts / counts.sum()
     mean, second = np.zeros(values.shape[1]), np.zeros((values.shape[1],) * 2)
     for start in range(0, len(values), 4096):
@@ -84,7 +84,7 @@ def principal(values: Floats, counts: Floats, most: int) -> tuple[NDArray[np.flo
 
 
 def choices_for(count: int) -> list[CompressionLevel]:
-    """The CHOICES for so many rows, those first that take the fewest bytes with their components."""
+    """The CHOICES for a number of rows, the fewest bytes first, components included."""
     able = [choice for choice in CHOICES if choice.clusters * LEAST_ROWS <= max(count, 64 * LEAST_ROWS)]
     return sorted(able, key=lambda choice: choice.bytes * count + choice.clusters * (choice.weights + 2) * COMPONENT)
 
@@ -96,10 +96,10 @@ def compress(
     seed: int = 0,
     centers: NDArray[np.float32] | None = None,
 ) -> Compressed:
-    """Compressed rows (N, D) float32, each of which counts so much (N,) float32.
+    """Compress rows (N, D) float32 with weights (N,) float32.
 
-    centers: of `cluster_centers`, where they are known from another choice of as many clusters.
-    The sum of squared errors over the D columns, times the counts, is kept small. Raises InputError for no rows.
+    centers: of `cluster_centers`, if known from another choice of as many clusters.
+    Reduces the weighted sum of squared errors over the D columns. Raises InputError without rows.
     """
     if rows.ndim != 2 or not len(rows) or len(counts) != len(rows):
         raise InputError(f"expected rows (N, D) and counts (N,), found {rows.shape} and {np.shape(counts)}")
@@ -124,7 +124,7 @@ def compress(
 
 
 def cluster_centers(rows: NDArray[np.float32], counts: Floats, clusters: int, seed: int = 0) -> NDArray[np.float32]:
-    """Centres (C, D) float32 by k-means; one that loses all its rows takes the row that is worst off."""
+    """Centres (C, D) float32 by k-means. A centre that loses all its rows takes the row with the largest error."""
     step = -(-len(rows) // TRAINED_ON)
     rows, counts = np.ascontiguousarray(rows[::step], np.float32), counts[::step]
     clusters = min(clusters, len(rows))

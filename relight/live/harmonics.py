@@ -1,5 +1,4 @@
-"""Harmonics about the vertical: a turn of the light about it then rotates pairs of coefficients, one line in any
-engine.
+"""Harmonics about the vertical axis, so that turning the light rotates pairs of coefficients, one line in any engine.
 
 Coefficient i = l (l + 1) + m is that of our basis at the direction (z, x, y) instead of (x, y, z): the polar axis is
 +y, the azimuth is the longitude atan2(x, z). m > 0 goes with cos(m longitude), m < 0 with sin(|m| longitude).

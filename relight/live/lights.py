@@ -18,25 +18,25 @@ from .harmonics import about_y, evaluate
 from .response import BANDS, LAMPS, SPREAD_BANDS, Response
 
 IMAGE = (64, 128)
-"""Rows and columns: texels of 2.8 degrees, well under the width of a lobe of 10 bands."""
+"""Rows and columns: texels of 2.8 degrees, much narrower than a lobe of 10 bands."""
 
 MOST_SUNS = 4
-"""Each costs the renderer a shadow map. The rest is blurred as much as the harmonics blur."""
+"""Most suns, since each costs the renderer a shadow map. The harmonics blur the remaining light."""
 
 
 NEAR_DEG = 3.0
-"""Suns closer to one another are one: half as much as the soft rim of a shadow of 10 bands."""
+"""Angle within which suns merge: half the width of a soft shadow edge of 10 bands."""
 
 
 LEAST_SUN = 0.1
-"""Of all light, as a surface receives it that faces the sun: a weaker one casts no shadow that is seen."""
+"""Least share of a sun in the light on a surface that faces it: a weaker sun casts no visible shadow."""
 
 
 class PortableLight(NamedTuple):
-    """A light, not turned. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
+    """A light before rotation. image: (64, 128, 3) float32 canonical lat-long radiance, suns included. rest, whole:
     (K, 3) float64 coefficients about +y without and with the suns. suns: Suns. exposure: display value per radiance.
-    mean: its mean luminance. lamps: factor on those of a room beside it. name: as it is shown. captured: how much of
-    the captured light is beside it. unit: display value per unit of the picture, of placed lamps and captured light.
+    mean: its mean luminance. lamps: factor on the lamps of a room. name: as shown. captured: factor on the
+    captured light beside it. unit: display value per unit of the picture, of placed lamps and captured light.
     keeps_sky: whether far background shows the captured light instead of this one.
     """
 
@@ -53,7 +53,7 @@ class PortableLight(NamedTuple):
     keeps_sky: bool = False
 
     def times(self, factor: float) -> "PortableLight":
-        """So many times the light, lamps of a room included."""
+        """The light times a factor, lamps of a room included."""
         if factor == 1.0:
             return self
         suns = Suns(self.suns.directions, self.suns.weights * factor)
@@ -62,7 +62,7 @@ class PortableLight(NamedTuple):
 
 
 def captured_alone(factor: float, unit: float = 1.0) -> PortableLight:
-    """The PortableLight of the capture and no other, factor times as strong."""
+    """The PortableLight of the captured light alone, times a factor."""
     nothing = np.zeros((BANDS**2, 3))
     image = np.zeros((*IMAGE, 3), np.float32)
     beside = float(factor), float(unit), True
@@ -88,7 +88,7 @@ def light_of(environment: Environment, exposure: float, lamps: float = 0.0) -> P
 
 
 def _joined(suns: Suns) -> Suns:
-    """Suns that stand closer than NEAR_DEG as one: a disc needs one shadow."""
+    """Merge suns closer than NEAR_DEG: a disc needs one shadow."""
     directions: list[NDArray[np.float64]] = []
     weights: list[NDArray[np.float64]] = []
     for direction, weight in zip(suns.directions, suns.weights, strict=True):
@@ -104,10 +104,11 @@ def _joined(suns: Suns) -> Suns:
 
 
 def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> PortableLight | None:
-    """The PortableLight of the capture day, by least squares: it leaves every vertex as it is. None where none does.
+    """The PortableLight of the captured light, by least squares: it leaves every vertex unchanged. None if no light
+    does.
 
-    response: Response. shares: (V,) weights of the vertices. lamps: factor that is shown beside it; the capture has 1.
-    Harmonics alone; the sky is what they look like.
+    response: Response. shares: (V,) weights of the vertices. lamps: factor on lamps beside it; the capture has 1.
+    It consists of harmonics alone; its sky image shows them.
     """
     few, direct = SPREAD_BANDS**2, BANDS**2
     degree, _ = harmonics.degrees_and_orders(BANDS)
@@ -131,7 +132,7 @@ def capture_light(response: Response, shares: Floats, lamps: float = 0.0) -> Por
 
 
 def rgbe(image: Radiance) -> NDArray[np.uint8]:
-    """(..., 4) uint8 of radiance (..., 3): mantissas and a shared exponent, as Radiance files have them."""
+    """(..., 4) uint8 of radiance (..., 3): mantissas and a shared exponent, as in Radiance files."""
     largest = image.max(axis=-1)
     _, exponent = np.frexp(np.where(largest > 1e-32, largest, 0.0))
     mantissa = np.floor(np.ldexp(image, 8 - exponent[..., None]))
@@ -141,6 +142,6 @@ def rgbe(image: Radiance) -> NDArray[np.uint8]:
 
 
 def from_rgbe(packed: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of what rounds to them."""
+    """Radiance (..., 3) float32 of RGBE bytes (..., 4): the middle of the interval that rounds to them."""
     scale = np.ldexp(1.0, packed[..., 3:].astype(int) - 136)
     return np.where(packed[..., 3:] > 0, (packed[..., :3] + 0.5) * scale, 0.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""A scene's splats ready for any light: their responses compressed, their surfaces, and lights to begin with."""
+"""A scene's splats, ready for any light: compressed responses, surfaces, and the initial lights."""
 
 import warnings
 from collections.abc import Sequence
@@ -37,25 +37,25 @@ if TYPE_CHECKING:
     from ..transfer.settings import Settings
 
 BYTES_TOLERANCE = 0.03
-"""Relative error of the light that the bytes may add, where none is asked for: 1.3% of a display value."""
+"""Default relative error of the light that the bytes may add: 1.3% of a display value."""
 
 PROXY_VERTICES = 50_000
-"""Of the mesh that hides suns, stops a walker and catches shadows: 1.8 MB."""
+"""Triangles of the mesh that occludes suns, blocks a walker and receives shadows: 1.8 MB."""
 
 HOPELESS = 2.0
-"""Times the tolerance: what a choice leaves that no more clusters mend. Sixteen times as many halve it."""
+"""Factor on the tolerance above which more clusters cannot help: sixteen times as many halve the error."""
 
 ANGLES_DEG = (0.0, 90.0, 180.0, 270.0)
-"""Of the lights under which the error of the bytes is measured."""
+"""Angles of the lights under which the error of the bytes is measured."""
 
 FIRST_FOV_DEG = 60.0
-"""Across the longer side of the window, where the page shows an object."""
+"""Field of view along the longer side of the window, for objects."""
 
 SOLID, LEAST_SOLID = 0.3, 100
-"""Opacity of splats that tell where an object is, and how many there must be; else its mesh tells."""
+"""Opacity of the splats that bound an object, and their least number; with fewer, its mesh bounds it."""
 
 STRAY_PERCENTILES, BOX_MARGIN = (0.5, 99.5), 0.02
-"""Places beyond these percentiles along an axis are strays; the box is this much of its diagonal larger all around."""
+"""Splats beyond these percentiles along an axis are strays; the margin of the box, in diagonals."""
 
 _BATCH = 1 << 16
 
@@ -63,12 +63,12 @@ _BATCH = 1 << 16
 class Live(NamedTuple):
     """splats: Splats, in the order of the bundle. order: (N,) their rows in the source. transfer: (N, 2 + W) uint8.
     basis: Packed. surfaces: Surfaces. lights: list of PortableLight. mean: of Response.
-    proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes a splat and
-    relative error for the choices that were tried. brightness: of the capture, None where unknown. middle: (3,) where
-    the sky is seen from, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
-    degrees, where to look from first, scene frame; of an object, bounds too, the box of what was captured, which the
-    page fits into its window. lamps: factor on the lamps of a room, None where there are none. terms: list of Term.
-    gloss: Shine of what is glossy, None where nothing is. objects: those that were inserted, None without.
+    proxy: (vertices, faces) in the scene frame. frame: (4, 4) scene_from_splat. errors: dict of bytes per splat and
+    relative error of the choices tried. brightness: of the capture, None where unknown. middle: (3,)
+    viewpoint of the sky, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
+    degrees, the first view, scene frame; for an object also bounds, the box of the capture, which the page fits into
+    its window. lamps: factor on the lamps of a room, or None. terms: list of Term. gloss: Shine of the glossy splats,
+    or None. objects: inserted objects, or None.
     """
 
     splats: Splats
@@ -93,11 +93,11 @@ class Live(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LiveScene:
-    """A scene that is to be live.
+    """The input of a Live.
 
-    relighter, appearance: of it. splats: those that it was made from. room: the RelitRoom that it is, or None. sources:
-    light beside the environments, of which the Live has a Term each. gloss: what is glossy on it, or None. assumed:
-    whether environments change the room by an assumption.
+    relighter, appearance: of the scene. splats: its source. room: its RelitRoom, or None. sources: light beside the
+    environments; each becomes a Term. gloss: its glossy surfaces, or None. assumed: whether environments change the
+    room by an assumption.
     """
 
     relighter: "Relighter"
@@ -120,8 +120,8 @@ def live_of(
     """The Live of a scene.
 
     environments: list of (Environment, display value per radiance) and, in rooms, the factor on their lamps. settings:
-    Settings whose rays and bounces are used, in 10 bands. tolerance: relative error that the bytes may add. sky: of
-    `splats.SKIES`. Raises InputError where there is nothing to light.
+    Settings whose rays and bounces apply, in 10 bands. tolerance: relative error that the bytes may add. sky: of
+    `splats.SKIES`. Raises InputError without splats to light.
     """
     relighter, appearance, splats = shown.relighter, shown.appearance, shown.splats
     room, sources, scene, assumed = shown.room, shown.sources, shown.relighter.scene, shown.assumed
@@ -208,7 +208,7 @@ def live_of(
 def _shine(
     binding: Binding, gloss: "Gloss | None", look: "Appearance", scene: Scene, lit: NDArray[np.bool_], order: Indices
 ) -> Shine | None:
-    """The Shine of what is glossy, or None."""
+    """The Shine of the glossy splats, or None."""
     if gloss is None or look.environment is None:
         return None
     linear = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
@@ -225,7 +225,7 @@ def _unchanged(count: int) -> Response:
 def _rows_and_counts(
     binding: Binding, rows: NDArray[np.float32], even: NDArray[np.float32], splats: Splats
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Rows (N, D) float32 of the lit splats from those of the vertices, and how much an error of each shows, (N,).
+    """Rows (N, D) float32 of the lit splats from those of the vertices, and the visual weight of their errors, (N,).
 
     even: (V, 3) light ratio under a constant sky.
     """
@@ -236,7 +236,7 @@ def _rows_and_counts(
 
 
 def _visible_error(ratio: Radiance, color: Radiance, opacity: Floats | float = 1.0) -> Floats:
-    """How much a squared error of the ratio counts, (N,)."""
+    """Weight of a squared error of the ratio, (N,)."""
     ratio = luminance(np.maximum(ratio, 1e-3))
     return opacity * ((luminance(color) + CURVE_OFFSET) * ratio ** (1.0 / CURVE_POWER - 1.0)) ** 2
 
@@ -261,8 +261,8 @@ def _compressed(
     tolerance: float,
     seed: int,
 ) -> tuple[Compressed, list[dict[str, float]]]:
-    """The first of `choices_for` the rows within the tolerance, else the best; and what each that was tried takes and
-    leaves, a list of dicts. truth: (S, T, 3), light ratio of `every` so many rows under lights of vectors (T, K, 3).
+    """The first of `choices_for` the rows within the tolerance, else the best; and a list of dicts with the bytes and
+    error of each choice tried. truth: (S, T, 3), light ratio of one row in `every` under lights of vectors (T, K, 3).
     """
     base, small = basis.colors(vectors)
     size = np.sqrt(np.square(truth).mean(axis=(0, 2)))
@@ -296,8 +296,8 @@ def _compressed(
 
 
 def _first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any]:
-    """Where to look from first, as the preview does. An object has `bounds` too, two corners in the scene frame: the
-    page moves the camera back until what lies in them fits its window."""
+    """The first view, that of the preview. An object also has `bounds`, two corners in the scene frame: the page moves
+    the camera back until their box fits its window."""
     camera = scene.preview_camera
     if camera is not None and scene.capture.get("from", "outside") != "outside":
         return {"position": list(camera["eye"]), "target": list(camera["target"]), "fov": 75.0}
@@ -313,7 +313,7 @@ def _first_view(scene: Scene, splats: Splats, vertices: Points) -> dict[str, Any
 
 
 def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest corner (3,) of what was captured, scene frame: no far background, no stray splats."""
+    """Lowest and highest corner (3,) of the capture, scene frame, without far background and stray splats."""
     near = (splats.opacities > SOLID) & np.isfinite(splats.means).all(axis=1)
     near[scene.background_splats] = False
     points = vertices
@@ -326,7 +326,7 @@ def _captured_box(scene: Scene, splats: Splats, vertices: Points) -> tuple[NDArr
 
 
 def _spatial_order(splats: Splats) -> Indices:
-    """Rows along a Z-order curve, those without a finite place last."""
+    """Rows along a Z-order curve; those without a finite position come last."""
     finite = np.isfinite(splats.means).all(axis=1)
     rows = np.flatnonzero(finite)
     return np.concatenate([rows[splats.take(finite).spatial_order()], np.flatnonzero(~finite)])

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from ..engine.placed import LampLight
 
 MOST_LAMPS = 32
-"""Terms of lamps: of more, all that come after share the last one, with one slider."""
+"""Most terms of lamps: further lamps share the last term and its slider."""
 
 
 class Mixture(NamedTuple):
-    """asked: whether the options want light beside the environment. captured: the factor on the captured light that was
-    asked for, or None. env_scale: factor on environments. light: LampLight, or None. lamps: in the splat's frame.
+    """asked: whether the options want light beside the environment. captured: the requested factor on the captured
+    light, or None. env_scale: factor on environments. light: LampLight, or None. lamps: in the splat's frame.
     names: of the lamps. colors: (V, 3) captured colours with the captured lamps as requested; None for unchanged.
-    exposed: whether the exposure was requested; else what is beside the environment is exposed as the capture was.
+    exposed: whether the exposure was requested; otherwise light beside the environment is exposed as in the capture.
     """
 
     asked: bool = False
@@ -64,7 +64,7 @@ class Mixture(NamedTuple):
 
 
 def place_of(lamp: Lamp) -> list[float]:
-    """Where a lamp is, (3,): its middle, or an end of a tube."""
+    """Position of a lamp, (3,): its middle, or an end of a tube."""
     if isinstance(lamp, MeshLamp):
         return [float(each) for each in lamp.vertices.mean(axis=0)]
     return [float(each) for each in next(getattr(lamp, n) for n in ("position", "center", "start") if hasattr(lamp, n))]

@@ -1,4 +1,4 @@
-"""Inserted objects of the bundle, in its first light: a lit mesh, and what it does to the splats about it."""
+"""Inserted objects of the bundle under its first light: a lit mesh, and its effect on the splats around it."""
 
 from typing import Any, NamedTuple
 
@@ -11,15 +11,15 @@ from splat2mesh.splats.splats import SH_C0, Splats
 FILE, MESH = "objects.bin", "inserted.glb"
 
 UNIT = 1024
-"""Of a gain that takes 16 bits, as the page has them."""
+"""Range of a gain of 16 bits, as on the page."""
 
 LIFT, LEAST = 0.055, 0.01
-"""A gain acts on a display colour and .055 (docs/live.md); a colour with less than LEAST of both has none."""
+"""A gain acts on a display colour plus .055 (docs/live.md). A colour with less than LEAST in both has no gain."""
 
 
 class LiveObjects(NamedTuple):
-    """glb: bytes of the lit mesh, scene frame; none where all objects are splats. angle_deg: of the light that they are
-    in, the first of the bundle. rows: (M,) uint32 of the splats that they change, rising. gains: (M, 3) uint16."""
+    """glb: bytes of the lit mesh, scene frame; none if all objects are splats. angle_deg: of their light, the first of
+    the bundle. rows: (M,) uint32 of the splats that they change, ascending. gains: (M, 3) uint16."""
 
     glb: bytes
     angle_deg: float
@@ -27,7 +27,7 @@ class LiveObjects(NamedTuple):
     gains: NDArray[np.uint16]
 
     def in_order(self, order: Indices) -> "LiveObjects":
-        """The same for splats in another order. order: (N,) their rows now."""
+        """The same for reordered splats. order: (N,) their present rows."""
         back = np.full(int(order.max()) + 1, -1, np.int64)
         back[order] = np.arange(len(order))
         known = self.rows <= order.max()
@@ -37,17 +37,17 @@ class LiveObjects(NamedTuple):
         return self._replace(rows=rows[kept].astype(np.uint32), gains=self.gains[kept])
 
     def tobytes(self) -> bytes:
-        """What FILE holds: rows, then gains."""
+        """Content of FILE: rows, then gains."""
         return self.rows.astype("<u4").tobytes() + self.gains.astype("<u2").tobytes()
 
     def described(self) -> dict[str, Any]:
-        """What live.json says of it."""
+        """Its entry in live.json."""
         mesh = {"mesh": MESH} if self.glb else {}
         return {"file": FILE, "rows": len(self.rows), "unit": UNIT, "light": 0, "angle_deg": self.angle_deg, **mesh}
 
 
 def objects_of(without: Splats, shadowed: Splats, glb: bytes, angle_deg: float) -> LiveObjects:
-    """The LiveObjects of splats in their first light, without and with what objects do to them, in the same order."""
+    """The LiveObjects of splats under their first light, without and with the effect of objects, in the same order."""
     before, after = (SH_C0 * np.asarray(each.sh[:, 0], np.float64) + 0.5 + LIFT for each in (without, shadowed))
     gain = np.where(before > LEAST, np.maximum(after, 0.0) / np.maximum(before, LEAST), 1.0)
     packed = np.minimum(np.rint(gain * UNIT), 2**16 - 1).astype(np.uint16)

@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from .live import Live
 
 MOST_IN_A_FILE = 1_500_000
-"""Splats above which the page is a folder: a file of them is about 60 MB, and browsers hold several copies of it."""
+"""Number of splats above which the page is a folder: its file would exceed 60 MB, and browsers hold several copies."""
 
 PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
 _LIBRARY = "light", "piz", "splats", "shadow", "framing", "gloss", "exr", "indicator", "live"
-"""Modules that the page joins into one, each after those that it imports. Their names at the top must differ."""
+"""Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
 _LOW_PASS = (
     ("cov[0][0] + 0.3;", "cov[0][0] + 1.2;"),
@@ -35,11 +35,11 @@ _LOW_PASS = (
     ("aRaw + 0.3;", "aRaw + 1.2;"),
     ("cRaw + 0.3;", "cRaw + 1.2;"),
 )
-"""What a splat is widened by on screen: 0.3 of a squared pixel, as in training. The viewer adds that to the square of
-half pixels, a fourth of it, so that its pictures are sharper than the splat: 37 dB from ours, 45 with this."""
+"""Widening of a splat on screen: 0.3 of a squared pixel, as in training. The viewer adds it to the square of half
+pixels, a fourth of that, which makes its pictures too sharp: 37 dB from ours, 45 with this."""
 
 _FRAME_KEY = "controllers.orbit.goto(frameCamera)", "controllers.orbit.goto(relightCamera?.() ?? frameCamera)"
-"""What the key F shows: the viewer frames the box of all splats, however far the strays lie."""
+"""The view of the key F: the viewer itself frames the box of all splats, however far the strays lie."""
 
 _TEMPLATE = """<!doctype html>
 <html lang="en">
@@ -84,7 +84,7 @@ def page_of(
     meta: Mapping[str, Any], names: Sequence[str], contents: Mapping[str, bytes] | None = None, turn: float = 0.0
 ) -> str:
     """The page as text. meta: dict of live.json. names: files of the bundle. contents: dict of their bytes to pack into
-    the page, without which it reads them beside it."""
+    the page; without it, the page reads the files beside it."""
     names = [name for name in names if name != META]
     data = {"meta": meta, "files": names, "packed": contents is not None, "turn": turn}
     data["splat"] = meta["splats"][0]["file"]

@@ -1,4 +1,4 @@
-"""The mesh behind the splats as glTF: it occludes suns, blocks a walker and receives shadows."""
+"""The mesh under the splats as glTF: it occludes suns, blocks a walker and receives shadows."""
 
 from pathlib import Path
 

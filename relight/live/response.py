@@ -1,11 +1,11 @@
-"""What the light of every vertex becomes under any light: the light ratio of relit splats as a linear map of the light.
+"""The response of every vertex to any light: the light ratio of relit splats as a linear map of the light.
 
 ratio_c = exposure * (sum_j direct_jc rest_jc + sum_j spread_jc whole_jc + own_c * suns_c) + lamps * steady_c: `rest`
-and `whole` are the light's coefficients about +y without and with its suns, `suns` what they bring onto a white
-surface, `lamps` the factor on the lamps of a room. `direct` is light that arrives straight, `spread` what other
-surfaces pass on and the share that the whole scene's change has: both vary slowly with direction, so that suns need no
-shadows of their own there. In a room all but suns comes by its windows, however often it was passed on: there
-`direct` has what is passed on beyond the bands of `spread`.
+and `whole` are the light's coefficients about +y without and with its suns, `suns` the light of suns on a white
+surface, `lamps` the factor on the lamps of a room. `direct` is direct light. `spread` is bounced light and the share of
+the whole scene's change: both vary slowly with direction, so suns need no shadows of their own there. In a room all
+light but that of suns enters by windows, with any number of bounces; there `direct` also holds bounced light beyond the
+bands of `spread`.
 """
 
 from typing import TYPE_CHECKING, NamedTuple
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from ..transfer.settings import Settings
 
 BANDS, SPREAD_BANDS = 10, 4
-"""Bands of light that arrives straight and of light passed on: of what bounces on a tabletop 4 bands leave .2%."""
+"""Bands of direct and of bounced light: on a tabletop, 4 bands leave .2% of the bounced light."""
 
 LAMPS = BANDS**2 + SPREAD_BANDS**2
-"""The place of what lamps give, behind the coefficients of light."""
+"""Index of the coefficient of lamps, after those of the environment."""
 
 COEFFICIENTS = LAMPS + 1
 
@@ -57,7 +57,7 @@ def response_of(
     """The Response of a scene's vertices.
 
     relighter: Relighter. appearance: its Appearance. settings: Settings with BANDS bands. shares: (V,) areas, the
-    weights of vertices in the mean. room: RelitRoom, where the scene is a closed room whose light was told.
+    weights of vertices in the mean. room: RelitRoom of a closed room whose light was separated, or None.
     """
     captured, before = appearance.captured, appearance.irradiance
     own, usual = linear_parts(captured, before)
@@ -66,7 +66,7 @@ def response_of(
         own, usual = own * trust, usual * trust + 1.0 - trust
     weight = shares / np.maximum(shares @ before, 1e-12)[:, None]  # (3, V): of vertices in the light ratio of the scene
     albedo = np.ones(captured.shape, np.float32) if appearance.albedo is None else appearance.albedo
-    bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # what relit splats divide by
+    bright = np.maximum(albedo, np.float32(LEAST_ALBEDO))  # the divisor of relit splats
     values = np.zeros((len(before), COEFFICIENTS, 3), np.float32)
     mean = np.zeros((SPREAD_BANDS**2 + 1, 3))
     lamps: Floats = np.zeros_like(captured)
@@ -105,8 +105,8 @@ def response_of(
 
 
 def assumed_response(appearance: "Appearance", shares: Floats, room: "RelitRoom") -> Response:
-    """The Response of a room that no environment is known to get into: one coefficient, of the mean radiance, has the
-    share of the captured light that is assumed to come from outside, and lamps have the rest (`RelitRoom.assumed`).
+    """The Response of a room without a known way in for the environment: the coefficient of the mean radiance takes the
+    share of the captured light that is assumed to come from outside, and lamps take the rest (`RelitRoom.assumed`).
 
     appearance, shares, room: as of `response_of`; the exposure of a light is `assumed_exposure`.
     """
@@ -141,7 +141,7 @@ def _over(colors: Floats, captured: Floats) -> Floats:
 def _sent(
     relighter: "Relighter", straight: NDArray[np.float32], albedo: NDArray[np.float32], settings: "Settings"
 ) -> NDArray[np.float32]:
-    """What every vertex sends out, (V, K, 3), for each coefficient of light that arrives straight (V, K)."""
+    """Exit radiance of every vertex, (V, K, 3), for each coefficient of direct light (V, K)."""
     if not settings.bounce_rays:
         return straight[:, :, None] * albedo[:, None]
     matrix = relighter.precomputed.interreflection(settings.bounce_rays, straight)
@@ -155,6 +155,6 @@ def _about_y(values: NDArray[np.float32], bands: int) -> NDArray[np.float32]:
 
 
 def light_vector(rest: Coefficients, whole: Coefficients, lamps: float = 0.0) -> NDArray[np.float64]:
-    """(COEFFICIENTS, 3) that the values are multiplied with: coefficients about +y without suns, and with them, and
-    the factor on lamps."""
+    """(COEFFICIENTS, 3) that multiplies the values: coefficients about +y without suns, those with suns, and the factor
+    on lamps."""
     return np.concatenate([rest[: BANDS**2], whole[: SPREAD_BANDS**2], np.full((1, 3), lamps)])

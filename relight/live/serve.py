@@ -14,8 +14,8 @@ from .page import FOLDER, INDEX, PAGE
 
 
 class _Handler(SimpleHTTPRequestHandler):
-    """Serves regular files of one folder, to who asks for this machine by name: a page from elsewhere can have its own
-    name point here (DNS rebinding), and would read what is served."""
+    """Serves regular files of one folder to requests that name this machine. A foreign page can point its own host name
+    here (DNS rebinding) and would otherwise read the files."""
 
     def log_message(self, *_: object) -> None:
         pass
@@ -23,7 +23,7 @@ class _Handler(SimpleHTTPRequestHandler):
     server: "_Server"
 
     def send_head(self) -> io.BytesIO | BinaryIO | None:
-        """As the base class; refuses other hosts, and what leads out of the folder or is no file."""
+        """As the base class, but refuses other hosts, paths outside the folder and anything but regular files."""
         port = self.server.server_address[1]
         if self.headers.get("Host", "").lower() not in {f"{name}:{port}" for name in ("127.0.0.1", "localhost")}:
             self.send_error(403, "This server answers to 127.0.0.1 alone")
@@ -50,10 +50,10 @@ class _Server(ThreadingHTTPServer):
 
 
 def server_of(folder: str | os.PathLike[str], port: int = 0) -> _Server:
-    """A server, to be closed, of the page that `relight --format web` wrote, a file or a folder; port 0 takes any.
+    """A server of the page that `relight --format web` wrote, a file or a folder; close it. Port 0 takes any free port.
 
-    folder: that folder, or the one of results that holds it. Raises InputError where there is no page, and for a port
-    that cannot be had.
+    folder: that folder, or the folder of results that holds it. Raises InputError without a page, and for a port that
+    is not available.
     """
     folder = Path(folder)
     found = next((each for each in (folder, folder / FOLDER) if all((each / n).is_file() for n in (INDEX, META))), None)

@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 FILE = "gloss.bin"
 
 MOST_MATERIALS = 254
-"""Patches of a scene are 60; a byte names one, and 0 is none."""
+"""Most materials: a scene has 60 patches, a byte names one, and 0 is none."""
 
 ROW = 4 + OPEN_BANDS**2
-"""Bytes of a row: material, display colour of what hides the light, coefficients of what is visible."""
+"""Bytes of a row: material, display colour of the occluder, coefficients of the visibility."""
 
 
 class Shine(NamedTuple):
     """Glossy splats as they are stored. runs: (R, 2) uint32, first row and count. rows: (M, ROW) uint8 of the rows in
-    the runs, end to end. peaks: (4,) of the signed bytes of each coefficient. materials: list of dicts of reflectance
+    the runs, concatenated. peaks: (4,) of the signed bytes of each coefficient. materials: list of dicts of reflectance
     (3), level, metal. levels: list of dicts of alpha and its factors on each degree of a light. captured: (K, 3)
     coefficients about +y of the light of the capture, display units.
     """
@@ -50,7 +50,7 @@ class Shine(NamedTuple):
     captured: NDArray[np.float64]
 
     def tobytes(self) -> bytes:
-        """runs and rows, little-endian, end to end."""
+        """runs and rows, little-endian, concatenated."""
         return self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict[str, Any]:
@@ -73,10 +73,10 @@ def shine_of(
     captured: "Coefficients",  # (K, 3) of the light of the capture, our basis, frame of the scene
     colors: "Radiance",  # (V, 3) captured colours, linear
     scene: "Matrix3",  # rotation from the frame of the splat into the scene's
-    kept: NDArray[np.bool_],  # (N,) which splats may shine at all
+    kept: NDArray[np.bool_],  # (N,) mask of the splats that may be glossy
     order: NDArray[np.int64],  # (N,) rows of the source, in the order of the bundle
 ) -> Shine | None:
-    """The Shine of splats of which some are bound to what is glossy; None where none is."""
+    """The Shine of the splats that are bound to glossy surfaces; None without any."""
     places = binding.places
     held = gloss.glossy[places.columns] * places.weights
     lit = np.flatnonzero(binding.lit)
@@ -84,7 +84,7 @@ def shine_of(
     if not chosen.any():
         return None
     columns, weights, held = places.columns[chosen], places.weights[chosen], held[chosen]
-    kinds = columns[np.arange(len(columns)), held.argmax(axis=1)]  # the node whose material a splat has
+    kinds = columns[np.arange(len(columns)), held.argmax(axis=1)]  # the node that gives a splat its material
     materials, levels, number = _materials(gloss, kinds)
     nodes, at = np.unique(columns, return_inverse=True)
     of_nodes = binding.surface.of_vertices(np.asarray(colors, np.float32))

@@ -1,5 +1,5 @@
-"""The data of a splat that suns and the albedo view need, in 8 bytes: position and normal of its surface, and how much
-a light on it changes it."""
+"""The data of a splat that suns and the albedo view need, in 8 bytes: position and normal of its surface, and its gain
+under a light."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from ..transfer.volume import Foliage
 
 UNLIT, LIT, SKY = 0, 1, 2
-"""Kinds of splats: those that stay as captured, those that take the light, and far background, which shows the sky."""
+"""Kinds of splats: unchanged, lit, and far background, which shows the sky."""
 
 OWN_STEPS = 32.0
-"""Steps a stop of the light ratio per light: 2.2% each, over four stops to either side."""
+"""Steps per stop of the light ratio per light: 2.2% each, over four stops to either side."""
 
 VOLUME_STEPS = 63
-"""Steps of how far a splat is leaves or grass, in the six high bits of its kind."""
+"""Steps of the foliage share of a splat, in the six high bits of its kind."""
 
 _BATCH = 1 << 16
 

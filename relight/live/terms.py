@@ -18,23 +18,23 @@ from ..splats.light_ratio import linear_parts
 CAPTURED, LAMP = "captured", "lamp"
 
 LEAST = 2.0**-10
-"""Light ratio from which a splat is stored, or so much of the 98th percentile of a lamp that is weaker than the light
-of the capture: on white it is three steps of a display."""
+"""Least light ratio of a stored splat, relative to the 98th percentile for a lamp that is weaker than the captured
+light: on white it is three display steps."""
 
 MOST = 2.0**12
-"""Largest light ratio that is stored: all that was not black is white by then."""
+"""Largest stored light ratio: it turns everything but black into white."""
 
 MARGIN = 8.0
-"""How far the channels of a splat extend below the least stored ratio: bounced light is coloured."""
+"""Range of the channels of a splat below the least stored ratio, since bounced light is coloured."""
 
 GAP = 2
-"""Rows between two runs up to which they are one: 8 bytes name a run, 3 a row."""
+"""Largest gap of rows within a run: a run takes 8 bytes, a row 3."""
 
 
 class Source(NamedTuple):
-    """Light to be made a term. kind: CAPTURED or LAMP. name: as people read it. color: (3,) linear, of luminance 1.
-    received: (V, 3) float32 irradiance over pi in units of the picture, of that light if it were white; None for the
-    light of the capture, unchanged. place: (3,) where it is, splat frame, or None."""
+    """Light that becomes a term. kind: CAPTURED or LAMP. name: as shown. color: (3,) linear, of luminance 1.
+    received: (V, 3) float32 irradiance over pi in units of the picture, of that light in white; None for the
+    unchanged captured light. place: (3,) its position, splat frame, or None."""
 
     kind: str
     name: str
@@ -44,9 +44,9 @@ class Source(NamedTuple):
 
 
 class Term(NamedTuple):
-    """A Source as it is stored. runs: (R, 2) uint32, first row and count. rows: (M, 3) uint8 of the rows in the runs,
-    end to end: 0 is none, else peak 2^((byte - 255) / steps). peak: (3,). mean: (3,) light ratio of the whole scene.
-    error: relative root mean square of what the bytes lose. Of the capture unchanged runs is None: it is 1 everywhere.
+    """A stored Source. runs: (R, 2) uint32, first row and count. rows: (M, 3) uint8 of the rows in the runs,
+    concatenated: 0 is none, else peak 2^((byte - 255) / steps). peak: (3,). mean: (3,) light ratio of the whole scene.
+    error: relative root mean square error of the bytes. runs is None for the unchanged captured light, 1 everywhere.
     """
 
     kind: str
@@ -61,7 +61,7 @@ class Term(NamedTuple):
     error: float
 
     def tobytes(self) -> bytes:
-        """runs and rows, little-endian, end to end."""
+        """runs and rows, little-endian, concatenated."""
         return b"" if self.runs is None else self.runs.astype("<u4").tobytes() + self.rows.tobytes()
 
     def described(self) -> dict:
@@ -80,7 +80,7 @@ class Term(NamedTuple):
         }
 
     def values(self, count: int) -> NDArray[np.float32]:
-        """The light ratio of so many splats as read back, (count, 3)."""
+        """The decoded light ratio of `count` splats, (count, 3)."""
         if self.runs is None:
             return np.ones((count, 3), np.float32)
         stored = np.asarray(self.peak) * 2.0 ** ((self.rows.astype(np.float64) - 255.0) / self.steps)
@@ -115,9 +115,9 @@ def term_of(
 def as_white(
     direct: NDArray[np.float32], color: NDArray[np.float64], mixed: bool = False
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Direct light (V, 3) as if it were white, and its colour (3,), of luminance 1.
+    """Direct light (V, 3) as white light, and its colour (3,), of luminance 1.
 
-    color: of the light, any luminance. mixed: whether it has several colours: then each channel is divided by its own.
+    color: of the light, any luminance. mixed: whether it has several colours; then each channel is divided by its own.
     """
     bright = float(luminance(color))
     tint = np.asarray(color, np.float64) / bright if bright > 0.0 else np.ones(3)
@@ -142,7 +142,7 @@ def _stored(values: NDArray[np.float32]) -> tuple[NDArray[np.uint32], NDArray[np
 
 
 def runs_of(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
-    """(R, 2) first row and count of what is kept, (N,), across gaps of up to GAP rows."""
+    """(R, 2) first row and count of the kept rows, mask (N,), across gaps of up to GAP rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], kept, [False]]).astype(np.int8)))
     first, end = edges[::2], edges[1::2]
     apart = first[1:] - end[:-1] > GAP
@@ -151,6 +151,6 @@ def runs_of(kept: NDArray[np.bool_]) -> NDArray[np.uint32]:
 
 
 def rows_of(runs: NDArray[np.uint32]) -> NDArray[np.int64]:
-    """The numbers of the rows in runs, end to end."""
+    """The numbers of the rows in runs, concatenated."""
     first, count = runs.astype(np.int64).T
     return np.repeat(first - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
