@@ -1,5 +1,5 @@
-"""What belongs to no tile of a city: sky, which shows the new light, and lawns and houses far away, which take the
-change of light of the city as seen from there."""
+"""The background of a city outside all tiles: the sky, which shows the new light, and distant lawns and houses, which
+take the change of light of the city as seen from there."""
 
 from typing import Any, NamedTuple
 
@@ -18,24 +18,24 @@ from ..splats.light_ratio import log_gain, relit_sh
 from ..splats.sky import Backdrop, backdrop_of, dimmed, is_sky, under_sky
 
 SAMPLE = 200_000
-"""Far splats of all pieces by which sky is told from what is none."""
+"""Far splats of all pieces in the sample that separates sky from objects."""
 
 
 class Background(NamedTuple):
-    """How far splats are lit, the same for all pieces. backdrop: of the splats as captured. patches: change of light of
-    the city as seen from afar. mean: (3,) of all of it."""
+    """The light on far splats, the same for all pieces. backdrop: of the captured splats. patches: change of light of
+    the city as seen from afar. mean: (3,) of all patches."""
 
     backdrop: Backdrop
     patches: Patches
     mean: NDArray[np.float32]
 
     def arrays(self) -> dict[str, Any]:
-        """What `from_arrays` takes."""
+        """The arrays for `from_arrays`."""
         return {**self.backdrop._asdict(), **self.patches._asdict(), "mean": self.mean}
 
     @classmethod
     def from_arrays(cls, kept: dict[str, Any]) -> "Background | None":
-        """The Background of arrays by name, among others; None where there is none."""
+        """The Background from arrays by name; None without its arrays."""
         if "mean" not in kept:
             return None
         backdrop = Backdrop(**{name: kept[name] for name in Backdrop._fields})
@@ -43,7 +43,7 @@ class Background(NamedTuple):
 
 
 def far_splats(store: Store, piece: int, most: int | None = None) -> Splats:
-    """The far background of a piece, every row, or an even sample of at most so many."""
+    """The far background of a piece: all rows, or an even sample of at most `most`."""
     kept = store.read_arrays(f"splats/far_{piece:05d}.npz")
     step = 1 if most is None else max(1, -(-len(kept["means"]) // most))
     return Splats(**{name: kept[name][::step] for name in NUMBERS})
@@ -56,7 +56,7 @@ def background_of(
     before: NDArray,  # (V, 3) of its vertices, as `log_gain` takes it
     after: NDArray,  # (V, 3), exposure applied
 ) -> Background | None:
-    """The Background of a city; None where no splat is far."""
+    """The Background of a city; None without far splats."""
     samples = [far_splats(store, piece, max(SAMPLE // len(pieces), 1)) for piece in pieces]
     sample = joined([Splats(s.means, s.scales, s.quats_wxyz, s.opacities, s.sh[:, :1]) for s in samples])
     sample = sample.take(np.isfinite(sample.means).all(axis=1))
@@ -78,8 +78,8 @@ def relit_background(
     exposure: float,
     choice: str,  # of `splats.SKIES`
 ) -> Splats:
-    """Far splats in the new light; those that are not finite stay as they are. The light of the capture is theirs,
-    `exposure` times as strong: no lamp reaches that far."""
+    """Far splats under the new light; non-finite splats stay. Under the captured light they take `exposure` as factor,
+    since no lamp reaches that far."""
     finite = np.isfinite(splats.means).all(axis=1)
     if choice == "keep" or not finite.any():
         return splats

@@ -32,7 +32,7 @@ KNOWN = (
     *("scene", "env", "lighting", "angles_deg", "albedo", "exposure_ev", "formats", "sky", "tiling", "overwrite"),
     *("sun", "at", "north_deg", "harmonics", "live_mesh", "fps", "texture_size", "clear_cache"),
 )
-"""Fields of RelightRequest that a city takes, or that say nothing without another that it does not take."""
+"""Fields of RelightRequest that a city accepts, or that have no effect without a field that it rejects."""
 
 KNOWN_LIGHTING = (
     "method",
@@ -65,19 +65,19 @@ def relight_city(
     Parameters
     ----------
     request : RelightRequest
-        Its scene is what `convert_city` wrote. A city knows KNOWN alone, one angle, and of LightingOptions all but
-        what becomes of captured lamps.
+        Its scene is the folder from `convert_city`. A city accepts the fields KNOWN, one angle, and all LightingOptions
+        except those for captured lamps.
     engine : Loop or Cluster, optional
-        What runs the tasks, where it is not made of the request's `tiling`.
+        Runs the tasks; default: made from the request's `tiling`.
     folder : str, optional
-        Within the city; by the light and its angle without.
+        Name within the city; default: the light and its angle.
 
     Raises
     ------
     InputError
-        For what cannot be used.
+        For input that cannot be used.
     UnfinishedError
-        Where tiles failed and the others are done.
+        If some tiles failed; the others are done.
     """
     check_city(request)
     stages = stages or Stages()
@@ -88,7 +88,7 @@ def relight_city(
 
 
 def check_city(request: RelightRequest) -> None:
-    """Raise InputError for a field that cities do not know."""
+    """Raise InputError for a field that cities reject."""
     refuse_in_cities(request, KNOWN)
     refuse_in_cities(request.lighting, KNOWN_LIGHTING)
     if len(request.angles_deg) > 1:
@@ -109,10 +109,10 @@ def _relit(request: RelightRequest, engine: Any, folder: str | None, stages: Sta
 
 
 class CityRun:
-    """One light for a city, from its request to its report. Each step leaves what it wrote for a run that goes on."""
+    """One light for a city, from its request to its report. Each step keeps its files, so that a later run resumes."""
 
     def __init__(self, request: RelightRequest, engine: Any, folder: str | None, stages: Stages) -> None:
-        """Read what the city holds. Raises InputError for what is no city, or for lamps that cannot be read."""
+        """Read the city. Raises InputError for a folder without a city, or for lamps that cannot be read."""
         self._tiling = request.tiling or TilingOptions()
         self._store = Store(cast("str | os.PathLike[str]", request.scene))
         self._albedo, self._exposure_ev, self._sky = request.albedo or "estimated", request.exposure_ev, request.sky
@@ -124,7 +124,7 @@ class CityRun:
         name = f"{self._light.name}_{self._angle_deg:.6f}".rstrip("0").rstrip(".")
         self._folder = folder or f"relit/{name}"
         self._options = request.lighting.planned(PLACE_TOLERANCE)
-        lamps_asked(self._options)  # one that cannot be read fails before any work
+        lamps_asked(self._options)  # an unreadable light fails before any work
         self._steps, self._stages = TaskSteps(self._store, engine, stages), stages
         pieces = range(len(self._plan.pieces))
         self._dealt = [self._store.read_json(f"splats/{number:05d}.json")["dealt"] for number in pieces]
@@ -137,7 +137,7 @@ class CityRun:
 
     @property
     def _asked(self) -> dict[str, Any]:
-        """What a run that goes on must ask too."""
+        """The settings that a resumed run must share."""
         return {
             "environment": self._light.name,
             "angle_deg": self._angle_deg,
@@ -150,13 +150,13 @@ class CityRun:
         }
 
     def begin(self) -> None:
-        """Take the folder of results. Raises InputError where memory is short, or where other results lie there."""
+        """Prepare the folder of results. Raises InputError if memory is short or the folder holds other results."""
         held = max(self._plan.counts) if self._writes_splats else 0
         room_for(self._tiling.memory, held, sum(entry.get("far_vertices", 0) for entry in self._city["tiles"]))
         _begin(self._store, self._folder, self._asked, self._overwrite, self._tiling.resume)
 
     def light_of_capture(self) -> dict[str, Any]:
-        """The light that all tiles share, as light.json has it: computed, or read where it is there already."""
+        """The light that all tiles share, the content of light.json: computed, or read if the file exists."""
         store, name = self._store, f"{self._folder}/light.json"
         if store.exists(name) and store.exists(f"{self._folder}/{LIGHT}"):
             return cast("dict[str, Any]", store.read_json(name))
@@ -169,7 +169,7 @@ class CityRun:
         return cast("dict[str, Any]", done.result)
 
     def light_tiles(self, sha256: str) -> None:
-        """Light every part that is not done. sha256: of the shared light. Raises UnfinishedError where some fail."""
+        """Light every unfinished part. sha256: of the shared light. Raises UnfinishedError if some fail."""
         tasks = self._tasks(sha256, self._done() if self._tiling.resume else set())
         found = self._steps.run("tiles", tasks)
         lost = [found[task.name] for task in tasks if found[task.name].error]
@@ -196,7 +196,7 @@ class CityRun:
         return f"{self._folder}/{FOLDER}/environment.json"
 
     def _tasks(self, sha256: str, done: set[str]) -> list[Task]:
-        """What is left: the tiles, and what lies far away in its own kind of file."""
+        """The unfinished tasks: tiles, and far background in its own kind of file."""
         shared = self._store, self._folder, sha256
         wanted = TileRequest(self._options, str(self._albedo), self._formats, self._tiling.memory, self._plan.spacing)
         tasks = []
@@ -241,7 +241,7 @@ class CityRun:
 
 
 def _city_of(store: Store) -> dict[str, Any]:
-    """What a city says of itself. Raises InputError for what is none, or for one of a newer version."""
+    """The content of city.json. Raises InputError without a city, or for one of a newer version."""
     if not store.exists(CITY):
         raise InputError(f"{store.root} holds no {CITY}: make a city with splat2mesh --tiles first")
     city = cast("dict[str, Any]", store.read_json(CITY))
@@ -251,7 +251,7 @@ def _city_of(store: Store) -> dict[str, Any]:
 
 
 def _begin(store: Store, folder: str, asked: dict[str, Any], overwrite: bool, resume: bool) -> None:
-    """Make sure that what lies in a folder may be gone on with, or is gone. Raises InputError."""
+    """Make sure that a folder is empty or can be resumed. Raises InputError."""
     name = f"{folder}/asked.json"
     if store.exists(name):
         if resume and store.read_json(name) != asked:

@@ -1,4 +1,4 @@
-"""The part of a city that the light of a place depends on: its mesh, its surroundings, and the rest coarse."""
+"""The geometry that the light of a tile depends on: its mesh, its surroundings, and the rest of the city, coarse."""
 
 from typing import NamedTuple
 
@@ -16,32 +16,32 @@ from .parts import TilePart, parts_of
 from .shared import Shared, joined_meshes, scene_of
 
 NEAR = 2.0
-"""Reach around its core within which a tile sees its neighbours unsimplified, in distances between stations. With 1 a
-wall in the shadow of a house next door, which is coarse then, was lit by a low sun: error .29 in a tile of a city of
-ten million; .021 with 2, .023 with 3."""
+"""Distance around its core within which a tile sees its neighbours unsimplified, in distances between stations. With 1,
+a low sun lit a wall in the shadow of a house next door, which is coarse then: error .29 in a tile of a city of ten
+million; .021 with 2, .023 with 3."""
 
 MIDDLE = 8.0
-"""Reach around its core within which a tile sees the twins of others made for it, rather than those of the whole city,
-which are coarser the more tiles there are. A house as high as half a distance casts its shadow so far from a sun
-at 4 degrees."""
+"""Distance around its core within which a tile sees the coarse meshes made for it, not those of the whole city, which
+get coarser with the number of tiles. Under a sun at 4 degrees, a house half a distance high casts its shadow this
+far."""
 
 EXACT = 0.1
-"""Reach around its box within which a part computes light at every vertex, in distances between stations: splats near
-its border take light from there. Farther vertices only bounce light, and take that of neighbours
+"""Distance around its box within which a part computes light at every vertex, in distances between stations: splats
+near its border take light from there. Farther vertices only bounce light, and take the light of neighbours
 (`transfer.receivers`)."""
 
 LOWEST = 0.005
-"""Elevation, in radians, below which nothing of a distant tile reaches and it is left out: the coarse scene of a tile
-stays as large as it is, however large the city. From there a wall gets 0.6% of its light under an even sky."""
+"""Elevation, in radians, below which a distant tile is left out. So the coarse scene of a tile does not grow with the
+city. Under an even sky, a wall gets 0.6% of its light from below this elevation."""
 
 
 class Local(NamedTuple):
     """A part of a tile among its surroundings.
 
-    scene: of the tile's own mesh what lies in and near the part is the first chunk, what else lies near it the next
-    ones, the coarse rest the last. near: how many chunks are not coarse. rows: (N,) of the tile's mesh, the vertices of
+    scene: the first chunk is the tile's own mesh in and near the part, the next ones are other meshes near it, the last
+    one is the coarse rest. near: number of chunks that are not coarse. rows: (N,) of the tile's mesh, the vertices of
     the first chunk. own: (N,) bool, those that belong to the part. shown: (V,) bool, the vertices of the scene whose
-    own light is found.
+    own light is computed.
     """
 
     scene: Scene
@@ -52,12 +52,12 @@ class Local(NamedTuple):
 
 
 def tile_mesh(store: Store, tile: int) -> Mesh:
-    """The mesh of a tile that has faces."""
+    """The mesh of a tile with faces."""
     return mesh_from_ply_bytes(store.read(f"{folder_of(tile)}/mesh.ply"))
 
 
 class TileNeighborhood:
-    """A tile, its neighbours near it, and the coarse city without what lies below its horizon.
+    """A tile, its neighbours, and the coarse city without the tiles below its horizon.
 
     mesh: of the tile. coarse: vertices of the coarse city. spacing: distance between stations, scene units.
     """
@@ -86,7 +86,7 @@ class TileNeighborhood:
         self.coarse = sum(len(mesh.vertices) for mesh in self._far)
 
     def parts(self, most: float) -> list[TilePart]:
-        """Those in which the tile is lit where `most` vertices may be at once."""
+        """The parts in which the tile is lit, for at most `most` vertices at once."""
         around = [np.zeros((0, 2), np.float32), *(mesh.vertices[:, [0, 2]] for mesh in self._near)]
         own = self.mesh.vertices[:, [0, 2]]
         return parts_of(own, np.concatenate(around), self._core, NEAR * self.spacing, most)
@@ -119,12 +119,12 @@ def _within(mesh: Mesh, box: Floats) -> Mask:
 
 
 def _part(mesh: Mesh, box: Floats, inside: bool) -> Mesh:
-    """The faces of a Mesh whose middles lie in a box of x and z, or those whose do not."""
+    """The faces of a Mesh whose middles lie in a box of x and z, or the other faces."""
     chosen = _within(mesh, box) == inside
     return mesh if chosen.all() else _of_rows(mesh, np.unique(mesh.faces[chosen]), chosen)
 
 
 def _of_rows(mesh: Mesh, rows: Indices, chosen: Mask) -> Mesh:
-    """The faces of a Mesh that are chosen, (F,) bool, with vertices of some rows (N,), sorted, theirs among them."""
+    """The chosen faces of a Mesh, (F,) bool, with the vertices of rows (N,), sorted, which include theirs."""
     faces = np.searchsorted(rows, mesh.faces[chosen]).astype(np.int32).reshape(-1, 3)
     return Mesh(mesh.vertices[rows], mesh.normals[rows], faces, mesh.colors_srgb[rows])

@@ -1,4 +1,4 @@
-"""What lights a city beside its environment: captured light that stays, and lamps, each where it reaches."""
+"""Light on a city beside its environment: remaining captured light, and lamps within their reach."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -43,7 +43,7 @@ class CityMixture(NamedTuple):
     median: float
 
     def arrays(self) -> dict[str, Any]:
-        """Arrays to keep, of which `from_arrays` makes the same again."""
+        """Arrays to store, from which `from_arrays` restores it."""
         whole = Brightness(1.0, "picture")
         lamps = json.dumps([fields_of(AskedLamp(lamp, whole)) for lamp in self.lamps])
         numbers = np.array([self.captured, self.env_scale, self.level, self.median])
@@ -51,7 +51,7 @@ class CityMixture(NamedTuple):
 
     @classmethod
     def from_arrays(cls, kept: Mapping[str, NDArray[Any]]) -> "CityMixture | None":
-        """That of arrays; None where they hold none."""
+        """The CityMixture from arrays; None without one."""
         if "mixture" not in kept:
             return None
         captured, env_scale, level, median = (float(number) for number in kept["mixture"])
@@ -61,13 +61,13 @@ class CityMixture(NamedTuple):
         return cls(captured, env_scale, level, tuple(lamps), median)
 
     def near(self, low: NDArray[np.float64], high: NDArray[np.float64], tolerance: float) -> "CityMixture":
-        """That of a box: without lamps whose direct light in it is below what a tolerance notices."""
+        """The CityMixture of a box, without lamps whose direct light in it is below the tolerance."""
         least = NEGLIGIBLE * tolerance * self.median
         kept = [lamp for lamp in self.lamps if _brightest_in(lamp, low, high) > least]
         return self._replace(lamps=tuple(kept))
 
     def placed(self, relighter: Relighter, look: Appearance, tolerance: float) -> Placed | None:
-        """What the lamps do on the scene of a Relighter; None without lamps."""
+        """The light of the lamps on the scene of a Relighter; None without lamps."""
         if not self.lamps:
             return None
         light = LampLight(relighter, look, self.lamps, tolerance, self.captured)
@@ -80,7 +80,7 @@ class CityMixture(NamedTuple):
 
 
 def is_mixed(options: LightingOptions, sky: Environment) -> bool:
-    """Whether options ask for light beside that of an environment as it is, or for that of the capture."""
+    """Whether options request light beside an unchanged environment, or captured light."""
     others = bool(options.placed) or options.captured is not None or options.env_scale != 1.0
     return others or isinstance(sky, CapturedLight)
 
@@ -93,7 +93,7 @@ def mixture_of(
     level: float,
     asked: Sequence[Any],
 ) -> CityMixture:
-    """The CityMixture that options ask for beside a light, sizes and brightness told by the coarse city. asked:
+    """The CityMixture that options request beside a light, with sizes and brightness from the coarse city. asked:
     AskedLamps."""
     scale: LampScale = lamp_scale(relighter.scene, look, relighter.occluder)
     matrix: Matrix4 = np.asarray(relighter.scene.scene_from_splat, np.float64)
@@ -104,33 +104,33 @@ def mixture_of(
 
 
 def environment_shading(relighter: Relighter, sky: Environment, colors: Radiance | None) -> Shading:
-    """The scene in the light of an environment alone; black for that of the capture."""
+    """The scene under an environment alone; black for the captured light."""
     if isinstance(sky, CapturedLight):
         return Shading(np.zeros_like(relighter.scene.colors_linear), 0, [], relighter.options.unplanned)
     return relighter.shading(sky, colors)
 
 
 def lamps_asked(options: LightingOptions) -> list[Any]:
-    """The AskedLamps of options. Raises InputError for what cannot be read."""
+    """The AskedLamps of options. Raises InputError for lamps that cannot be read."""
     return asked_lamps(options.placed)
 
 
 def look_of(colors: Radiance | None, captured: Radiance, before: Radiance) -> Appearance:
-    """The Appearance of a part: albedo or None for white, captured colours, and what they received."""
+    """The Appearance of a part: albedo or None for white, captured colours, and captured irradiance."""
     albedo = None if colors is None else np.asarray(colors, np.float32)
     return Appearance(albedo, np.asarray(captured, np.float32), np.asarray(before, np.float32))
 
 
 def tolerance_of(options: LightingOptions) -> float:
-    """The relative error of light that is accepted."""
+    """The accepted relative error of light."""
     return options.tolerance or DEFAULT_TOLERANCE
 
 
 def _brightest_in(lamp: "Lamp", low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
-    """Luminance, at most, that a lamp's direct light makes of white in a box of x and z."""
+    """Upper bound of the luminance of white under a lamp's direct light in a box of x and z."""
     emitters = emitters_of([lamp])
     middle = emitters.middle.astype(np.float64)[:, [0, 2]]
     apart = np.linalg.norm(middle - np.clip(middle, low, high), axis=1) - emitters.reach
-    # Both bounds hold: that of the distance, and what the lamp's own radiance allows next to it.
+    # Both bounds hold: one by the distance, one by the lamp's own radiance next to it.
     far = emitters.power.astype(np.float64) / np.maximum(apart, 1e-9) ** 2
     return float(np.where(apart > 0.0, np.minimum(far, emitters.peak), emitters.peak).sum())

@@ -1,4 +1,4 @@
-"""Tiles in parts: how many vertices are lit at once follows from the memory that a process may take."""
+"""Tiles in parts: the memory limit of a process decides how many vertices are lit at once."""
 
 from typing import NamedTuple
 
@@ -9,24 +9,24 @@ from splat2mesh.tiles.memory import BASE_GB, check_memory
 from splat2mesh.tiles.plan import grown, within_box
 
 GB_PER_LIT, GB_PER_NEAR, GB_PER_SPLAT = 2.8e-6, 1.2e-6, 1.0e-6
-"""Of the peak of a process, what is added by a vertex whose own light is found, by one that stands around them, and by
-a splat of the tile."""
+"""Bytes of a process's peak memory per vertex whose own light is computed, per vertex around them, and per splat of the
+tile."""
 
 USUAL_GB = 4.0
-"""Of a process, by default."""
+"""Default GiB of a process."""
 
 LEAST_VERTICES = 64
-"""Of a part: what has fewer is mostly surroundings."""
+"""Least vertices of a part: a smaller one is mostly surroundings."""
 
 LEAST_SHARE = 1 / 64
 """Least share of the distance within which a part sees its surroundings unsimplified, before it is cut further."""
 
 
 class TilePart(NamedTuple):
-    """A rectangle of a tile that is lit by itself.
+    """A rectangle of a tile that is lit separately.
 
-    core: (2, 2) lowest and highest x and z of the tile. box: (2, 2) of the part. distance: around it within which
-    everything is seen unsimplified.
+    core: (2, 2) lowest and highest x and z of the tile. box: (2, 2) of the part. distance: around it, within which
+    everything is unsimplified.
     """
 
     core: NDArray[np.float64]
@@ -34,20 +34,20 @@ class TilePart(NamedTuple):
     distance: float
 
     def holds(self, places: NDArray) -> NDArray[np.bool_]:
-        """(N,) bool of places of the tile, (N, 2) x and z: those beyond its core belong to the part beside them, so
-        that each is in one part."""
+        """(N,) bool of positions of the tile, (N, 2) x and z. Those beyond its core belong to the part beside them, so
+        each is in exactly one part."""
         low, high = self.core
         return within_box(np.clip(places, low, np.nextafter(high, low)), self.box)
 
     @property
     def grown(self) -> NDArray[np.float64]:
-        """(2, 2) the box with the surroundings that are seen unsimplified."""
+        """(2, 2) the box with its unsimplified surroundings."""
         return grown(self.box, self.distance)
 
 
 def room_for(memory_gb: float | None, splats: int, coarse: int) -> float:
-    """Vertices whose light a process may find at once beside what is always there: splats of a tile, and the coarse
-    city. Raises InputError for a memory that these alone fill."""
+    """Vertices whose light a process can compute at once, beside the splats of a tile and the coarse city. Raises
+    InputError for a memory that those alone fill."""
     memory_gb = USUAL_GB if memory_gb is None else memory_gb
     taken = BASE_GB + splats * GB_PER_SPLAT + coarse * GB_PER_NEAR
     check_memory(memory_gb, taken + LEAST_VERTICES * GB_PER_LIT)
@@ -56,14 +56,14 @@ def room_for(memory_gb: float | None, splats: int, coarse: int) -> float:
 
 def parts_of(
     own: NDArray,  # (V, 2) x and z of a tile's vertices
-    around: NDArray,  # (W, 2) of those of its neighbours that lie near it
+    around: NDArray,  # (W, 2) of the vertices of neighbours near it
     core: NDArray,  # (2, 2) lowest and highest x and z
-    distance: float,  # around it within which it sees all unsimplified
+    distance: float,  # around it, within which everything is unsimplified
     most: float,  # vertices, of `room_for`
 ) -> list[TilePart]:
     """The parts of a tile. Cuts go across the longer side, at half of the vertices.
 
-    Where a part is no wider than what it sees around it, and all that is still too much, that distance is halved.
+    If a part is no wider than its surroundings and still exceeds the limit, the distance is halved.
     """
     core = np.asarray(core, np.float64)
     whole = TilePart(core, core, distance)

@@ -1,5 +1,5 @@
-"""What all tiles of a relit city share, in one file that a process reads once: the lights, the exposure, and the whole
-city, coarse."""
+"""Data that all tiles of a relit city share, in one file that a process reads once: the lights, the exposure, and the
+whole city, coarse."""
 
 from functools import lru_cache
 from hashlib import sha256
@@ -23,16 +23,16 @@ from .background import Background
 from .mixture import CityMixture
 
 SKY, LIGHT = "sky.npz", "light.npz"
-"""Of a relit city's folder: the new light; and all that tiles share, the same for all of them."""
+"""Files of a relit city's folder: the new light, and the data that all tiles share."""
 
 
 class Shared(NamedTuple):
-    """What every task knows. T tiles.
+    """The data that every task reads. T tiles.
 
     cores: (T, 2, 2) lowest and highest x and z. coarse: their coarse meshes, None where a tile has no surface. sky:
-    the new light. capture: that of the capture, or None where none was told. prior: of the albedo, with `capture`.
-    usual: change of light of the coarse city. background: of what belongs to no tile, None where all does or no splats
-    are written. mixture: what lights it beside the new light, or None.
+    the new light. capture: the captured light, or None without an estimate. prior: of the albedo, with `capture`.
+    usual: change of light of the coarse city. background: outside all tiles, None without one or if no splats are
+    written. mixture: light beside the new light, or None.
     """
 
     scene_from_splat: NDArray[np.float64]
@@ -48,8 +48,7 @@ class Shared(NamedTuple):
 
     @property
     def sky_exposure(self) -> float:
-        """Display value per unit of the new light, as it is seen itself; of that of the capture, what it is multiplied
-        by."""
+        """Display value per unit of the new light itself; for the captured light, the factor on it."""
         if self.mixture is None:
             return self.exposure
         alone = isinstance(self.sky, CapturedLight)
@@ -57,7 +56,7 @@ class Shared(NamedTuple):
 
     @classmethod
     def read(cls, store: Store, folder: str, key: str) -> "Shared":
-        """What a folder holds; key: its checksum, by which a process that has read it once knows it again."""
+        """The content of a folder. key: its checksum, by which a process recognises content that it has read."""
         return _read_shared(store.root, folder, key)
 
 
@@ -67,7 +66,7 @@ def city_of(store: Store) -> dict[str, Any]:
 
 
 def coarse_city(store: Store, sky: Environment) -> Shared:
-    """A city under a new light, before anything is told of that of its capture."""
+    """A city under a new light, before the estimate of its captured light."""
     city = city_of(store)
     entries = city["tiles"]
     return Shared(
@@ -79,7 +78,7 @@ def coarse_city(store: Store, sky: Environment) -> Shared:
 
 
 def _distant(store: Store, entry: dict[str, Any]) -> Mesh:
-    """What all the city holds of a tile."""
+    """The entry of a tile in the shared data."""
     far, distant = (f"{entry['name']}/{twin}" for twin in (FAR, DISTANT))
     return mesh_from_ply_bytes(store.read(distant if distant in entry["files"] else far))
 
@@ -106,7 +105,7 @@ def joined_meshes(meshes: list[Mesh]) -> list[Mesh]:
 
 
 def write_sky(store: Store, folder: str, sky: Environment) -> None:
-    """Keep the new light for the tasks."""
+    """Store the new light for the tasks."""
     store.write_arrays(f"{folder}/{SKY}", **_sky_arrays(sky))
 
 
@@ -116,7 +115,7 @@ def read_sky(store: Store, folder: str) -> Environment:
 
 
 def write_shared(store: Store, folder: str, shared: Shared) -> str:
-    """Keep a Shared; returns its key."""
+    """Store a Shared; return its key."""
     full = [mesh for mesh in shared.coarse if mesh is not None]
     arrays: dict[str, Any] = {name: getattr(shared, name) for name in ("scene_from_splat", "cores", "exposure")}
     arrays |= _sky_arrays(shared.sky)

@@ -2,7 +2,7 @@
 
 sog/lod-meta.json        the tree: where each level of each leaf lies
 sog/0_00003/meta.json    level 0, all splats of tile 3, beside its images; levels 1 and more are ever fewer
-sog/env/meta.json        what belongs to no tile: sky and far distance
+sog/env/meta.json        the background outside all tiles: sky and far distance
 """
 
 from typing import Any
@@ -18,17 +18,17 @@ from splat2mesh.splats.merging import merged
 from splat2mesh.splats.splats import Splats
 
 LOD_LEVELS = 5
-"""Of detail: each has a quarter of the splats of the one before, so the last has one for 256."""
+"""Levels of detail. Each has a quarter of the splats of the one before, so the last has one for 256."""
 
 LEAF = 32_768
-"""Splats of a leaf at most: a viewer chooses the level leaf by leaf."""
+"""Most splats of a leaf: a viewer chooses the level leaf by leaf."""
 
 FOLDER = "sog"
 
 
 def tile_levels(splats: Splats, tile: int) -> tuple[dict[str, bytes], list[dict[str, Any]]]:
-    """The levels of a tile's splats: files by name within the city's folder, and its leaves as the tree has them, with
-    the name of the tile's file of a level in place of its number."""
+    """The levels of a tile's splats: files by name within the city's folder, and its leaves in the form of the tree,
+    with the name of the tile's file for a level instead of its number."""
     leaves = [splats.take(rows).in_spatial_order() for rows in _parts(splats.means)]
     nodes: list[dict[str, Any]] = [{"bound": _bound(leaf), "lods": {}} for leaf in leaves]
     files: dict[str, bytes] = {}
@@ -102,7 +102,7 @@ def _tree(leaves: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def environment_files(splats: Splats) -> dict[str, bytes]:
-    """The files of what belongs to no tile."""
+    """The files of the background outside all tiles."""
     return {f"{FOLDER}/env/{name}": data for name, data in sog_files(splats, f"{FOLDER}/env").items()}
 
 

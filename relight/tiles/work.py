@@ -1,4 +1,4 @@
-"""What workers do for a relit city: one light for all tiles, found on the coarse city; then tile by tile."""
+"""The tasks of workers for a relit city: first one light for all tiles, from the coarse city; then tile by tile."""
 
 import io
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from ..engine.relighter import Relighter
 
 DIAGONAL = 10.0
-"""Of what counts as the scene of a tile's splats, in distances between stations, whatever the size of tile and part: it
-tells how far from the mesh a splat takes its light."""
+"""Size of the scene of a tile's splats, in distances between stations, for any size of tile and part. It decides how
+far from the mesh a splat takes its light."""
 
 
 def common_light(
@@ -46,7 +46,7 @@ def common_light(
     ev: float | None,
     far: list[int],  # pieces whose far background is to be lit
 ) -> dict[str, Any]:
-    """Tell the light of the capture and the exposure from the coarse city: FOLDER/light.npz; what it is like."""
+    """Estimate the captured light and the exposure from the coarse city, write FOLDER/light.npz, and return facts."""
     from ..albedo import estimate
     from ..albedo.samples import vertex_areas
     from ..engine.exposure import exposure_as_captured, level_of
@@ -97,7 +97,7 @@ def common_light(
 
 
 class TileRequest(NamedTuple):
-    """What is wanted of every tile. albedo: of `city.ALBEDOS`. memory: GiB of a process, or None. spacing: distance
+    """The request for every tile. albedo: of `city.ALBEDOS`. memory: GiB of a process, or None. spacing: distance
     between stations, scene units."""
 
     options: LightingOptions
@@ -110,10 +110,10 @@ class TileRequest(NamedTuple):
 def relit_tile(
     store: Store,
     folder: str,
-    key: str,  # of what all tiles share
+    key: str,  # of the shared data
     request: TileRequest,
     tile: int,
-    sources: list[int],  # pieces that hold splats of it
+    sources: list[int],  # pieces with splats of the tile
 ) -> dict[str, Any]:
     """Light one tile: files of `formats` in FOLDER/tiles/TILE and FOLDER/sog, and their record, which is returned."""
     shared = Shared.read(store, folder, key)
@@ -189,7 +189,7 @@ def _lit_part(
         placed = mixture.placed(relighter, look, tolerance_of(request.options))
     plan = None if isinstance(shared.sky, CapturedLight) else relighter.plan_for(shared.sky, colors)
     if plan is not None:
-        relighter.precomputed.forget(plan.settings)  # what was of use for the light of the capture alone
+        relighter.precomputed.forget(plan.settings)  # used for the captured light alone
     shading = environment_shading(relighter, shared.sky, colors)
     del relighter, plan  # which hold all that was traced
     give_back()
@@ -209,21 +209,21 @@ def _lit_part(
 
 
 def _places(splats: Splats, shared: Shared) -> Floats:
-    """x and z of splats in the scene frame, (N, 2); 0 for what is not finite."""
+    """x and z of splats in the scene frame, (N, 2); 0 for non-finite splats."""
     matrix = shared.scene_from_splat
     with np.errstate(invalid="ignore", over="ignore"):
         return np.nan_to_num(splats.means @ matrix[[0, 2], :3].T + matrix[[0, 2], 3])
 
 
 def _irradiance(radiance: Radiance, colors: Radiance | None) -> Radiance:
-    """Irradiance (V, 3) that surfaces of an albedo (V, 3), white for None, send on as radiance."""
+    """Irradiance (V, 3) for an exit radiance of surfaces with albedo (V, 3), white for None."""
     return radiance if colors is None else radiance / np.maximum(colors, np.float32(LEAST_ALBEDO))
 
 
 def _albedo(
     relighter: "Relighter", captured: Radiance, shared: Shared, choice: str, seed: int
 ) -> tuple[Radiance | None, Radiance]:
-    """Albedo (V, 3) or None for white, and what was received on the capture day, (V, 3)."""
+    """Albedo (V, 3) or None for white, and the captured irradiance, (V, 3)."""
     from ..albedo.estimate import under_light
 
     if choice == "white":
@@ -243,8 +243,8 @@ def _source_splats(store: Store, tile: int, sources: list[int]) -> Splats | None
 def _relit_sh(
     splats: Splats, local: Local, before: Radiance, after: Radiance, shared: Shared, spacing: float
 ) -> Floats:
-    """Colours of splats that take the change of light of the mesh near them, with what is usual in the whole city and
-    without a fit in views, which borders would show."""
+    """Colours of splats under the change of light of the mesh near them. The typical change is that of the whole city,
+    and no fit in views takes place, since it would show at borders."""
     from splat2mesh.scene.scene import Scene
 
     from ..splats.binding import Binding

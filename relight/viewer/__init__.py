@@ -38,7 +38,7 @@ def view(
     panel: bool = False,  # whether the panel is in the screenshot
     **wishes: Any,
 ) -> Any:
-    """Open the session. Returns when it is closed; in a notebook at once, with what shows it.
+    """Open the session and return when it is closed. In a notebook, return a widget at once.
 
     wishes: fields of SessionRequest, such as albedos and exposure, and of LightingOptions, such as tolerance, side by
     side. With `screenshot` no window opens: the picture is written when its light is complete. Raises InputError for
@@ -55,7 +55,7 @@ def view(
     load_pyvista(off_screen)
     session = Session(SessionRequest.of(scene, environment, options, **wishes))
     if screenshot and not panel:
-        session.change(panel=False)  # which leaves the whole of the picture to the scene
+        session.change(panel=False)  # leaves the whole picture to the scene
     try:
         window = Window(session, size or SIZE, off_screen)
         if notebook:
@@ -81,7 +81,7 @@ def serve(
     options: LightingOptions | str | None = None,
     *,
     port: int = 0,  # any free one
-    announce: Callable[[str], None] = lambda url: None,  # told the address, with its token, once it can be opened
+    announce: Callable[[str], None] = lambda url: None,  # receives the address, with its token, once it can be opened
     size: tuple[int, int] | None = None,
     **wishes: Any,
 ) -> None:

@@ -14,7 +14,7 @@ class LightWorker(Protocol):
     """The interface that answers the wishes of a session: `worker.ProcessWorker`, or another implementation."""
 
     def submit(self, wish: LightWish) -> None:
-        """Ask for the newest wish; what an older one still needs is dropped."""
+        """Request the newest wish; unfinished work of an older one is dropped."""
 
     def poll(self) -> list[tuple[Any, ...]]:
         """Messages since the last call."""
@@ -24,7 +24,7 @@ class LightWorker(Protocol):
 
 
 class Answers(ABC):
-    """The wishes of a session and what came of them. A Session says what its wish is.
+    """The wishes of a session and their results. A Session defines its wish.
 
     progress: (label, fraction or None) of the work under way, or None. message: the text to show, or "".
     """
@@ -141,7 +141,7 @@ class Answers(ABC):
     def _ask(self) -> None:
         wish = self.wish
         if wish != self._asked:
-            self._asked, self._answered = wish, None  # an older answer to the same wish says nothing of what comes now
+            self._asked, self._answered = wish, None  # an older answer to the same wish does not apply to the new one
             self._worker.submit(wish)
 
     def _take_progress(self, label: str, fraction: float | None) -> None:
@@ -151,7 +151,7 @@ class Answers(ABC):
         if kind == "bounced":
             payload = np.ascontiguousarray(np.moveaxis(payload, 2, 0))  # a colour's coefficients beside each other
         self._found[kind] = key, payload
-        self._answered = None  # what follows an answer belongs to another wish
+        self._answered = None  # messages after an answer belong to another wish
         if kind == "light" and payload.warning:
             self.message = payload.warning
 

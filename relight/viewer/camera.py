@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 HIGHEST_DEG = 89.0
-"""Elevation at which looking down stops: straight down has no upright."""
+"""Largest elevation: a view straight down has no upright direction."""
 
 ORBIT_DEG = 180.0  # of a drag across the height of the window
 WHEEL = 1.12  # factor of distance for one step
@@ -72,10 +72,10 @@ class Orbit:
         return self.eye, way / np.linalg.norm(way)
 
     def in_window(self, aspect: float, bars: tuple[float, float] = (0.0, 0.0), within: bool = False) -> "Orbit":
-        """The same view in a window of which a part is free: there all of a picture of PICTURE_ASPECT is seen.
+        """The same view in a partly covered window, whose free part shows a whole picture of PICTURE_ASPECT.
 
         aspect: of the window, width over height. bars: shares of its height that are covered above and below. within:
-        whether the eye stands in the scene; it stays there, and sees a wider angle. Else it goes farther away.
+        whether the eye is inside the scene: then it stays there with a wider angle. Otherwise it moves back.
         """
         top, bottom = bars
         free = 1.0 - top - bottom

@@ -1,7 +1,7 @@
 """Rectangles and texts over a VTK scene, in units that grow with the window.
 
-Two kinds of VTK actors draw them, one for all rectangles and one for each text, so that they look and work the same in
-a window, off screen and in a browser.
+Two kinds of VTK actors draw them, one for all rectangles and one for each text. They look and work the same in a
+window, off screen and in a browser.
 """
 
 from typing import Any
@@ -58,14 +58,14 @@ class Canvas:
         self.clear(1.0)
 
     def hide(self) -> None:
-        """Show nothing of it, until `show` is called again."""
+        """Hide it until `show` is called again."""
         self._shapes.VisibilityOff()
         for actor, _ in self._texts:
             actor.VisibilityOff()
         self._drawn = None
 
     def clear(self, scale: float) -> None:
-        """Begin again with units of so many pixels."""
+        """Restart with a unit of this many pixels."""
         self._rectangles, self._written, self.scale = [], [], scale
 
     def rectangle(self, left: float, base: float, width: float, height: float, color: tuple[int, ...]) -> None:
@@ -92,9 +92,9 @@ class Canvas:
         return string
 
     def show(self) -> bool:
-        """Hand rectangles and texts to VTK; returns whether they differ from what is shown.
+        """Pass rectangles and texts to VTK; return whether they changed.
 
-        Texts keep their actors, which draw themselves again when they change.
+        Texts keep their actors, which redraw themselves on a change.
         """
         drawing = self._rectangles, self._written
         if drawing == self._drawn:

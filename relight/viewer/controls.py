@@ -24,7 +24,7 @@ CAPTURED_STEP = 0.1
 
 
 class Hands(Protocol):
-    """A `mouse.Mouse`: what keys share with it."""
+    """A `mouse.Mouse`: the state that keys share with it."""
 
     @property
     def lamps(self) -> "LampTool": ...
@@ -56,7 +56,7 @@ class Control(NamedTuple):
 
     chip: of a Session, the text of a button that does the same, or None without one. row: where the button stands,
     "modes" or "choices". lit: of a Session, 1 where the button is shown as switched on, 0.5 where that has no effect.
-    there: of a Session, whether there is anything to control; without it neither button nor help are shown.
+    there: of a Session, whether there is anything to control; otherwise button and help are hidden.
     """
 
     key: str
@@ -243,5 +243,5 @@ _KEY_NAMES = {
 
 
 def key_name(control: Control) -> str:
-    """A key as it is written on a keyboard."""
+    """The label of a key on a keyboard."""
     return _KEY_NAMES.get(control.key, control.key)

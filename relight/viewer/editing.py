@@ -1,4 +1,4 @@
-"""Changing the lamps of a session: what Python calls, and the window for its keys."""
+"""Changing the lamps of a session, for Python and for the keys of the window."""
 
 import os
 from collections.abc import Hashable, Sequence
@@ -42,11 +42,11 @@ class LampEditing:
 
     @property
     def lamps_now(self) -> BoardState:
-        """The lamps that are there, with their numbers, and the factor on the captured light."""
+        """The present lamps, with their numbers, and the factor on the captured light."""
         return self._board.state
 
     def add_lamp(self, lamp: Any) -> int:
-        """Put a lamp in, and select it.
+        """Add a lamp and select it.
 
         Parameters
         ----------
@@ -61,7 +61,7 @@ class LampEditing:
         Raises
         ------
         InputError
-            For what is no lamp, for several, and in a session whose lamps cannot be changed.
+            For anything but one lamp, and in a session whose lamps cannot be changed.
         """
         found = asked_lamps([lamp])
         if len(found) != 1:
@@ -71,7 +71,7 @@ class LampEditing:
         return number
 
     def move_lamp(self, number: int, position: Sequence[float], merge: Hashable = None) -> None:
-        """Put the middle of a lamp at a position (3,). merge: moves in a row that share it are undone as one."""
+        """Move the middle of a lamp to a position (3,). merge: successive moves that share it are undone as one."""
         x, y, z = position
         self._board.move(number, (x, y, z), merge)
         self._edited()
@@ -86,7 +86,7 @@ class LampEditing:
         stops: float = 0.0,  # by which it gets brighter
         merge: Hashable = None,
     ) -> None:
-        """Change colour, brightness or name of a lamp. Raises InputError for what makes no sense."""
+        """Change colour, brightness or name of a lamp. Raises InputError for invalid values."""
         given = {"color": color, "brightness": brightness, "name": name}
         asked = self._board.asked(number)
         given = {field: value for field, value in given.items() if value is not None}
@@ -95,7 +95,7 @@ class LampEditing:
         self._edited()
 
     def remove_lamp(self, number: int) -> None:
-        """Take a lamp away."""
+        """Remove a lamp."""
         self._board.remove(number)
         self._edited()
 
@@ -110,24 +110,24 @@ class LampEditing:
         self._edited()
 
     def undo(self) -> bool:
-        """Take the last change of lamps, captured light or objects back; whether there was one."""
+        """Undo the last change of lamps, captured light or objects; return whether there was one."""
         done = self._kept.undo()
         self._edited()
         return done
 
     def redo(self) -> bool:
-        """Do it again; whether there was one."""
+        """Redo it; return whether there was one."""
         done = self._kept.redo()
         self._edited()
         return done
 
     def reset_lamps(self) -> None:
-        """All lamps and the captured light as at the start, as one change."""
+        """Reset all lamps and the captured light, as one change."""
         self._board.reset()
         self._edited()
 
     def lamp_ev(self) -> float:
-        """Brightness of the selected lamp in EV: at 0 it is as bright at 1 m as the captured light; dark is -40."""
+        """Brightness of the selected lamp in EV: 0 equals the captured light at 1 m; dark is -40."""
         board, bench = self._board, self.bench
         if bench is None or board.selected is None:
             return 0.0
@@ -139,7 +139,7 @@ class LampEditing:
         return float(np.log2(max(bright, 2.0**-LARGEST_EV)))
 
     def set_lamp_ev(self, value: float) -> None:
-        """Set it; in a row undone as one."""
+        """Set it; successive changes are undone as one."""
         number = self._board.selected
         if number is not None:
             self.change_lamp(number, brightness=f"{value:.2f}EV", merge=("brightness", number))
@@ -174,11 +174,11 @@ class LampEditing:
         return self.board
 
     def _edited(self) -> None:
-        """What is to be done after a change."""
+        """The work after a change."""
 
 
 def bulb_at(position: Vector) -> AskedLamp:
-    """The lamp that a click puts in: a warm bulb, as bright as `--lamp x,y,z`."""
+    """The lamp that a click adds: a warm bulb, as bright as `--lamp x,y,z`."""
     return asked_lamps([",".join(repr(float(each)) for each in position)])[0]
 
 

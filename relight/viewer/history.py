@@ -1,11 +1,11 @@
-"""What can be undone in a session: the states of lamps and objects, and their order. Knows no window."""
+"""Undo for a session: the states of lamps and objects, and their order. Independent of the window."""
 
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
 
 MOST_CHANGES = 1000
-"""Changes of a kind that are kept to be undone."""
+"""Largest number of changes of a kind that can be undone."""
 
 State = TypeVar("State")
 
@@ -19,22 +19,22 @@ class Timeline:
 
     @property
     def kept(self) -> bool:
-        """Whether there is anything whose changes are kept."""
+        """Whether any history is kept."""
         return bool(self._histories)
 
     def undo(self) -> bool:
-        """Take the last change back; whether there was one."""
+        """Undo the last change; return whether there was one."""
         last = max((each.done for each in self._histories), default=0)
         return self._step([each for each in self._histories if each.done == last > 0], -1)
 
     def redo(self) -> bool:
-        """Do the change again that was taken back last; whether there was one."""
+        """Redo the change that was undone last; return whether there was one."""
         first = min((each.undone for each in self._histories if each.redoable), default=0)
         return self._step([each for each in self._histories if each.redoable and each.undone == first], 1)
 
     @contextmanager
     def together(self) -> Iterator[None]:
-        """What changes inside is undone as one."""
+        """All changes inside are undone as one."""
         self._number += 1
         self._together = True
         try:
@@ -43,11 +43,11 @@ class Timeline:
             self._together = False
 
     def joined(self, history: "History[Any]") -> None:
-        """Keep the changes of one more history."""
+        """Add a history."""
         self._histories.append(history)
 
     def next_number(self, changed: "History[Any]") -> int:
-        """The number of a new change, after which nothing can be done again that was taken back."""
+        """The number of a new change, which ends the possibility to redo earlier ones."""
         self._number += not self._together
         for each in self._histories:
             each.forget_undone()
@@ -64,7 +64,7 @@ class Timeline:
 
 
 class History(Generic[State]):
-    """The states that something had, of which one is present."""
+    """The states of something, one of which is present."""
 
     def __init__(self, start: State, timeline: Timeline) -> None:
         self._states, self._numbers, self._at = [start], [0], 0
@@ -84,7 +84,7 @@ class History(Generic[State]):
 
     @property
     def redoable(self) -> int:
-        """How many changes can be done again."""
+        """How many changes can be redone."""
         return len(self._states) - 1 - self._at
 
     @property
@@ -94,11 +94,11 @@ class History(Generic[State]):
 
     @property
     def undone(self) -> int:
-        """The number of the change that would be done again."""
+        """The number of the change that a redo would apply."""
         return self._numbers[self._at + 1]
 
     def to(self, state: State, merge: Hashable = None) -> None:
-        """Change to a state. merge: changes in a row that share it are undone as one."""
+        """Change to a state. merge: successive changes that share it are undone as one."""
         number = self._timeline.next_number(self)
         if merge is not None and merge == self._merging:
             self._states[self._at], self._numbers[self._at] = state, number
@@ -109,16 +109,16 @@ class History(Generic[State]):
         self._at, self._merging = len(self._states) - 1, merge
 
     def step(self, by: int) -> bool:
-        """Go so many states on; whether there are as many."""
+        """Move by a number of states; return whether they exist."""
         self._merging = None
         there = 0 <= self._at + by < len(self._states)
         self._at += by if there else 0
         return there
 
     def end_merge(self) -> None:
-        """What follows is a change of its own."""
+        """Make the next change separate."""
         self._merging = None
 
     def forget_undone(self) -> None:
-        """Let go of what could be done again."""
+        """Drop the changes that could be redone."""
         del self._states[self._at + 1 :], self._numbers[self._at + 1 :]

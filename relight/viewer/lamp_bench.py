@@ -34,7 +34,7 @@ MOST_ALONE = 32
 MOST_GLIMPSES = 4
 
 SPARE = 8
-"""Terms that are kept beside those of the present lamps, for undo: 3.6 MB each for 100,000 vertices."""
+"""Terms kept for undo beside those of the present lamps: 3.6 MB each for 100,000 vertices."""
 
 DARK = "the lamps light nothing: they are inside a wall, outside, or face away"
 
@@ -43,7 +43,7 @@ Value = TypeVar("Value")
 
 
 class LampTerm(NamedTuple):
-    """The light of a lamp, as if it were white: (V, 3) float32.
+    """The light of a lamp in white: (V, 3) float32.
 
     direct: on the white scene. radiance, received: contribution of bounces to exit radiance and irradiance over pi;
     None until computed. axis: (3,), intensity on its main axis, to which all is proportional.
@@ -93,7 +93,7 @@ class LampBench:
 
     @property
     def failure(self) -> str:
-        """Why the light of the present lamps cannot be found, or ""."""
+        """Why the light of the present lamps cannot be computed, or ""."""
         return self._failed[1] if self._failed is not None and self._failed[0] == self.board.state else ""
 
     @property
@@ -102,12 +102,13 @@ class LampBench:
         return self.failure or (DARK if self.board.state in self._dark else "")
 
     def prepare(self) -> None:
-        """Begin with what takes long, in the thread."""
+        """Start the long work, in the thread."""
         if not self.ready and self._running is None:
             self._running = self.board.state, self._thread.submit(self._prepared)
 
     def poll(self, rests: bool) -> bool:
-        """Take in what the thread has found, and give it work if the hand rests; whether the light may differ."""
+        """Collect the results of the thread, and give it work if the input rests; return whether the light may
+        differ."""
         self._wanted = self.board.state
         changed = False
         if self._running is not None and self._running[1].done():
@@ -143,7 +144,7 @@ class LampBench:
         return self._mixture
 
     def close(self) -> None:
-        """Ask for nothing any more."""
+        """Stop all requests."""
         self._wanted = BoardState((), -1.0)
         self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -209,7 +210,7 @@ class LampBench:
         return [[lamp] for lamp in state.lamps if lamp not in untouched] + ([rest] if rest else [])
 
     def _missing(self) -> bool:
-        """Whether the term of a lamp that shines is not there; once for each state and all that came in since."""
+        """Whether the term of a shining lamp is missing; evaluated once per state and its results since."""
         if self._looked == (self.board.state, self._news):
             return False
         self._looked = self.board.state, self._news
@@ -223,7 +224,7 @@ class LampBench:
         present = self._groups(self.board.state)
         for each in map(_key, present):
             if each in self._terms:
-                self._terms[each] = self._terms.pop(each)  # the oldest go first
+                self._terms[each] = self._terms.pop(each)  # drops the oldest first
         _keep(self._terms, _key(lamps), term, len(present) + SPARE)
         if term.radiance is not None:
             _keep(self._bounced, lamps[0].number, term, 2 * MOST_ALONE)
@@ -255,7 +256,7 @@ class LampBench:
         return check
 
     def _work(self, state: BoardState) -> None:
-        """Find the light of a state, from what it is made of to the whole; ends early where another is wanted."""
+        """Compute the light of a state, from its terms to the whole; ends early if another is wanted."""
         check = self._check(state)
         self._prepared()
         check()
@@ -287,7 +288,7 @@ class LampBench:
         self._events.put(("finished", state, (self.source.mixture(state.captured, placed), dark)))
 
     def _trace(self, state: BoardState, check: Callable[..., None]) -> None:
-        """Find the terms that are missing: of each direct light first."""
+        """Compute the missing terms, direct light first."""
         for lamps in self._groups(state):
             axis = self._axis(lamps, white=True)
             if self._known(lamps) or not axis.any():
@@ -334,7 +335,7 @@ def _share(wanted: NDArray[np.float64], given: NDArray[np.float64]) -> Light:
 
 
 def _keep(kept: dict[Any, Value], key: Any, value: Value, most: int) -> None:
-    """Keep a value as the newest; the oldest go."""
+    """Keep a value as the newest; drop the oldest."""
     kept.pop(key, None)
     kept[key] = value
     while len(kept) > most:

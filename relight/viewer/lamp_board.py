@@ -1,4 +1,4 @@
-"""What a person has made of the lamps of a session, with every change kept for undo and redo. Knows no window."""
+"""The user's changes to the lamps of a session, with undo and redo. Independent of the window."""
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ MOST_CAPTURED = 10.0
 
 
 class BoardLamp(NamedTuple):
-    """A lamp of a session. number: its own for as long as the session lasts. asked: in the frame of the splat."""
+    """A lamp of a session. number: unique within the session. asked: in the frame of the splat."""
 
     number: int
     asked: AskedLamp
@@ -36,7 +36,7 @@ class BoardState:
 
 
 class LampBoard:
-    """The lamps of a session, and what has been done to them.
+    """The lamps of a session and the changes to them.
 
     state: the present BoardState. start: the first one. selected: the number of the lamp that keys act on, or None.
     """
@@ -52,18 +52,18 @@ class LampBoard:
 
     @property
     def state(self) -> BoardState:
-        """The present state; never changed itself."""
+        """The present state, immutable."""
         return self._history.present
 
     @property
     def selected(self) -> int | None:
-        """The number of the lamp that is chosen, or None."""
+        """The number of the selected lamp, or None."""
         number = self._selected
         return number if number is not None and self.state.of(number) is not None else None
 
     @property
     def unsaved(self) -> bool:
-        """Whether the lamps differ from those that were there at the start, or saved last."""
+        """Whether the lamps differ from those at the start, or those saved last."""
         return self.state.lamps != self._saved.lamps
 
     @property
@@ -73,17 +73,17 @@ class LampBoard:
 
     @property
     def redoable(self) -> int:
-        """How many changes can be done again."""
+        """How many changes can be redone."""
         return self._history.redoable
 
     def select(self, number: int | None) -> None:
-        """Choose a lamp, or none. Raises InputError for one that is not there."""
+        """Select a lamp, or none. Raises InputError for an unknown number."""
         if number is not None:
             self.asked(number)
         self._selected = number
 
     def asked(self, number: int) -> AskedLamp:
-        """The lamp of a number. Raises InputError where there is none."""
+        """The lamp of a number. Raises InputError for an unknown number."""
         found = self.state.of(number)
         if found is None:
             numbers = ", ".join(str(lamp.number) for lamp in self.state.lamps) or "none is there"
@@ -91,7 +91,7 @@ class LampBoard:
         return found
 
     def add(self, asked: AskedLamp) -> int:
-        """Put a lamp in, and select it; returns its number."""
+        """Add a lamp and select it; return its number."""
         number = self._next
         self._next += 1
         self._history.to(replace(self.state, lamps=(*self.state.lamps, BoardLamp(number, asked))))
@@ -99,13 +99,13 @@ class LampBoard:
         return number
 
     def change(self, number: int, asked: AskedLamp, merge: Hashable = None) -> None:
-        """Put another lamp in the place of one. merge: changes in a row that share it are undone as one."""
+        """Replace a lamp. merge: successive changes that share it are undone as one."""
         if asked is not self.asked(number):
             lamps = (lamp if lamp.number != number else BoardLamp(number, asked) for lamp in self.state.lamps)
             self._history.to(replace(self.state, lamps=tuple(lamps)), merge)
 
     def move(self, number: int, position: Vector, merge: Hashable = None) -> None:
-        """Put the place of a lamp, as of `place_of`, at a position."""
+        """Move the `place_of` a lamp to a position."""
         asked = self.asked(number)
         offset = np.subtract(checked_vector("position", position), place_of(asked))
         if offset.any():
@@ -113,12 +113,12 @@ class LampBoard:
             self.change(number, replace(asked, shape=moved(asked.shape, (x, y, z))), merge)
 
     def remove(self, number: int) -> None:
-        """Take a lamp away."""
+        """Remove a lamp."""
         self.asked(number)
         self._history.to(replace(self.state, lamps=tuple(lamp for lamp in self.state.lamps if lamp.number != number)))
 
     def dim(self, captured: float, merge: Hashable = None) -> None:
-        """Set the factor on the captured light, from 0 to `MOST_CAPTURED`. Raises InputError for no number."""
+        """Set the factor on the captured light, from 0 to `MOST_CAPTURED`. Raises InputError for a non-finite one."""
         if not np.isfinite(captured):
             raise InputError(f"captured must be a finite number, found {captured}")
         captured = float(min(max(captured, 0.0), MOST_CAPTURED))
@@ -126,29 +126,29 @@ class LampBoard:
             self._history.to(replace(self.state, captured=captured), merge)
 
     def reset(self) -> None:
-        """Everything as at the start; a change as others."""
+        """Reset everything, as a change like others."""
         if self.state != self.start:
             self._history.to(self.start)
 
     def undo(self) -> bool:
-        """Take the last change back, of lamps or of what shares the timeline; whether there was one."""
+        """Undo the last change of lamps, or of others on the timeline; return whether there was one."""
         return self._timeline.undo()
 
     def redo(self) -> bool:
-        """Do the change again that was taken back last; whether there was one."""
+        """Redo the change that was undone last; return whether there was one."""
         return self._timeline.redo()
 
     def end_merge(self) -> None:
-        """What follows is a change of its own."""
+        """Make the next change separate."""
         self._history.end_merge()
 
     def saved(self) -> None:
-        """The present lamps have been saved."""
+        """Record that the present lamps are saved."""
         self._saved = self.state
 
 
 def place_of(asked: AskedLamp) -> Vector:
-    """Where a lamp is, in the frame of the splat: its middle, or the middle of a tube or mesh."""
+    """Position of a lamp in the frame of the splat: its middle, or the middle of a tube or mesh."""
     match asked.shape:
         case MeshLamp(vertices=vertices):
             place = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0

@@ -29,7 +29,7 @@ class LampTracer(Protocol):
         """Direct light on the white scene, (V, 3), at once."""
 
     def draft(self, advance: Callable[[int], None] = ...) -> NDArray[np.float32]:
-        """The same by more rays, which no plan has chosen."""
+        """The same with more rays, without a plan."""
 
     def direct_of(self, *lamps: int, advance: Callable[[int], None] = ...) -> NDArray[np.float32]:
         """Direct light of some of them on the white scene, (V, 3)."""
@@ -45,10 +45,10 @@ class LampSource(NamedTuple):
     """A scene whose lamps can be changed.
 
     asked, captured: the lamps at the start, in the frame of the splat, and the factor on the captured light. mixes:
-    whether anything is beside the environment at the start. prepare: does what takes long, once. light_of: the
+    whether there is light beside the environment at the start. prepare: the long work, done once. light_of: the
     LampTracer of lamps beside a factor on the captured light. mixture: the SessionMixture of a factor on the captured
-    light and LampParts, or None for no lamps. scale: the LampScale. first_hits: what rays (N, 6) in the frame of the
-    scene meet; distances in lengths of their directions. command: how to relight by the lamps that are saved.
+    light and LampParts, or None for no lamps. scale: the LampScale. first_hits: the hits of rays (N, 6) in the frame of
+    the scene; distances in lengths of their directions. command: the command that relights with the saved lamps.
     """
 
     asked: Sequence[AskedLamp]

@@ -1,4 +1,4 @@
-"""The hand on the lamps: where a click puts one, how a drag moves one, and the marks by which they are seen."""
+"""Lamps under the mouse: where a click adds one, how a drag moves one, and the marks that show them."""
 
 import math
 from collections.abc import Callable
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from .window_view import WindowView
 
 OFF_M = 0.3
-"""Metres that a new lamp stands off the surface; where less than twice that is free, half of what is."""
+"""Distance of a new lamp from the surface in metres; half of the free distance if that is less than twice this."""
 
 AROUND = 256
-"""Directions in which the surface that a lamp stands off is looked for."""
+"""Directions of the search for the surface near a lamp."""
 
 COLORS = *TEMPERATURES, "red", "orange", "yellow", "green", "cyan", "blue", "magenta"
-"""What a lamp's colour goes through."""
+"""The cycle of a lamp's colours."""
 
 FILE, OTHER_FILES = "lamps.json", "lamps_{:04d}.json"
 
 
 class Mark(NamedTuple):
-    """Where a lamp is seen: its number, pixels from the lower left, sRGB bytes, and whether it is selected."""
+    """A visible lamp: its number, pixels from the lower left, sRGB bytes, and whether it is selected."""
 
     number: int
     x: float
@@ -44,8 +44,8 @@ class Mark(NamedTuple):
 
 
 class LampGrip(NamedTuple):
-    """How a lamp is held. base: pixels from the pointer to the surface that it stands off, off: how far, scene units;
-    None where there is none. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
+    """A lamp being dragged. base: pixels from the pointer to the surface near it. off: distance from that surface,
+    scene units; None without one. depth: of the lamp, along the view. shift: pixels from the pointer to it."""
 
     number: int
     base: tuple[float, float] | None
@@ -55,7 +55,7 @@ class LampGrip(NamedTuple):
 
 
 class LampTool:
-    """Lamps under the mouse and the keys of a Window. path: the file that they are saved to, once there is one."""
+    """Lamps under the mouse and the keys of a Window. path: the file of the last save, or None."""
 
     def __init__(self, window: "WindowView") -> None:
         self._window = window
@@ -65,11 +65,11 @@ class LampTool:
 
     @property
     def on(self) -> bool:
-        """Whether clicks put lamps in."""
+        """Whether clicks add lamps."""
         return self._window.session.state.placing and self._window.session.board is not None
 
     def marks(self) -> list[Mark]:
-        """The lamps that are in view, while clicks put some in."""
+        """The lamps in view, while clicks add lamps."""
         session = self._window.session
         if not self.on or session.board is None:
             return []
@@ -82,14 +82,14 @@ class LampTool:
         return found
 
     def toggle(self) -> None:
-        """Begin to put lamps in, or end that."""
+        """Start or stop adding lamps."""
         session = self._window.session
         if session.bench is not None:
             session.change(placing=not session.state.placing, arranging=False)
             session.bench.prepare()
 
     def put(self, x: float, y: float) -> None:
-        """Put a bulb off the surface that is seen at a pixel; without one say so."""
+        """Add a bulb near the surface at a pixel; without a surface show a message."""
         hit = self._surface(x, y)
         if hit is None:
             self._window.note = "no surface there: click on a surface to add a lamp"
@@ -100,7 +100,7 @@ class LampTool:
         self._do(lambda: self._window.session.add_lamp(asked))
 
     def grip(self, number: int, x: float, y: float) -> None:
-        """Take hold of a lamp by a pixel, and select it."""
+        """Start to drag the lamp at a pixel, and select it."""
         session = self._window.session
         if session.board is None:
             return
@@ -118,11 +118,11 @@ class LampTool:
 
     @property
     def holds(self) -> bool:
-        """Whether a lamp is held."""
+        """Whether a lamp is being dragged."""
         return self._grip is not None
 
     def drag(self, x: float, y: float, freely: bool) -> None:
-        """Move the lamp that is held to a pixel: along the surfaces, or `freely` in the plane of the picture."""
+        """Move the dragged lamp to a pixel: along the surfaces, or `freely` in the plane of the picture."""
         grip, session = self._grip, self._window.session
         if grip is None or session.board is None or session.board.state.of(grip.number) is None:
             return
@@ -136,7 +136,7 @@ class LampTool:
         self._do(lambda: session.move_lamp(grip.number, self._in_splat(place), merge=("drag", grip.number)))
 
     def let_go(self) -> None:
-        """Hold no lamp; what follows is undone by itself."""
+        """End the drag; later changes are undone separately."""
         self._grip = None
         if self._window.session.board is not None:
             self._window.session.board.end_merge()
@@ -148,7 +148,7 @@ class LampTool:
             self._do(lambda: self._window.session.change_lamp(number, stops=stops))
 
     def next_color(self) -> None:
-        """Give the selected lamp the next of the colours."""
+        """Give the selected lamp the next colour."""
         number, session = self._selected(), self._window.session
         if number is not None and session.board is not None:
             now, colors = session.board.asked(number).color, [parse_color(name) for name in COLORS]
@@ -156,7 +156,7 @@ class LampTool:
             self._do(lambda: session.change_lamp(number, color=name))
 
     def remove(self) -> None:
-        """Take the selected lamp away."""
+        """Remove the selected lamp."""
         number = self._selected()
         if number is not None:
             self._do(lambda: self._window.session.remove_lamp(number))
@@ -169,7 +169,7 @@ class LampTool:
             self._do(lambda: session.dim_captured(factor))
 
     def step_back(self, again: bool = False) -> None:
-        """Undo or redo; where there is nothing, say so."""
+        """Undo or redo; show a message if there is nothing."""
         session = self._window.session
         if not session.timeline.kept:
             return
@@ -178,7 +178,7 @@ class LampTool:
         self._used = True
 
     def save(self, path: "Path | str | None" = None) -> None:
-        """Save the lamps, by default where they were saved last, else under the first free name in this folder."""
+        """Save the lamps, by default to the file of the last save, else under the first free name in this folder."""
         from .recording import free_name
 
         path = Path(path) if path else self.path or (free_name(OTHER_FILES) if Path(FILE).exists() else Path(FILE))
@@ -190,13 +190,13 @@ class LampTool:
             self.path, self._window.note = path, f"saved {path.absolute()}"
 
     def leave(self) -> None:
-        """Save what the hand has changed and nobody has saved."""
+        """Save unsaved changes made with the mouse."""
         board = self._window.session.board
         if self._used and board is not None and board.unsaved and board.state.lamps:
             self.save()
 
     def _do(self, change: Callable[[], object]) -> None:
-        """Make a change; what is refused is told."""
+        """Make a change; show a message if it is refused."""
         self._used = True
         try:
             change()
@@ -210,7 +210,7 @@ class LampTool:
             self._window.note = "no lamp is selected: press t, then click a lamp"
         return number
 
-    # Places: pixels, the frame of the scene, that of the splat
+    # Positions: pixels, the frame of the scene, the frame of the splat
 
     @property
     def _source(self) -> "LampSource":
@@ -234,7 +234,7 @@ class LampTool:
         return x, y, z
 
     def _seen_at(self, place: NDArray[np.float64]) -> tuple[float, float] | None:
-        """The pixel of a place, from the lower left; None behind the eye."""
+        """The pixel of a position, from the lower left; None behind the eye."""
         orbit, (width, height) = self._window.orbit, self._window.size
         right, up, backward = orbit.axes @ (place - orbit.eye)
         if backward >= 0.0:
@@ -243,7 +243,7 @@ class LampTool:
         return width / 2 - focal * right / backward, height / 2 - focal * up / backward
 
     def _surface(self, x: float, y: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """The place that is seen at a pixel, and its unit normal towards the eye."""
+        """The surface point at a pixel, and its unit normal towards the eye."""
         eye, direction = self._window.orbit.ray(x, y, self._window.size)
         hits = self._source.first_hits(np.concatenate([eye, direction])[None].astype(np.float32))
         distance = float(hits.distance[0])
@@ -253,12 +253,12 @@ class LampTool:
         return eye + distance * direction, normal if normal @ direction < 0.0 else -normal
 
     def _free(self, place: NDArray[np.float64], normal: NDArray[np.float64]) -> float:
-        """How far it is from a surface along its normal to the next one."""
+        """Distance from a surface along its normal to the next surface."""
         start = place + 1e-3 * self._window.session.scene.diagonal * normal
         return float(self._source.first_hits(np.concatenate([start, normal])[None].astype(np.float32)).distance[0])
 
     def _base(self, at: NDArray[np.float64]) -> tuple[NDArray[np.float64] | None, float]:
-        """The nearest place of the surface around a lamp, and how far off that is."""
+        """The nearest surface point to a lamp, and its distance."""
         ways = fibonacci_sphere(AROUND)
         rays = np.concatenate([np.broadcast_to(at, ways.shape), ways], axis=1).astype(np.float32)
         distance = self._source.first_hits(rays).distance
