@@ -56,7 +56,7 @@ class Answers(ABC):
 
     @property
     def lamps_failure(self) -> str:
-        """Why it cannot be found, or ""."""
+        """Why it cannot be computed, or ""."""
         return ""
 
     @property
@@ -66,7 +66,7 @@ class Answers(ABC):
 
     @property
     def objects_failure(self) -> str:
-        """Why it cannot be found, or ""."""
+        """Why it cannot be computed, or ""."""
         return ""
 
     @property

@@ -40,10 +40,10 @@ SAMPLE = 256
 """Vertices at which the error is measured: its standard deviation is a sixteenth of that over vertices."""
 
 SAMPLE_RAYS = 1024
-"""Rays from each of them that gather bounced light: a quarter of the noise of the engine's 64."""
+"""Rays from each of these vertices that gather bounced light: a quarter of the noise of the engine's 64."""
 
 MOST_RELIGHTERS = 8
-"""Tolerances whose relighters, with their plans, are kept."""
+"""Most tolerances whose relighters and plans are kept."""
 
 DRAG_BANDS = 4
 """Bands of bounced light while the light is dragged: it is smoother than direct light."""
@@ -52,7 +52,7 @@ UNSHADOWED_BANDS = 5
 """Bands of light without shadows: Lambert's lobe has 0.4% of its energy beyond them."""
 
 SKY_WIDTH = 1024
-"""Most columns of the sky that is shown behind the scene."""
+"""Most columns of the sky behind the scene."""
 
 
 STAGES = {
@@ -86,7 +86,7 @@ class SessionLight(NamedTuple):
     """An environment as the window needs it, unrotated.
 
     coefficients: (100, 3) float64 of radiance, bands 10. sky: (H, W, 3) float32 linear, canonical lat-long.
-    warning: what had to be repaired, or "".
+    warning: the repairs, or "".
     """
 
     coefficients: np.ndarray
@@ -97,8 +97,8 @@ class SessionLight(NamedTuple):
 class FinishedShading(NamedTuple):
     """A finished shading. radiance: (V, 3) float32. sun_count, bounces: as of `Shading`. settings: in words.
 
-    effects: those that the plan calls for. predicted: its error, or None where nothing is planned. seconds: the
-    shading took, without what is computed once for a scene.
+    effects: those in the plan. predicted: its error, or None without a plan. seconds: time of the shading, without the
+    work that is done once per scene.
     """
 
     radiance: np.ndarray
@@ -148,12 +148,12 @@ class SessionLighting:
         self._transfer_sent: Any = None
 
     def answers(self, wish: LightWish) -> Iterator[tuple[str, Any, Any]]:
-        """Yield (kind, key, payload) for everything that the wish needs and that was not yielded before.
+        """Yield (kind, key, payload) for each result that the wish needs and that was not yielded before.
 
         Kinds in order: "unshadowed" ((V, K) float32), "light" (SessionLight), "transfer" ((V, K)), "shading"
-        (FinishedShading), "bounced" ((V, K', 3) float32: what bounces add to a transfer), "error" (float), "reference"
-        (ConvergedLight). Of each kind the receiver needs only the last. Raises InputError for a light that cannot be
-        read.
+        (FinishedShading), "bounced" ((V, K', 3) float32: bounced light per coefficient), "error" (float), "reference"
+        (ConvergedLight). The receiver needs only the last result of each kind. Raises InputError for a light that
+        cannot be read.
         """
         for kind, key in keys(wish).items():
             if self._sent.get(kind) != key:
@@ -227,7 +227,7 @@ class SessionLighting:
         return ConvergedLight(shading.radiance, self._error_of(shading.radiance, shading.radiance, wish))
 
     def _error_of(self, shown: NDArray, whole: NDArray, wish: LightWish) -> float:
-        """Relative L2 error of radiance (V, 3) on the sample, against rays to every part of the light.
+        """Relative L2 error of radiance (V, 3) on the sample, against rays to all parts of the light.
 
         Direct light comes from `transfer.reference`; bounced light is gathered by `SAMPLE_RAYS` rays from `whole`,
         the radiance (V, 3) of the scene with all effects.
@@ -246,9 +246,9 @@ class SessionLighting:
         return float(np.linalg.norm(shown[rows] - expected) / max(float(np.linalg.norm(expected)), 1e-30))
 
     def _planned(self, wish: LightWish) -> tuple[Relighter, "Plan | None"]:
-        """The Relighter of the wish's tolerance, and its Plan for the light, None where nothing can be planned.
+        """The Relighter of the wish's tolerance, and its Plan for the light, or None.
 
-        All share what was traced.
+        All relighters share their traced results.
         """
         if wish.tolerance not in self._relighters:
             while len(self._relighters) >= MOST_RELIGHTERS:
@@ -260,7 +260,7 @@ class SessionLighting:
         return relighter, relighter.plan_for(self._environment(wish), self.albedos[wish.albedo])
 
     def _environment(self, wish: LightWish) -> Environment:
-        """The Environment of a wish, turned. The last one stays loaded."""
+        """The rotated Environment of a wish. The last one stays loaded."""
         if self._loaded is None or self._loaded[0] != wish.environment:
             source = self.environments[wish.environment]
             with self.stages.stage("environment"):
@@ -285,7 +285,7 @@ def keys(wish: LightWish) -> dict[str, Any]:
 
 
 def restrict(settings: Settings, effects: frozenset[str]) -> Settings:
-    """The Settings without what is not among `effects`."""
+    """The Settings restricted to `effects`."""
     if SHADOWS not in effects and settings.rays:
         return Settings("analytic", settings.bands)
     if SUN not in effects:
@@ -311,8 +311,8 @@ def check_albedos(scene: Scene, albedos: Mapping[str, NDArray | None]) -> dict[s
 def _gather(occluder: "Occluder", rows: NDArray, radiance: NDArray, foliage: "Foliage | None" = None) -> NDArray:
     """Light (R, 3) float32 that white vertices `rows` receive from a scene whose exit radiance is `radiance` (V, 3).
 
-    Like rows of `relight.transfer.bounces` but with many more rays. Backs of faces are black. What is a volume of a
-    Foliage has more of the sky hidden from it than a surface has: all that is hidden sends what the rays meet.
+    Like rows of `relight.transfer.bounces` but with many more rays. Back faces are black. A volume of a Foliage sees
+    less of the sky than a surface: its occluded part takes the radiance that the rays meet.
     """
     from ..transfer import sampling
 

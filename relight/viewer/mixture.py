@@ -10,11 +10,11 @@ Received = Callable[[NDArray[np.float32], float], NDArray[np.floating]]
 
 
 class SessionMixture(NamedTuple):
-    """New light made of several, as of `engine.mixing`, of which a session changes the environment alone.
+    """New light of several parts, as in `engine.mixing`. A session changes only the environment.
 
-    radiance, received: (V, 3) float32, exit radiance and irradiance over pi of all but the environment, in its unit.
-    env_scale: factor on the environment. level: units of the picture per unit of the environment. backdrop: factor on
-    what is seen of the light itself. keeps_sky: whether the sky is that of the capture, and is only dimmed.
+    radiance, received: (V, 3) float32, exit radiance and irradiance over pi of all parts but the environment, in its
+    unit. env_scale: factor on the environment. level: units of the picture per unit of the environment. backdrop:
+    factor on the visible light itself. keeps_sky: whether the sky is that of the capture, only dimmed.
     """
 
     radiance: NDArray[np.float32]
@@ -25,11 +25,12 @@ class SessionMixture(NamedTuple):
     keeps_sky: bool
 
     def with_environment(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the radiance (V, 3) of all parts for that of the environment."""
+        """Return the radiance (V, 3) of all parts. radiance: of the environment."""
         return np.asarray(self.radiance + np.float32(self.env_scale) * radiance, np.float32)
 
     def receives(self, received: Received) -> Received:
-        """Return a function for the irradiance of all parts. received: of the environment alone, as of a SplatLook."""
+        """Return a function for the irradiance of all parts. received: that of the environment alone, as in a
+        SplatLook."""
 
         def mixed(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.floating]:
             if not (radiance.any() and self.env_scale > 0.0):

@@ -17,18 +17,18 @@ PLAIN = 96
 """Grey of a surface while its colours are computed."""
 
 SCALES = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
-"""Ends of the error scale: the first that holds the 98th percentile."""
+"""Ends of the error scale; the smallest above the 98th percentile applies."""
 
 DARKEST = 0.01
-"""Part of the root mean square of the reference that is added to the denominator of an error, so that black vertices
-have none."""
+"""Part of the root mean square of the reference that is added to the denominator of an error, which keeps the error of
+black vertices small."""
 
 _MAP = np.array(
     [(44, 47, 72), (66, 52, 112), (104, 54, 128), (148, 58, 116), (203, 79, 92), (240, 122, 62), (252, 185, 72),
      (250, 244, 180)],
     np.float32,
 )  # fmt: skip
-"""Colours of errors from none to large, of steadily growing lightness; that of none is lighter than the backdrop."""
+"""Colours of errors from zero to large, of increasing lightness; that of zero is lighter than the backdrop."""
 
 _CHUNKS = np.array(
     [(108, 142, 191), (214, 152, 92), (122, 168, 116), (196, 110, 112), (148, 126, 178), (158, 134, 112),
@@ -105,7 +105,7 @@ def vertex_errors(session: "SessionView") -> NDArray | None:
 
 
 def error_scale(session: "SessionView") -> float:
-    """The end of the error scale that suits what is shown, of `SCALES`."""
+    """The end of the error scale for the present errors, of `SCALES`."""
     errors = vertex_errors(session)
     if errors is None:
         return SCALES[-1]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 LIGHT_DEG = 180.0  # of a drag of the light across the height of the window
 STILL = 4
-"""Pixels that the mouse may move in a click."""
+"""Most pixels that the mouse moves within a click."""
 
 
 class MouseWindow(ControlledWindow, Protocol):
@@ -38,7 +38,7 @@ class Mouse:
         self.lamps: LampTool = LampTool(window)
         self.objects: ObjectTool = ObjectTool(window)
         self._drag: tuple[str, HotArea | None, tuple[int, int]] | None = None
-        self._clicks: tuple[int, int] | None = None  # where a click would put a lamp
+        self._clicks: tuple[int, int] | None = None  # where a click would add a lamp
 
     def press(self, button: str) -> Callable[[], None]:
         """The action of a pressed button."""
@@ -63,7 +63,7 @@ class Mouse:
         return pressed
 
     def move(self) -> None:
-        """The mouse has moved."""
+        """Handle a move of the mouse."""
         if self._drag is None:
             return
         window = self._window
@@ -92,7 +92,7 @@ class Mouse:
             window.look(window.orbit.dragged(right, up))
 
     def release(self) -> None:
-        """A button was let go."""
+        """Handle the release of a button."""
         if self._clicks is not None:
             self.lamps.put(*self._clicks)
         self.lamps.let_go()

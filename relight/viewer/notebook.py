@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MISSING = 'the session in a notebook or a browser needs trame: pip install "splat2mesh[web]"'
 
 TOKEN_BYTES = 16
-"""Bytes of the token in the address: without it nobody can talk to the session, not even from this machine."""
+"""Bytes of the token in the address. Without it nobody can connect to the session, even from this machine."""
 
 
 def show_widget(window: "Window") -> Any:
@@ -50,7 +50,7 @@ def serve(window: "Window", port: int = 0, announce: Callable[[str], None] = lam
     from trame.widgets import html
 
     server, token = get_server("relight", client_type="vue3"), secrets.token_urlsafe(TOKEN_BYTES)
-    server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # Ctrl-C is ours
+    server.cli.set_defaults(authKey=token, nosignalhandlers=True)  # we handle Ctrl-C
     server.state.trame__title = f"{window.session.name} \N{MIDDLE DOT} relight"
     window.tick()
 
@@ -97,7 +97,7 @@ def _check_port(port: int) -> None:
 
 @contextmanager
 def _no_arguments() -> Iterator[None]:
-    """Within it the process seems to have no arguments: trame reads them as its own."""
+    """Hide the arguments of the process, which trame would read as its own."""
     kept, sys.argv = sys.argv, sys.argv[:1]
     try:
         yield
@@ -129,4 +129,4 @@ _SYMBOLS = {
     "[": "bracketleft",
     "]": "bracketright",
 }
-"""VTK's key symbols by the names that browsers give the keys."""
+"""VTK's key symbols by the browsers' names of keys."""

@@ -1,7 +1,7 @@
-"""The objects of a session while they move: their shadow by few rays at once, by all rays when the hand rests.
+"""The objects of a session while they move: their shadow with few rays at once, with all rays when the input rests.
 
-Two threads work: one takes glimpses of the newest positions, the other lights the objects anew and traces all that
-they can reach, and stops where they have moved on. What is shown is the newest of both.
+Two threads work. One takes glimpses of the newest positions. The other relights the objects and traces everything in
+their reach, and stops once they have moved. The session shows the newest result of both.
 """
 
 from collections.abc import Callable, Hashable
@@ -25,7 +25,7 @@ Placed = tuple[AskedInsert, ...]
 
 
 class ShownObjects(NamedTuple):
-    """Objects in their light. placed: where they stand. key: of the light. exact: whether by all rays."""
+    """Objects in their light. placed: their poses. key: of the light. exact: whether with all rays."""
 
     light: "InsertedLight"
     placed: Placed
@@ -36,8 +36,8 @@ class ShownObjects(NamedTuple):
 class ObjectBench:
     """The objects of a session. `poll` it often.
 
-    source: the ObjectSource. shown: what is there of their light, or None. history: where they stood. timeline: that of
-    the session's other changes.
+    source: the ObjectSource. shown: the newest result of their light, or None. history: their poses. timeline: shared
+    with the session's other changes.
     """
 
     def __init__(self, source: ObjectSource, timeline: Timeline | None = None) -> None:
@@ -55,23 +55,23 @@ class ObjectBench:
 
     @property
     def placed(self) -> Placed:
-        """The objects where they are to stand."""
+        """The objects in the requested poses."""
         return self.history.present
 
     @property
     def failure(self) -> str:
-        """Why their light cannot be found there, or ""."""
+        """Why their light cannot be computed there, or ""."""
         return self._failed[1] if self._failed is not None and self._failed[0] is self.placed else ""
 
     @property
     def settled(self) -> bool:
-        """Whether the light of the objects is complete where they stand."""
+        """Whether the light of the objects is complete in their present poses."""
         shown = self.shown
         return shown is not None and shown.exact and (shown.placed, shown.key) == (self.placed, self._key)
 
     @property
     def message(self) -> str:
-        """What there is to tell, or ""."""
+        """The message to show, or ""."""
         return self.failure or (WAITING if self.shown is None else "")
 
     def put(
@@ -82,8 +82,8 @@ class ObjectBench:
         lifted: bool = False,
         merge: Hashable = None,
     ) -> None:
-        """Put the origin of an object at a position in the frame of the splat, and turn it. It stays on the floor if
-        it was let down on it and is not lifted. merge: changes in a row that share it are undone as one."""
+        """Move the origin of an object to a position in the frame of the splat, and turn it. An object on the floor
+        stays there unless lifted. merge: successive changes that share it are undone as one."""
         if not 0 <= number < len(self.placed):
             raise InputError(f"object {number}: expected a number from 0 to {len(self.placed) - 1}")
         old = self.placed[number]
@@ -93,15 +93,15 @@ class ObjectBench:
             self.history.to((*self.placed[:number], new, *self.placed[number + 1 :]), merge)
 
     def reset(self) -> None:
-        """All objects where they stood at the start; a change as others."""
+        """Reset the poses of all objects, as a change like others."""
         if self.placed != self.start:
             self.history.to(self.start)
 
     def poll(self, under: Callable[[], ObjectsUnder] | None, key: Hashable, rests: bool) -> bool:
-        """Take in what the threads have found, and give them work; whether the picture may differ.
+        """Collect the results of the threads, and give them work; return whether the picture may differ.
 
-        under: returns the light now; None while it is not known. key: tells it from others. rests:
-        whether hand and light do.
+        under: returns the present light; None while it is unknown. key: identifies it. rests: whether input and light
+        are at rest.
         """
         self._key = key
         changed = self._taken("_glimpse", False) | self._taken("_exact", True)
@@ -122,7 +122,7 @@ class ObjectBench:
         return changed
 
     def close(self) -> None:
-        """Ask for nothing any more."""
+        """Stop all requests."""
         self._closed = True
         for pool in (self._quick, self._slow):
             pool.shutdown(wait=False, cancel_futures=True)
@@ -143,6 +143,6 @@ class ObjectBench:
         if not exact and self.shown is not None and self.shown.exact and self.shown.placed == self.placed:
             return False  # the exact one was faster
         if exact and placed != self.placed and self.shown is not None:
-            return False  # a glimpse of where they are is nearer to the truth
+            return False  # a glimpse at the present poses is closer to the truth
         self.shown = ShownObjects(done.result(), placed, key, exact)
         return True

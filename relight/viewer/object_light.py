@@ -19,7 +19,7 @@ def light_key(session: "SessionView") -> Hashable:
 
 
 def light_now(session: "SessionView", objects: ObjectBench) -> ObjectsUnder:
-    """The light that objects stand in now. The worker must have answered."""
+    """The present light on objects. The worker must have answered."""
     mixture, alone, plain = session.mixture, session.environment_radiance(), session.plain_radiance()
     assert alone is not None and plain is not None  # or the worker has not answered
     look, exposure = objects.source.received, session.exposure()

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 class ObjectsUnder(NamedTuple):
-    """The light that objects stand in. environment: what `light_of` takes, or None. angle_deg: its turn. env_scale,
-    captured: factors on it and on the captured light. lamps: beside. level: units of the picture per unit of the
+    """The light on objects. environment: the argument of `light_of`, or None. angle_deg: its rotation. env_scale,
+    captured: factors on it and on the captured light. lamps: added ones. level: units of the picture per unit of the
     radiance. radiance, received: (V, 3) of the scene without the objects, exit radiance and irradiance over pi."""
 
     environment: Any
@@ -35,11 +35,11 @@ class ObjectSource(NamedTuple):
     """A scene whose objects can be moved.
 
     asked: the objects at the start. received: returns the irradiance over pi (V, 3) of the scene for the radiance of
-    an environment and its exposure. exact: the InsertedLight of objects in a light, with all rays; calls its last
-    argument often, which may raise to end it. glimpse: the same by few rays, without bounces, with the light on the
-    objects that an exact one found. shadowed: splats (without objects) with the change of an InsertedLight. drawn:
-    splats with what a view in the frame of the scene sees of the objects at an exposure, by so many samples along the
-    side of a pixel. scene_from_splat: (4, 4).
+    an environment and its exposure. exact: the InsertedLight of objects under a light, with all rays; calls its
+    last argument often, which may raise to end it. glimpse: the same with few rays, without bounces, with the light on
+    the objects from an exact one. shadowed: splats (without objects) under the change of an InsertedLight. drawn:
+    splats with the objects as a view in the frame of the scene shows them at an exposure; the last argument is the
+    number of samples along the side of a pixel. scene_from_splat: (4, 4).
     """
 
     asked: Sequence[AskedInsert]

@@ -1,4 +1,4 @@
-"""The hand on the objects: a drag moves one over the ground, with the shift key up and down; keys turn it."""
+"""Objects under the mouse: a drag moves one over the ground, with the shift key up and down; keys turn it."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from .window_view import WindowView
 
 TURN_DEG = 15.0
-"""Of a key."""
+"""Degrees that a key turns an object."""
 
 LEAST_DOWN = 0.02
-"""Of a ray to the ground: flatter ones meet it nowhere near."""
+"""Least slope of a ray to the ground: flatter rays meet it too far away."""
 
 
 class ObjectGrip(NamedTuple):
-    """How an object is held. place: (3,) of it that was gripped, scene frame. at: (3,) of the object, frame of the
+    """An object being dragged. place: (3,) the gripped point, scene frame. at: (3,) of the object, frame of the
     splat. y: the pixel's row. unit: scene units per pixel there."""
 
     number: int
@@ -30,7 +30,7 @@ class ObjectGrip(NamedTuple):
 
 
 class ObjectTool:
-    """Objects under the mouse and the keys of a Window. selected: the number of the one that keys turn."""
+    """Objects under the mouse and the keys of a Window. selected: the number of the object that keys turn."""
 
     def __init__(self, window: "WindowView") -> None:
         self._window, self.selected = window, 0
@@ -43,17 +43,17 @@ class ObjectTool:
 
     @property
     def holds(self) -> bool:
-        """Whether an object is held."""
+        """Whether an object is being dragged."""
         return self._grip is not None
 
     def toggle(self) -> None:
-        """Begin to move objects, or end that."""
+        """Start or stop moving objects."""
         session = self._window.session
         if session.objects is not None:
             session.change(arranging=not session.state.arranging, placing=False)
 
     def grip(self, x: float, y: float) -> bool:
-        """Take hold of the object that is seen at a pixel; whether one is."""
+        """Start to drag the object at a pixel; return whether there is one."""
         bench = self._bench
         if not self.on or bench is None or bench.shown is None:
             return False
@@ -73,7 +73,7 @@ class ObjectTool:
         return True
 
     def drag(self, x: float, y: float, upright: bool) -> None:
-        """Move the object that is held to a pixel: over the level of where it was gripped, or up and down."""
+        """Move the dragged object to a pixel: at the height of the gripped point, or up and down."""
         grip, bench = self._grip, self._bench
         if grip is None or bench is None:
             return
@@ -91,7 +91,7 @@ class ObjectTool:
         self._put(grip.number, (x0 + dx, y0 + dy, z0 + dz), lifted=upright)
 
     def let_go(self) -> None:
-        """Hold no object."""
+        """End the drag."""
         if self._grip is not None:
             self._tell(self._grip.number)
             assert self._bench is not None
@@ -120,7 +120,7 @@ class ObjectTool:
             self._window.note = str(error)
 
     def _tell(self, number: int) -> None:
-        """Note the words that put the object where it is."""
+        """Show the options that place the object at its present pose."""
         assert self._bench is not None
         asked = self._bench.placed[number]
         at = ",".join(f"{each:.4g}" for each in asked.at)

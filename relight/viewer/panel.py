@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from .session import Session
 
 Units = tuple[float, float]
-"""Width and height of the window in units."""
+"""Least width and height of the window in units."""
 
 DESIGN_SIZE = 960, 720
 """Of the window in which a unit is a pixel; others are scaled by what fits."""
@@ -33,7 +33,7 @@ _IDLE = (122, 99, 58, 255)
 _TRACK, _HANDLE, _LINE = (66, 70, 79, 255), (233, 233, 236, 255), (233, 178, 84, 235)
 _TEXT, _DIM, _DARK, _WARNING = (226, 228, 232), (150, 155, 164), (24, 22, 18), (240, 150, 110)
 _HELP_WIDTH, _HELP_ROW = 720, 21
-_CHIP_ROOM = 180  # for the text of a button, so that one long name pushes no other out of the window
+_CHIP_ROOM = 180  # for the text of a button: a long name must not push others out of the window
 _MARK = 5  # half the width of the mark of a lamp
 
 
@@ -51,8 +51,8 @@ def bars_of(size: tuple[int, int]) -> tuple[float, float]:
 class HotArea(NamedTuple):
     """A part of the window that takes the mouse. box: left, bottom, width, height in pixels.
 
-    name: key of a control, field of a slider, or "split". value: of a mouse position, what a slider would be set to.
-    lamp: the number of the lamp that is there.
+    name: key of a control, field of a slider, or "split". value: of a mouse position, the resulting slider value.
+    lamp: the number of the lamp there.
     """
 
     box: tuple[float, ...]
@@ -61,13 +61,13 @@ class HotArea(NamedTuple):
     lamp: int | None = None
 
     def holds(self, x: float, y: float) -> bool:
-        """Whether a position is within."""
+        """Whether a position is inside."""
         left, bottom, width, height = self.box
         return left <= x < left + width and bottom <= y < bottom + height
 
 
 class Panel:
-    """Everything that is written over the scene.
+    """All text over the scene.
 
     hot: list of HotArea, the topmost first.
     """
@@ -82,7 +82,7 @@ class Panel:
         return self._canvas.boxes
 
     def hide(self) -> None:
-        """Draw nothing of it, until `draw` is called again."""
+        """Hide it until `draw` is called again."""
         self._canvas.hide()
 
     def draw(
@@ -94,7 +94,7 @@ class Panel:
         bare: bool = False,
         marks: "Sequence[Mark]" = (),
     ) -> bool:
-        """Bring the panel up to date; returns whether anything of it changed.
+        """Update the panel; return whether it changed.
 
         size: width, height of the window. frames_per_second: to be shown, or None. note: a line of the window's own.
         bare: nothing but the split line. marks: of lamps.
@@ -184,7 +184,7 @@ class Panel:
 
         def value_at(x: float, y: float) -> float:
             place = min(max((x / scale - left - 3) / (width - 6), 0.0), 1.0)
-            # A full turn is no turn: the right end stops just short of where the angle begins again.
+            # A full turn equals no turn, so the right end stops just short of it.
             place = min(place, 1.0 - 1e-6) if slider.field == "angle_deg" else place
             return float(back(to(low) + place * (to(high) - to(low))))
 

@@ -1,6 +1,6 @@
-"""The moving picture where OpenGL draws on the CPU: a rasteriser that remembers what every pixel sees.
+"""Moving pictures if OpenGL draws on the CPU: a rasteriser that keeps the visible face of every pixel.
 
-A frame under another light then only mixes three colours for each pixel. Software OpenGL transforms and rasterises all
+A frame under another light then only mixes three colours per pixel. Software OpenGL transforms and rasterises all
 triangles again for every picture, which takes ten times as long or more (`scripts/bench session`). Still pictures
 are OpenGL's, with smooth edges; a test compares the two.
 
@@ -22,7 +22,7 @@ from splat2mesh.base.threads import read_only, shared
 from .camera import Orbit
 
 SOFTWARE = "llvmpipe", "softpipe", "swrast", "swiftshader", "software"
-"""Parts of the names under which OpenGL draws on the CPU."""
+"""Parts of the names of renderers that draw on the CPU."""
 
 _NEAR = 1e-6  # of the scene's diagonal: nearer corners count as behind the eye
 
@@ -41,7 +41,7 @@ class Raster:
         self.size = (0, 0)
 
     def look(self, orbit: Orbit, size: tuple[int, int]) -> None:
-        """Find out what every pixel sees from an Orbit: once for a view, however many lights follow."""
+        """Find the visible face of every pixel from an Orbit: once per view, for any number of lights."""
         if (orbit, size) == self._seen:
             return
         width, height = size

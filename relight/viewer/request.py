@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SessionRequest:
-    """A scene and its lights, as a session shows them.
+    """A scene and its lights for a session.
 
     Parameters
     ----------
     scene : scene, mesh or path
         As of Relighter.
     environment : Environment, path or name, or dict of them
-        The light that is shown first, or what `Environment.load` takes; a dict holds all that can be chosen, by name.
+        The first light, or an argument of `Environment.load`; a dict holds all choices by name.
     lighting : LightingOptions
         How accurately the light is computed. A session has a tolerance and no budget.
     albedos : dict of str to (V, 3) linear or None, optional
@@ -44,17 +44,17 @@ class SessionRequest:
     cache : Cache, optional
         As of Relighter.
     lamps : dict of str to (V, 3), optional
-        Name of an albedo -> radiance of what the lamps of a room light, beside every environment.
+        Name of an albedo -> radiance of surfaces under the lamps of a room, beside every environment.
     lamps_known : bool
-        Whether those can be separated from other light, and dimmed.
+        Whether those lamps can be separated from other light, and dimmed.
     mixture : SessionMixture, optional
-        What is shown beside the environment: captured light and placed lamps.
+        Light beside the environment: captured light and placed lamps.
     lamp_source : LampSource, optional
         Lights added lamps; without it none can be added.
     object_source : ObjectSource, optional
         Lights inserted objects.
     splats : SplatSource, optional
-        What the scene was made of: shown, relit, in place of the mesh.
+        The splats of the scene, relit and shown instead of the mesh.
     """
 
     scene: "AnyScene"

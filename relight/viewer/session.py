@@ -1,4 +1,4 @@
-"""An interactive session without windows: what a person has set, and its light.
+"""An interactive session without windows: the user's settings, and the light for them.
 
 A new light shows at once: the transfer that the window holds is multiplied by the new coefficients, and bounced light
 is added in few bands. Suns and bounces in full, errors and references follow from the worker
@@ -44,15 +44,15 @@ REST_SECONDS = 0.15
 TURN_DEG_PER_SECOND = 36.0
 
 START_TOLERANCE = 0.02
-"""Where none is asked for."""
+"""Default."""
 
 
 class Session(LampEditing, Answers):
-    """One scene, a list of lights, and what a person has set.
+    """One scene, a list of lights, and the user's settings.
 
     state: the present State; `change` and `reset` alter it. start: the one that `reset` returns to.
     choices: names to choose from, of "environment", "albedo" and "mode". progress: (label, fraction or None) of the
-    work under way, or None. message: what there is to tell, or "".
+    work under way, or None. message: the text to show, or "".
     revision: grows with everything that may change the picture.
     """
 
@@ -60,7 +60,7 @@ class Session(LampEditing, Answers):
         self,
         asked: SessionRequest,
         worker: Callable[..., LightWorker] = ProcessWorker,
-        clock: Callable[[], float] = time.perf_counter,  # returns seconds; by it a light that is moved comes to rest
+        clock: Callable[[], float] = time.perf_counter,  # returns seconds, which decide when a moving light is at rest
     ) -> None:
         """Start the worker. Raises InputError for albedos and options that do not fit."""
         options = asked.lighting
@@ -85,7 +85,7 @@ class Session(LampEditing, Answers):
         self.state, self.revision = self.start, 0
         self._given_exposure = asked.exposure
         self._exposures: dict[tuple[str | None, str], float] = {}
-        self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # what was derived from them, by name
+        self._memory: dict[str, tuple[Any, tuple, Any]] = {}  # derived values by name
         self._moved = self._lamps_moved = self._objects_moved = -math.inf
         self.light_seconds: float | None = None
         options = replace(options, tolerance=None, budget_s=None)  # every wish brings its own tolerance
@@ -110,7 +110,7 @@ class Session(LampEditing, Answers):
             self._ask()
 
     def reset(self) -> None:
-        """Everything as at the start."""
+        """Reset everything."""
         self.change(**{field.name: getattr(self.start, field.name) for field in fields(State)})
         with self.timeline.together():
             if self.board is not None:
@@ -182,44 +182,44 @@ class Session(LampEditing, Answers):
 
     @property
     def wish(self) -> LightWish:
-        """What the present state needs from the worker."""
+        """The wish of the present state to the worker."""
         s = self.state
         return LightWish(s.environment, s.angle_deg, s.tolerance, self.effects, s.albedo, MODES[s.mode].reference)
 
     @property
     def effects(self) -> frozenset[str]:
-        """The effects that take part: those switched on; sun and bounces only among shadows."""
+        """The active effects: those switched on; sun and bounces only with shadows."""
         on = self.state.effects & self.available
         return on if SHADOWS in on else frozenset()
 
     @property
     def lamps_settled(self) -> bool:
-        """Whether the light of lamps that were put in is complete."""
+        """Whether the light of added lamps is complete."""
         return self.bench is None or self.bench.settled
 
     @property
     def lamps_failure(self) -> str:
-        """Why it cannot be found, or ""."""
+        """Why it cannot be computed, or ""."""
         return "" if self.bench is None else self.bench.failure
 
     @property
     def objects_settled(self) -> bool:
-        """Whether the light of objects that were put in is complete; it is found under the first albedo alone."""
+        """Whether the light of inserted objects is complete; it is computed under the first albedo only."""
         return self.objects is None or not self._in_first_albedo or self.objects.settled
 
     @property
     def objects_failure(self) -> str:
-        """Why it cannot be found, or ""."""
+        """Why it cannot be computed, or ""."""
         return "" if self.objects is None else self.objects.failure
 
     @property
     def notice(self) -> str:
-        """What there is to tell of lamps and objects, or ""."""
+        """The message on lamps and objects, or ""."""
         return "".join([each.message for each in (self.bench, self.objects) if each is not None][:2])
 
     @property
     def inserted(self) -> "InsertedLight | None":
-        """The objects that were put in, in their newest light; None without, or before the first."""
+        """The inserted objects in their newest light; None without objects, or before the first light."""
         shown = None if self.objects is None else self.objects.shown
         return None if shown is None else shown.light
 
@@ -231,7 +231,7 @@ class Session(LampEditing, Answers):
 
     @property
     def mixture(self) -> SessionMixture | None:
-        """What is shown beside the environment now, or None. Lamps are known for one albedo alone."""
+        """The present light beside the environment, or None. Lamps are known for the first albedo only."""
         if self.bench is None:
             return self._mixture
         return self.bench.mixture() if self.state.albedo == self.choices["albedo"][0] else None
@@ -244,14 +244,14 @@ class Session(LampEditing, Answers):
         return self.remembered("with objects", None, lambda: plain * inserted.ratio, plain, inserted)
 
     def plain_radiance(self) -> NDArray | None:
-        """The same without what objects change."""
+        """The same without the effect of objects."""
         alone, mixture = self.environment_radiance(), self.mixture
         if alone is None or mixture is None:
             return alone
         return self.remembered("mixed", None, lambda: mixture.with_environment(alone), alone, mixture)
 
     def environment_radiance(self) -> NDArray | None:
-        """The same without what a mixture adds.
+        """The same without a mixture.
 
         With all effects once they are there, before that by spherical harmonics alone.
         """
@@ -282,7 +282,7 @@ class Session(LampEditing, Answers):
         return self.exposure() * (1.0 if self.mixture is None else self.mixture.backdrop)
 
     def colors(self) -> NDArray:
-        """What the present mode colours the surface by: (V, 3) uint8 sRGB."""
+        """The colours of the surface in the present mode: (V, 3) uint8 sRGB."""
         mode = MODES[self.state.mode]
         if mode.lights:
             return mode.colors(self)
@@ -294,7 +294,8 @@ class Session(LampEditing, Answers):
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
     def quick_radiance(self, angle_deg: float | None = None) -> NDArray:
-        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from what is there."""
+        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from present
+        results."""
         began = time.perf_counter()
         shadowed = SHADOWS in self.effects and "transfer" in self._found
         transfer = self._found["transfer" if shadowed else "unshadowed"][1]
@@ -306,26 +307,26 @@ class Session(LampEditing, Answers):
         return self.beside_lamps(radiance)
 
     def beside_lamps(self, radiance: NDArray) -> NDArray:
-        """Radiance (V, 3) with what the lamps of a room add to it."""
+        """Radiance (V, 3) including the lamps of a room."""
         lamps = self.lamps.get(self.state.albedo)
         return radiance if lamps is None else radiance + np.float32(self.state.lamps) * lamps
 
     def with_all_parts(self, radiance: NDArray) -> NDArray:
-        """Radiance (V, 3) of an environment with what all lamps and the captured light add to it."""
+        """Radiance (V, 3) of an environment, all lamps and the captured light."""
         found = self.beside_lamps(radiance)
         found = found if self.mixture is None else self.mixture.with_environment(found)
         return found if self.inserted is None else found * self.inserted.ratio
 
     @property
     def shows_splats(self) -> bool:
-        """Whether the picture is of splats; the mesh shows where there are none, and in all views but the relit one."""
+        """Whether the picture shows splats. Without splats, and in all modes but the relit one, it shows the mesh."""
         splats, state = self.splats, self.state
         return splats is not None and state.mode == "relit" and not state.mesh and state.albedo in splats.source.looks
 
     def remembered(self, name: str, key: Any, compute: Callable[[], Any], *made_of: Any) -> Any:
-        """What `compute()` returned, kept under this name until it is asked for with another key, or of other objects.
+        """The result of `compute()`, kept under this name until the key or the objects differ.
 
-        They are kept too: the next object may have the address of one that is gone.
+        It keeps the objects too, since a new object may get the address of a deleted one.
         """
         kept = self._memory.get(name)
         if kept is None or kept[0] != key or not _same(kept[1], made_of):

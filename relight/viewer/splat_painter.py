@@ -1,5 +1,5 @@
-"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, from kept weights while the
-light moves.
+"""Pictures of splats from an Orbit: rasterised on the CPU, coarser while the camera moves, from cached weights while
+the light moves.
 
 A light moves no splat: while the camera stands still, the splats of each pixel and their weights are computed once
 (`relight.splats.blending`), and a picture in another light is a sum of colours.
@@ -21,7 +21,8 @@ from ..splats.blending import Blending, blending_of
 from .camera import Orbit
 
 COARSE = 2
-"""Pixels along the side of one while the camera moves: 91,000 splats on 1280 x 800 take 89 instead of 143 ms."""
+"""Screen pixels along the side of a drawn pixel while the camera moves: 91,000 splats on 1280 x 800 take 89 instead of
+143 ms."""
 
 NEAR = 0.002
 """Near plane, in diagonals of the scene: as of the pictures that are written."""
@@ -41,7 +42,7 @@ class SplatLayer(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """A view whose shares are kept. basis: (N, K) float32, harmonics of the directions to the splats."""
+    """A view with cached shares. basis: (N, K) float32, harmonics of the directions to the splats."""
 
     orbit: Orbit
     size: tuple[int, int]
@@ -52,7 +53,7 @@ class _Seen(NamedTuple):
 
 
 class SplatPainter:
-    """Draws the splats of a Scene; all of them stand where those of the scene do."""
+    """Draws splats at the positions of a Scene's splats."""
 
     def __init__(self, scene: Scene) -> None:
         frame = np.asarray(scene.scene_from_splat, np.float64)
@@ -61,12 +62,12 @@ class SplatPainter:
         self._seen: _Seen | None = None
 
     def exact(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
-        """As the written pictures show them."""
+        """The picture as written to files."""
         seen = rasterize(splats, self._view(orbit, size), self._near)
         return SplatLayer(seen.color, seen.alpha)
 
     def again(self, splats: Splats, orbit: Orbit, size: tuple[int, int]) -> SplatLayer:
-        """The same except for what is less than 1/512 of a pixel: slower once for a view, then much faster."""
+        """The same without contributions below 1/512 of a pixel: slower once per view, then much faster."""
         seen = self._seen
         if (
             seen is None
@@ -108,18 +109,18 @@ def coarser(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def joined(left: NDArray[np.uint8], right: NDArray[np.uint8], split_at: float) -> NDArray[np.uint8]:
-    """Two pictures (H, W, 3), of which one shows left of a place, 0..1 over the width."""
+    """Two pictures (H, W, 3); the first shows left of a position, 0..1 over the width."""
     column = round(split_at * left.shape[1])
     return np.concatenate([left[:, :column], right[:, column:]], axis=1)
 
 
 def _signs(bands: int) -> NDArray[np.float64]:
-    """(-1)^m of each coefficient: the files of splats have it, our harmonics have not."""
+    """(-1)^m of each coefficient: splat files include this sign, our harmonics do not."""
     return np.array([(-1.0) ** m for degree in range(bands) for m in range(-degree, degree + 1)])
 
 
 def _out_of_tiles(tiles: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """Pixels of tiles, (P, 3), as an image (H, W, 3): what `in_tiles` undoes."""
+    """Pixels of tiles, (P, 3), as an image (H, W, 3): the inverse of `in_tiles`."""
     from splat2mesh.render.footprints import TILE
 
     width, height = size

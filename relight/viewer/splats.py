@@ -1,6 +1,6 @@
-"""The splats of a session: relit as its light is, at once without the fit in views, exactly when the light rests.
+"""The relit splats of a session: at once without the fit in views, exact when the light rests.
 
-Splats are bound to their mesh, and fitted to its light, in a thread: both take longer than a picture may.
+A thread binds splats to their mesh and fits them to its light, since both take longer than a frame.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,15 +26,15 @@ LEAST_LIGHT = 1e-6
 """Mean luminance of an environment below which its sky is black."""
 
 WAITING = "binding the splats to the mesh"
-"""What the panel says until then; the captured splats are shown."""
+"""Text of the panel until then, while the captured splats show."""
 
 
 Shine: TypeAlias = Callable[[Splats, NDArray[np.float64], NDArray[np.float32], NDArray[np.floating], float], Splats]
-"""Of `SplatLook.gloss`."""
+"""Type of `SplatLook.gloss`."""
 
 
 class SplatLook(NamedTuple):
-    """How splats take the light of one albedo. before: (V, 3) irradiance in the light of the capture, unit of the
+    """How splats take the light under one albedo. before: (V, 3) captured irradiance, unit of the
     captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: takes relit
     splats, SH coefficients (K, 3) of the light, the radiance and that irradiance, and their exposure, and returns the
     splats with the reflections of the light; None without."""
@@ -45,11 +45,11 @@ class SplatLook(NamedTuple):
 
 
 class SplatSource(NamedTuple):
-    """The splats that a scene was made of, and what relights them.
+    """The splats of a scene, and the functions that relight them.
 
-    captured: Splats, in their own frame. binding: returns their Binding. looks: name of an albedo -> SplatLook; with
-    others the mesh is shown. sky: returns the rows (M,) of splats that show the sky. sky_level: mean luminance at which
-    they show it, in captured units, where that is not by the session's exposure.
+    captured: Splats, in their own frame. binding: returns their Binding. looks: name of an albedo -> SplatLook; under
+    others the mesh shows. sky: returns the rows (M,) of splats that show the sky. sky_level: mean luminance at which
+    they show it, in captured units, or None for the session's exposure.
     """
 
     captured: Splats
@@ -60,7 +60,7 @@ class SplatSource(NamedTuple):
 
 
 class _Wanted(NamedTuple):
-    """What one picture of the splats depends on."""
+    """The dependencies of a picture of the splats."""
 
     radiance: NDArray[np.float32]
     exposure: float
@@ -97,7 +97,7 @@ class RelitSplats:
         return not self._bound.done()
 
     def poll(self) -> bool:
-        """Take in what is done, without waiting; whether that changes the picture."""
+        """Collect finished work without waiting; return whether that changes the picture."""
         changed = False
         if not self._bound_reported and self._bound.done():
             self._bound_reported = changed = True
@@ -113,9 +113,9 @@ class RelitSplats:
         return changed
 
     def shown(self, session: "SessionView", rests: bool, wait: bool = False) -> Splats:
-        """The Splats in the present light of a session, in order, in their own frame.
+        """The Splats under the present light of a session, in order, in their own frame.
 
-        rests: whether the light rests, and is worth to be fitted. wait: until they are bound and fitted.
+        rests: whether the light rests, so that a fit is worthwhile. wait: until they are bound and fitted.
         """
         if wait:
             self._bound.exception()
@@ -165,7 +165,7 @@ class RelitSplats:
                 if self._plain is None or not plain.same(self._plain[0]):
                     self._plain = plain, relit(0)
                 inserted = wanted.inserted
-                # At the vertices, without edges: only what objects change is coloured anew while they move.
+                # At the vertices, without edges: while objects move, only the splats that they change get new colours.
                 found = self._plain[1] if inserted is None else binding.shaded(self._plain[1], inserted.ratio)
                 self._quick = wanted, found
         except InputError as error:
@@ -174,7 +174,7 @@ class RelitSplats:
         return self._quick[1]
 
     def close(self) -> None:
-        """Ask for nothing any more."""
+        """Stop all requests."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
 
@@ -186,7 +186,7 @@ def _under(
     scene: Scene,
     level: float | None,
 ) -> Splats:
-    """The Splats with those of the sky in the new one, or gone where no sky is shown."""
+    """The Splats with the new sky on sky splats, or without them if no sky shows."""
     from ..splats import under_sky
 
     assert wanted.sky is not None

@@ -1,4 +1,4 @@
-"""Draw what the window shows behind its panel: the surface in the colours of the session, the captured one, the sky."""
+"""Draws the window behind its panel: the surface in the colours of the session, the captured surface, the sky."""
 
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
 BACKDROP = (0.075, 0.078, 0.088), (0.145, 0.150, 0.165)
-"""Behind the scene without its sky, below and above: sRGB."""
+"""Background of the scene without its sky, bottom and top: sRGB."""
 
 DOME = 64, 128
 """Patches of the sky's sphere, up and around: directions within one are off by under 0.02 degrees."""
 
 SKY_RADIUS = 1.1
-"""Of the sky's sphere about the eye, over the distance of the farthest corner of the scene."""
+"""Radius of the sky's sphere about the eye, over the distance of the farthest corner of the scene."""
 
 MOVING_SAMPLES, RESTING_SAMPLES = 0, 8
-"""Samples of each pixel. Smooth edges double the time of software rendering, so only pictures at rest have them."""
+"""Samples per pixel. Smooth edges double the time of software rendering, so only pictures at rest have them."""
 
 
 class Stage:
@@ -90,7 +90,7 @@ class Stage:
         """Draw the sky, (H, W, 3) linear in canonical lat-long, unrotated."""
         height, width = sky.shape[:2]
         shown = display_bytes(np.ascontiguousarray(sky).reshape(-1, 3), exposure).reshape(height, width, 3)
-        # A texel more on every side: what lies beyond the seam, and beyond the poles.
+        # One more texel on every side, beyond the seam and the poles.
         wide = np.concatenate([shown[:, -1:], shown, shown[:, :1]], axis=1)
         wide = np.concatenate([wide[:1], wide, wide[-1:]])
         image = vtkImageData()
@@ -107,11 +107,11 @@ class Stage:
         self._sky.SetOrientation(0.0, angle_deg, 0.0)
 
     def show_sky(self, shown: bool) -> None:
-        """Whether the sky stands behind the scene."""
+        """Whether the sky shows behind the scene."""
         self._sky.SetVisibility(bool(shown) and self._sky_bytes is not None)
 
     def split(self, normal: NDArray | None = None, eye: NDArray | None = None) -> None:
-        """Show the captured colours where `normal` of a plane through `eye` points away from; without one, nowhere."""
+        """Show the captured colours on the back side of the plane through `eye` with this `normal`; None: nowhere."""
         self._captured.SetVisibility(normal is not None)
         for actor, plane, sign in ((self._surface, self._planes[0], 1.0), (self._captured, self._planes[1], -1.0)):
             mapper = actor.GetMapper()
@@ -162,7 +162,7 @@ class Stage:
         )
 
     def show_picture(self, picture: NDArray | None) -> None:
-        """Show these bytes, (H, W, 3) uint8 with the bottom row first, in place of surface and sky; None ends that.
+        """Show these bytes, (H, W, 3) uint8 with the bottom row first, instead of surface and sky; None ends that.
 
         A smaller picture fills the window too.
         """
@@ -213,16 +213,16 @@ def pixels(render_window: Any) -> NDArray:
 
 
 def _grid() -> NDArray:
-    """Places (N, 2) in 0..1 of the dome's vertices in the unrotated image: to the right, and upwards."""
+    """Positions (N, 2) in 0..1 of the dome's vertices in the unrotated image: to the right, and upwards."""
     right, up = np.meshgrid(np.linspace(0.0, 1.0, DOME[1] + 1), np.linspace(0.0, 1.0, DOME[0] + 1))
     return np.stack([right.ravel(), up.ravel()], axis=1)
 
 
 def _dome() -> tuple[vtkActor, vtkTexture]:
-    """A sphere to paint the sky on from within, and its texture; its vertices stand in the canonical directions.
+    """A sphere with the sky on its inside, and its texture. Its vertices lie in the canonical directions.
 
-    VTK's own skybox looks its texels up by arc tangents for every pixel, which software rendering feels, and cannot
-    be turned: its lat-long lookup is fixed.
+    VTK's own skybox computes arc tangents for every pixel, which is slow in software, and its fixed lat-long lookup
+    cannot be rotated.
     """
     u, v = _grid().T
     longitude, latitude = math.pi * (1.0 - 2.0 * u), math.pi * (v - 0.5)

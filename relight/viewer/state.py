@@ -28,7 +28,7 @@ RANGES = {
 
 @dataclass(frozen=True)
 class State:
-    """Everything a person can set except the camera.
+    """All settings of the user except the camera.
 
     environment, albedo, mode: names. angle_deg: of the light, in [0, 360). exposure_ev: stops over the session's own
     exposure. effects: those switched on. split: the captured colours show left of a line at `split_at`, 0..1 over the
@@ -59,7 +59,7 @@ class State:
 def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> Any:
     """The value that a field of the State takes when `value` is requested. choices: dict of field -> its names.
 
-    Raises InputError for a name that is none of them and for a number that is not finite.
+    Raises InputError for an unknown name and for a number that is not finite.
     """
     if name in choices and value not in choices[name]:
         raise InputError(f"{name} {value!r}: expected one of {', '.join(choices[name])}")
@@ -77,9 +77,9 @@ def check_field(name: str, value: Any, choices: Mapping[str, Sequence[str]]) -> 
 def choices_of(environment: Any, folder: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """The lights of a session: a dict of name -> Environment or path, the given one first.
 
-    environment: an Environment, or what `Environment.load` takes; a dict of them is all there is. folder: its .exr and
-    .hdr files follow; the built-in lights come last. Raises InputError for an environment that cannot be read and for a
-    folder that is none.
+    environment: an Environment, or an argument of `Environment.load`; a dict of them is the complete list. folder: its
+    .exr and .hdr files follow; the built-in lights come last. Raises InputError for an environment that cannot be read
+    and for a missing folder.
     """
     if isinstance(environment, Mapping):
         return dict(environment)

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 SIZE = 1280, 800
 RESTING_SECONDS = 0.25  # of stillness before edges are smoothed
-PANEL_SECONDS = 0.2  # between two updates of figures that change by themselves
-IDLE_SECONDS = 0.005  # between two looks at mouse and worker
+PANEL_SECONDS = 0.2  # between two updates of figures that change continuously
+IDLE_SECONDS = 0.005  # between two polls of mouse and worker
 FRAMES_AVERAGED = 12
 RESTING_OBJECT_SAMPLES = 2  # along the side of a pixel
 
@@ -53,7 +53,7 @@ class Window:
         self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), notebook=False, title="relight")
         self._stage, self.note = Stage(self.plotter.renderer, session.scene), ""
         self.panel = Panel(self.plotter.renderer)
-        self.plotter.camera_set = True  # or the first picture would look from somewhere else
+        self.plotter.camera_set = True  # or the first picture would have another viewpoint
         camera = session.scene.preview_camera or default_camera(session.scene, size[0] / size[1])
         orbit = Orbit.of(camera, session.scene.vertices, session.scene.diagonal)
         bars = bars_of(size) if session.state.panel else (0.0, 0.0)
@@ -87,12 +87,12 @@ class Window:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height in pixels, as they are now."""
+        """Present width and height in pixels."""
         return tuple(self.plotter.render_window.GetSize())
 
     @property
     def frames_per_second(self) -> float | None:
-        """Of the last pictures while something moves, else None."""
+        """Frame rate of the last pictures while something moves, else None."""
         times = self._times
         if len(times) < 3 or times[-1] == times[0] or self.session.clock() - times[-1] > 0.5:
             return None
@@ -121,9 +121,9 @@ class Window:
         self.close()
 
     def tick(self) -> bool:
-        """Run one round of the loop: take in results, move what moves, and draw a picture if it would differ.
+        """Run one round of the loop: collect results, advance motion, and draw a picture if it would differ.
 
-        Returns whether it drew one.
+        Return whether it drew one.
         """
         session, now = self.session, self.session.clock()
         session.poll()
@@ -165,11 +165,11 @@ class Window:
         self._draw_now(panel)
         image = pixels(self.plotter.render_window)
         if not panel:
-            self._drawn = None  # the panel has to come back
+            self._drawn = None  # the panel must reappear
         return image
 
     def press_key(self, key: str) -> None:
-        """Do what the control of this VTK key symbol does; other keys do nothing."""
+        """Run the control of this VTK key symbol; other keys do nothing."""
         for control in CONTROLS:
             if control.key in (key, key.lower() if len(key) == 1 else key):
                 self.note = ""
@@ -181,12 +181,12 @@ class Window:
         self.orbit = orbit
 
     def reset(self) -> None:
-        """Everything as at the start, the camera too."""
+        """Reset everything, the camera too."""
         self.session.reset()
         self.orbit, self.note = self._home, ""
 
     def save_picture(self, path: str | os.PathLike[str] | None = None) -> None:
-        """Save what is shown, without the panel, as a PNG: by default under the first free name in this folder."""
+        """Save the picture, without the panel, as a PNG: by default under the first free name in this folder."""
         from ..output.mesh_files import write_png
         from .recording import free_name
 
@@ -222,14 +222,15 @@ class Window:
         return self._recording is not None
 
     def quit(self, asked: bool = False) -> None:
-        """Close the window soon; while a film is recorded, say that it would be dropped, and close the second time."""
+        """Close the window soon. During a recording, first warn that the film would be lost; close at the second
+        call."""
         if self._recording is not None and not asked and not self._recording.asked:
             self._recording.asked, self.note = True, "recording a film: press q again to discard it"
             return
         self._open = False
 
     def close(self) -> None:
-        """Close the window and end the worker; a film that is not complete is dropped. Once more does nothing."""
+        """Close the window and end the worker; an incomplete film is dropped. A second call does nothing."""
         self._open = False
         if self._recording is not None:
             self._recording.stop("the window was closed")
@@ -244,9 +245,9 @@ class Window:
         self.plotter.render_window.Render()
 
     def _draw_scene(self, rests: bool, wait: bool = False) -> None:
-        """Bring surface, sky and camera up to date, for a picture at rest or in motion.
+        """Update surface, sky and camera, for a picture at rest or in motion.
 
-        wait: for what splats still need.
+        wait: for splats to be bound and fitted.
 
         Where OpenGL draws on the CPU, it draws the scene once when the picture comes to rest, and again while the
         camera moves. While only the light moves, our own rasteriser draws the scene and OpenGL the panel.

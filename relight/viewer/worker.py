@@ -70,7 +70,7 @@ class ReportedStages:
 
 
 class InlineWorker:
-    """The same in this process: `poll` works until the wish is answered. For tests and scripts that wait anyway."""
+    """The same in this process: `poll` works until the wish is answered. For tests and scripts, which wait anyway."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class InlineWorker:
         self._wish: LightWish | None = None
 
     def submit(self, wish: LightWish) -> None:
-        """Ask for the newest wish; what an older one still needs is dropped."""
+        """Request the newest wish; unfinished work of an older one is dropped."""
         self._wish = wish
 
     def poll(self) -> list[tuple]:
@@ -96,14 +96,14 @@ class InlineWorker:
         return list(_messages(self._lighting, wish))
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: there is no process to end."""
 
 
 def worker_command() -> list[str]:
     """The command that starts the process: this interpreter, with the same module path.
 
-    `python -m` and `python -c` look in the current folder first, and run a queue.py that lies there. Isolated mode does
-    not; the current folder comes last, and only if it was given by its whole path or holds this package.
+    `python -m` and `python -c` search the current folder first, and would run a queue.py there. Isolated mode does not;
+    the current folder comes last, and only if its absolute path was given or it holds this package.
     """
     package = str(Path(__file__).resolve().parents[2])
     here = os.getcwd()
@@ -124,7 +124,7 @@ class ProcessWorker:
         options: LightingOptions | None = None,
         cache: "Cache | None" = None,
     ) -> None:
-        # Ctrl-C in the terminal is the window's to answer: it ends this process.
+        # The window handles Ctrl-C in the terminal: it ends this process.
         self._process = subprocess.Popen(
             worker_command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -136,7 +136,7 @@ class ProcessWorker:
         self._wishes.put((scene, environments, albedos, options, cache))
 
     def submit(self, wish: LightWish) -> None:
-        """Ask for the newest wish; what an older one still needs is dropped."""
+        """Request the newest wish; unfinished work of an older one is dropped."""
         self._wishes.put(wish)
 
     def poll(self) -> list[tuple]:
@@ -180,7 +180,7 @@ def _messages(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
         return
     except InputError as error:
         yield "failed", wish, str(error)
-    except Exception as error:  # the window stays, and says what happened
+    except Exception as error:  # the window stays open and shows the error
         yield "failed", wish, f"{type(error).__name__}: {error}"
     else:
         yield "done", wish
@@ -189,11 +189,11 @@ def _messages(lighting: SessionLighting, wish: LightWish) -> Iterator[tuple]:
 def main() -> None:
     """Answer the wishes of the parent process until it goes away."""
     messages_in, messages_out = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints must not land between the messages
+    os.dup2(2, 1)  # prints of libraries must not land between the messages
     if hasattr(os, "nice"):
         os.nice(NICENESS)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)  # the command has said it
+        warnings.simplefilter("ignore", DataWarning)  # the command has reported it
         allow_read_only_install()
     scene, environments, albedos, options, cache = pickle.load(messages_in)
     newest: list[Any] = [None]  # LightWish
