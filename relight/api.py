@@ -137,7 +137,7 @@ def relight_scene(
     stages: Stages | None = None,
     **changes: Any,
 ) -> RelitScene:
-    """Light a scene, as the command does; nothing is written before `save`.
+    """Light a scene, as the command does. Only `save` writes files.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ class RelightPlan(NamedTuple):
 
 
 def plan_relight(request: RelightRequest, stages: Stages | None = None) -> RelightPlan:
-    """Plan a request without doing its work; nothing is written.
+    """Plan a request without doing its work or writing files.
 
     Lamps need the light of the capture, which is then estimated. Raises InputError for what cannot be planned: a method
     without settings to choose, a room that no environment changes.

@@ -1,4 +1,4 @@
-"""What the relight command takes: its options, in the groups of its help. Imports nothing heavy."""
+"""The options of the relight command, in the groups of its help. Imports nothing heavy."""
 
 import argparse
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a new light has beside an environment: what stays of the captured light, and lamps that people placed."""
+"""Light beside an environment: the remaining captured light, and added lamps."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 class Beside:
-    """Of one light on one scene, all but its environment; computed where it is asked for.
+    """All of a light on a scene but its environment, computed on first use.
 
-    options: LightingOptions. asked_lamps: the lamps as asked for. environment: Environment, not turned.
-    exposure_ev: as asked for, or None. relighter, look, room: of the scene; room is None where it is no closed one.
+    options: LightingOptions. asked_lamps: the requested lamps. environment: Environment, unrotated.
+    exposure_ev: as requested, or None. relighter, look, room: of the scene; room is None where it is no closed one.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Beside:
 
     @property
     def assumed(self) -> NDArray[np.float32] | None:
-        """What captured light from outside is multiplied by, (3,) float32, in a room that lets no environment in; None
+        """Factor on captured light from outside, (3,) float32, in a room that lets no environment in; None
         where that does not count: anywhere else, beside lamps, and where something is said of the captured light."""
         given = self._options.captured is not None or bool(self.asked_lamps)
         if not self._room or not self._look.kept or given or isinstance(self._environment, CapturedLight):
@@ -88,19 +88,19 @@ class Beside:
 
     @property
     def scale_known(self) -> bool:
-        """Whether the capture tells how long a metre is."""
+        """Whether the capture has a known scale in metres."""
         return bool(self._relighter.scene.capture.get("eyes"))
 
     @cached_property
     def lamps(self) -> "list[Lamp]":
-        """The lamps that are put in, in the frame of the splat and in units of the picture."""
+        """The added lamps, in the frame of the splat and in units of the picture."""
         from .lamps.asked import resolve
 
         return [resolve(each, self.scale) for each in self.asked_lamps]
 
     @cached_property
     def lamp_light(self) -> "LampLight | None":
-        """The light of the lamps that are put in, or None."""
+        """The light of the added lamps, or None."""
         if not self.asked_lamps:
             return None
         from .engine.placed import LampLight
@@ -120,7 +120,7 @@ class Beside:
 
     @cached_property
     def _lamp_ground(self) -> "LampLight":
-        """What the light of all lamps shares."""
+        """The shared part of the light of all lamps."""
         from .engine.placed import LampLight
 
         if self.lamp_light is not None:
@@ -129,7 +129,7 @@ class Beside:
 
     @property
     def in_words(self) -> list[str]:
-        """A line on each lamp that is put in: where it is, and how bright."""
+        """A line on each added lamp: its position and brightness."""
         from .lamps.asked import in_words
         from .lamps.placing import in_brief
 
@@ -165,8 +165,8 @@ class Beside:
         return Shaded(shaded.light, shading, shaded.exposure, backdrop, scale, captured, level)
 
     def parts(self, level: float) -> dict[str, NDArray[np.float32]]:
-        """What surfaces send out, (V, 3), of the light that is beside the environment, in its unit: captured, and of
-        lamps that are put in. level: as of `level`."""
+        """Exit radiance (V, 3) of surfaces under the light beside the environment, in its unit: captured, and of
+        added lamps. level: as for `level`."""
         found = {}
         if self.captured_factor:
             found["captured"] = self._own * np.float32(self.captured_factor / level)
@@ -177,7 +177,7 @@ class Beside:
     @cached_property
     def _own(self) -> NDArray[np.float32]:
         """The captured colours under the captured light as the options want it: where no environment gets into a room,
-        and that light alone is asked for, it takes after the new one."""
+        and that light alone is requested, it follows the new one."""
         if self._room is None:
             return self._look.captured
         if self.assumed is None:

@@ -181,7 +181,7 @@ def _planned(request: RelightRequest, stages: Stages) -> tuple[list[str], Any]:
 
 
 def _picture_folder(scene: str) -> str:
-    """Where pictures of a plan go: into the folder of a scene, of a file into NAME_relit, which its results go to."""
+    """The folder of a plan's pictures: that of the scene, or for a file NAME_relit, which also takes its results."""
     return scene if os.path.isdir(scene) else f"{Path(scene).stem}_relit"
 
 

@@ -192,7 +192,7 @@ def _shown(value: Any) -> str:
 
 
 def _described(source: Any) -> Any:
-    """An Environment, array, file or name as JSON: its name, and the digest of what it holds."""
+    """An Environment, array, file or name as JSON: its name, and the digest of its content."""
     if source is None:
         return None
     if isinstance(source, np.ndarray):

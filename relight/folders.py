@@ -167,13 +167,13 @@ def _relit(request: RelightRequest, stages: Stages, messages: list[str], notes: 
 
 
 def _exposure_of_day(request: RelightRequest, stages: Stages) -> float:
-    """Stops at which all times of a day are shown: those that its brightest one calls for."""
+    """Exposure of all times of a day in stops: that of the brightest time."""
     brightest = max(request.times, key=lambda each: each.environment().mean_luminance)
     return math.log2(next(Job(request.under(brightest), stages).shaded()).exposure)
 
 
 def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
-    """Join the pictures of a day: the film's path, or None and why there is none."""
+    """Join the pictures of a day: the film's path, or None and the reason."""
     from .animation.film import FILM, encode
 
     pictures = [folder / FILES["png"] for folder in folders]

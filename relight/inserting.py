@@ -1,4 +1,4 @@
-"""What stands around objects in a scene under one light of a job: its skies, surfaces, suns and lamps."""
+"""The surroundings of objects in a scene under one light of a job: its skies, surfaces, suns and lamps."""
 
 import warnings
 from typing import TYPE_CHECKING
@@ -82,7 +82,7 @@ def _level(shaded: Shaded, beside: "Beside", mixes: bool) -> float:
 
 
 def captured_sky(look: Appearance) -> Environment:
-    """The light of the capture from far away; an even one where nothing tells it, with a DataWarning."""
+    """The distant captured light; without an estimate, an even light with a DataWarning."""
     if look.environment is not None:
         return look.environment
     problem = "the light of the capture is unknown: objects are lit evenly from all around"
@@ -102,7 +102,7 @@ def _glow(
 ) -> NDArray[np.float32] | None:
     """(V, 3) float32: what the captured lamps of a closed room send, in the unit of the radiance; None without any.
 
-    factor: on what they sent on the capture day, besides that of the options."""
+    factor: on their captured radiance, besides that of the options."""
     room = look.room
     if room is None or not room.glow.any():
         return None

@@ -1,4 +1,4 @@
-"""What is known of a scene before it is lit anew: its surfaces, the light of its capture, what stays of that."""
+"""Facts of a scene before relighting: its surfaces, its captured light, and the part of that which stays."""
 
 import warnings
 from functools import cached_property
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 class KnownScene(Loaded):
-    """A request of a relight as far as its light does not have to be traced. Nothing is read before it is asked for."""
+    """The part of a relight request that needs no tracing of light. Reads on first use."""
 
     @cached_property
     def relighter(self) -> Relighter:
@@ -52,7 +52,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def cache(self) -> Cache | None:
-        """Where what is computed is kept, or None."""
+        """The cache of computed results, or None."""
         return Cache.of_scene(self.scene, self.request.caching == "read") if self.request.caching != "none" else None
 
     @cached_property
@@ -67,7 +67,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def gloss(self) -> "SceneGloss | None":
-        """What is glossy, where the light of the capture is estimated and splats tell of it."""
+        """The glossy surfaces; None without an estimate of the captured light or without splats that show gloss."""
         if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
             return None
         from .gloss import SceneGloss
@@ -96,7 +96,7 @@ class KnownScene(Loaded):
         return look._replace(kept=True) if shut else look
 
     def _retinted(self, look: Appearance) -> Appearance:
-        """The Appearance under a captured light of the colour that was asked for, if any was."""
+        """The Appearance under a captured light of the requested colour, if any."""
         tint, place = self.request.capture_tint, self.request.white_at
         if tint is None and place is None:
             return look
@@ -117,7 +117,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def inserted_meshes(self) -> "dict[AskedInsert, InsertedObject]":
-        """Those of the objects that are no splats, read."""
+        """The objects that are meshes, read."""
         from .insert.objects import read_object
 
         splats = {each for each in self.asked_inserts if not isinstance(each.source, Mesh) and of_splats(each.source)}
@@ -149,8 +149,8 @@ class KnownScene(Loaded):
 
     @property
     def assumed(self) -> dict[str, Any] | None:
-        """What is assumed of an environment that nothing tells how it gets in, JSON-clean: the share of the captured
-        light that comes from outside, and what that is multiplied by, RGB; None where nothing is."""
+        """The assumption for an environment without a known way in, JSON-clean: the share of the captured
+        light that comes from outside, and the factor on it, RGB; None without an assumption."""
         change = self.beside.assumed
         if self.room is None or change is None:
             return None
@@ -173,7 +173,7 @@ class KnownScene(Loaded):
 
     @property
     def lamps_found(self) -> list[dict[str, Any]]:
-        """What the report tells of the captured lamps of a closed room, by number."""
+        """Entries of the report for the captured lamps of a closed room, by number."""
         room = self.appearance.room
         return [] if room is None else list(room.report["lamps"])
 
@@ -186,7 +186,7 @@ class KnownScene(Loaded):
 
     @cached_property
     def beside(self) -> "Beside":
-        """What the light has beside an environment."""
+        """The light beside an environment."""
         from .beside import Beside
 
         asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev

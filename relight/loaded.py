@@ -95,7 +95,7 @@ class Loaded:
 
     @cached_property
     def options(self) -> LightingOptions:
-        """The options that were given, with the tolerance that the scene calls for where they name none."""
+        """The given options; without a tolerance, with the default for this kind of scene."""
         return self.request.lighting.planned(PLACE_TOLERANCE if self.scene.is_place else DEFAULT_TOLERANCE)
 
     @property

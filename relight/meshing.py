@@ -1,4 +1,4 @@
-"""A splat in place of a scene: it is meshed first, and its scene folder is kept."""
+"""A splat given as scene: it is meshed first, and its scene folder is kept."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ from splat2mesh.scene.sources import fingerprint
 from splat2mesh.summary import summary_of
 
 _SPLAT_ENDINGS = (".splat", ".spz", ".sog", ".json")
-"""Of files that are never meshes."""
+"""Suffixes of files that are never meshes."""
 
 _HEADER_BYTES = 1 << 16
 
@@ -37,7 +37,7 @@ def of_splats(path: str | os.PathLike[str]) -> bool:
 
 
 def is_splat(path: str | os.PathLike[str]) -> bool:
-    """Whether a path that exists is a splat or a layout of several, by what it holds; not whether it is sound."""
+    """Whether an existing path is a splat or a layout of several, by its content; does not validate it."""
     path = Path(path)
     if path.is_dir():
         return not (path / META).is_file()

@@ -181,7 +181,7 @@ class LightingOptions:
 
     @property
     def unplanned(self) -> Settings:
-        """The Settings where nothing is planned: all that the chosen effects do not rule out."""
+        """The Settings without a plan: everything that the chosen effects allow."""
         method, effects = self.method, self.chosen_effects
         if method == "auto":
             method = "raytraced" if effects else "analytic"
@@ -248,7 +248,7 @@ def _checked_key(name: Any, factor: Any) -> LampKey:
 
 
 def lamp_name(key: LampKey) -> str:
-    """Return what a captured lamp is called in a request: "2" or "at=1.2,2,-0.4"."""
+    """Return the name of a captured lamp in a request: "2" or "at=1.2,2,-0.4"."""
     return str(key) if isinstance(key, int) else "at=" + ",".join(f"{value:g}" for value in key)
 
 

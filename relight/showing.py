@@ -69,7 +69,7 @@ def session_of(job: Job) -> SessionRequest:
 
 
 def _lamp_source(job: Job) -> "LampSource":
-    """What lights the lamps of a session, mixed as `Job.shaded` mixes them."""
+    """The LampSource of a session, with the mixture of `Job.shaded`."""
     from .viewer.lamp_source import LampSource
 
     beside, light = job.beside, job.lights[0]
@@ -114,7 +114,7 @@ def _lamp_source(job: Job) -> "LampSource":
 
 
 def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np.float32]]":
-    """What tells the irradiance over pi of the scene from the radiance of an environment and its exposure."""
+    """The function for the irradiance over pi of the scene from the radiance of an environment and its exposure."""
     look, room = job.appearance, job.room
 
     def received(radiance: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
@@ -128,7 +128,7 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
 
 
 def _object_source(job: Job) -> "ObjectSource":
-    """What lights the objects of a session."""
+    """The ObjectSource of a session."""
     from .insert.shadowed import shadowed
     from .inserting import surroundings_in
     from .output.inserted_picture import with_objects

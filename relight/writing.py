@@ -1,4 +1,4 @@
-"""What a job writes: files and a report in a folder for each light, a sheet of all of them, a film of an animation.
+"""Writes the results of a job: a folder of files per light, a sheet of all lights, a film of an animation.
 
 writer = Writer(job)
 for shaded in job.shaded():
@@ -108,7 +108,7 @@ class Writer:
             return shading.radiance
 
         def finish(staging: Path, written: Frames) -> None:
-            frames.close()  # the report tells how long they took
+            frames.close()  # the report includes their seconds
             report.update(report_of(job, Shaded(light, shading, written.exposure)))
             report.update({"animation": animation.name, "frames": written.frames, "fps": fps})
             report["files"] = [f"{number:04d}.png" for number in range(written.frames)] + [FILM] * written.film
@@ -126,7 +126,7 @@ class Writer:
     def _film_of_objects(
         self, folder: str | os.PathLike[str], fps: float, overwrite: bool
     ) -> tuple[str, dict[str, Any]]:
-        """Light the objects that are put in frame by frame, in a place that stands still."""
+        """Light the inserted objects frame by frame, in a static place."""
         from .animation.acting import Acting
         from .animation.film import FILM, FilmRequest, Frames, frame_times
         from .animation.object_film import film_objects
@@ -202,7 +202,7 @@ def _lamps_of(options: LightingOptions) -> float | list[tuple[int | str, float]]
 
 
 def report_of(job: Job, shaded: Shaded) -> dict[str, Any]:
-    """What was done and how, JSON-clean, without files and times."""
+    """The settings and results of the work, JSON-clean, without files and times."""
     light, shading, exposure = shaded[:3]
     settings = shading.settings
     return {

@@ -1,4 +1,4 @@
-"""The cameras that capture a scene, what they see of it, and their COLMAP model.
+"""The cameras that capture a scene, their visible surfaces, and their COLMAP model.
 
 The views are in the splat's frame, as for a trained splat: y down, Rx(180) from the scene frame.
 """
@@ -22,7 +22,7 @@ ORBIT_ELEVATION_DEG = {"tabletop": (8.0, 65.0), "ceramics": (8.0, 65.0), "object
 """Lowest and highest ring of an orbit; a tabletop is not seen from below."""
 
 ORBIT_DISTANCE = 2.6
-"""Of the eye from the middle, in half diagonals: the scene then fills most of a 45 degree image."""
+"""Distance of the eye from the middle, in half diagonals: the scene then fills most of a 45 degree image."""
 
 ORBIT_FOV_DEG, ROOM_FOV_DEG = 45.0, 75.0
 

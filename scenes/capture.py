@@ -27,10 +27,10 @@ NEAREST_M = 0.9
 """Nearer than this no camera came for long: the spacing of splats stops to shrink with the distance."""
 
 DARK = 1e-4
-"""Of the mean sky's radiance: a place without more is dark, and nothing can be exposed for it."""
+"""Share of the mean sky's radiance below which a place is dark, and exposure impossible."""
 
 COARSER_VOLUME = 1.7
-"""Of the spacing on soil and in the depth of crowns, which leaves cover."""
+"""Factor on the spacing on soil and inside crowns, which leaves cover."""
 
 LOOKS = 28
 """Views that show how near a face was seen."""
@@ -47,7 +47,7 @@ LONG_AXIS, OPACITY_LOGIT = 1.15, 0.9
 trained garden has 0.56 near its cameras, a quarter of it above 0.9)."""
 
 EDGE_REACH, STEEP, EDGE_WIDTH = 0.6, 0.4, 0.8
-"""Splats follow the edges in what they show, as trained ones do: where the log of the albedo changes by more than
+"""Splats follow edges in the colours, as trained ones do: where the log of the albedo changes by more than
 STEEP over twice EDGE_REACH spacings, and they are as much narrower there."""
 
 SHARPER, NEIGHBORS = 0.7, 12
@@ -90,7 +90,7 @@ class Capture:
         return replace(self.splats, sh=_colors(self, lighting, self.splats.degree))
 
     def albedo(self, place):
-        """Linear albedo (N, 3) of each splat: what a relighting should find; NaN where there is none."""
+        """Linear albedo (N, 3) of each splat, the target of a relighting; NaN for splats without one."""
         found = np.full((len(self.region), 3), np.nan, np.float32)
         rows = np.flatnonzero(self.faces >= 0)
         corners = place.faces[self.faces[rows]]
@@ -145,7 +145,7 @@ def capture(place, lighting, views, count, seed=0, degree=0):
 
 
 def seen_distance(place, caster, views):
-    """From how near each face was seen from its front, (F,) metres; infinite where no view sees its middle."""
+    """Distance of the nearest view of each face's front, (F,) metres; infinite if no view sees its middle."""
     corners = place.vertices[place.faces]
     middle = corners.mean(axis=1)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -186,7 +186,7 @@ def _solid(place, lighting, distance, seen, count, rng):
 
 
 def _where_detail_is(radiance, count, rng):
-    """Of candidates in the order of a space-filling curve, `count` that follow the detail of their colours.
+    """Choose `count` of the candidates, in the order of a space-filling curve, by the detail of their colours.
 
     Returns rows (count,) in order, and how much larger the spacing becomes there than the candidates'.
     """

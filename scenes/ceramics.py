@@ -24,9 +24,9 @@ GLAZE_ALPHA, METAL_ALPHA = (0.06, 0.3), (0.12, 0.4)
 
 @dataclass(frozen=True)
 class GlossyTruth(SceneTruth):
-    """A scene whose gloss is known, too. albedo_linear is what is reflected diffusely: 0 on metals.
+    """A scene with known gloss. albedo_linear is the diffuse reflectance: 0 on metals.
 
-    reflectance: (V, 3) float32 at normal incidence, 0 on what is matte. alpha: (V,) float32 roughness of GGX, 1 on what
+    reflectance: (V, 3) float32 at normal incidence, 0 on matte parts. alpha: (V,) float32 roughness of GGX, 1 on what
     is matte. metal: (V,) bool.
     """
 
@@ -66,12 +66,12 @@ MATTE = 0.0, 1.0, None
 
 
 def _painted(color, paint):
-    """The colours (V, 3) of a solid, or of what it is painted with where it has none."""
+    """The colours (V, 3) of a solid, or those of its paint if it has none."""
     return color if paint is None else np.broadcast_to(paint, color.shape)
 
 
 def _things(seed, edge):
-    """Solids, and of each (reflectance, alpha, what a metal is painted with where it must be matte)."""
+    """Solids, each with (reflectance, alpha, paint of a metal where it must be matte)."""
     rng = np.random.default_rng([seed, 31])
     slab, slab_faces = placed(shapes.rounded_box((SIZE, 0.12, SIZE), 0.04, edge), (0, -0.06, 0))
     things = [((slab, slab_faces, albedo.patches(slab, albedo.random_colors(rng, 30), rng)), MATTE)]

@@ -24,20 +24,20 @@ BLOCK_M = 30.0
 """Side of a block: a house in its garden, and half of the street on each side of it."""
 
 SPLATS_OF_BLOCK = 24_000
-"""Of a city of many blocks; smaller cities have four blocks of fewer."""
+"""Splats per block of a city with many blocks; smaller cities have four smaller blocks."""
 
 ROAD_M, WALK_M = 3.0, 4.5
 """Half the width of the road, and of the road with its pavement, from the border of a block."""
 
 EDGE_M = 0.9
-"""Of the tessellation: the light is no finer than that."""
+"""Edge length of the tessellation, which limits the detail of the light."""
 
 TREES = 4
 SUNK_M = 0.3
 
 
 def blocks_across(splats):
-    """Blocks along one side of a city of so many splats."""
+    """Blocks along one side of a city of `splats` splats."""
     return max(2, round(np.sqrt(splats / SPLATS_OF_BLOCK)))
 
 
@@ -78,7 +78,7 @@ def write_city(options):
 
 def _with_neighbors(seed, x, z, across, blocks):
     """A block with those around it as one SceneTruth, its own vertices first; which of its own faces are seen; and the
-    block alone. blocks: those built so far, of which only what is still needed stays."""
+    block alone. blocks: the cache of built blocks, limited to those still needed."""
     around = [(x, z)] + [
         (x + i, z + j)
         for i in (-1, 0, 1)

@@ -25,8 +25,8 @@ VERTICES, TEST_VIEWS, TEST_WIDTH = 60_000, 8, 256
 def write_place(options):
     """Generate the place of parsed options into a folder; returns summary lines and facts, as `console.run` wants.
 
-    point_cloud.ply, cameras.json and sparse/0 are what a training leaves (y down); truth.ply and environment.exr are
-    what it does not show. Under every light LIGHT (the capture's is named capture): truth_LIGHT.npz with the exposed
+    point_cloud.ply, cameras.json and sparse/0 are the output of a training (y down); truth.ply and environment.exr are
+    the hidden truth. Under every light LIGHT (the capture's is named capture): truth_LIGHT.npz with the exposed
     linear radiance of the vertices (V, 3) and of the splats, their colours (N, 3) in sRGB, and photographs.
     """
     environment = capture_sky(options.env)
@@ -78,8 +78,8 @@ def write_place(options):
 def write_ceramics(options):
     """Generate the glossy table of parsed options into a folder; returns summary lines and facts.
 
-    splat.ply and sparse/0 are what a training leaves (y down); truth.ply, environment.exr and truth_gloss.npz, with the
-    reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are what it does not show. truth_LIGHT.ply: the same
+    splat.ply and sparse/0 are the output of a training (y down); truth.ply, environment.exr and truth_gloss.npz, with
+    the reflectance (V, 3), alpha (V,) and metal (V,) of the vertices, are the hidden truth. truth_LIGHT.ply: the same
     Gaussians, trained under another light, whose exposure is in truth.json.
     """
     environments = [capture_sky(name) for name in (options.env, *options.relit)]

@@ -90,7 +90,7 @@ def mirrored_radiance(truth, caster, points, normals, faces, weights, toward, di
     seeds = np.arange(len(points)) * 0.6180339887498949
     lift = np.float32(CLEARANCE * np.linalg.norm(np.ptp(truth.vertices, axis=0)))
     origins = (points + lift * normals).astype(np.float32)
-    # What the metals of the scene look like in a mirror: as bright as a matte thing of their colour.
+    # The metals of the scene appear in a mirror as bright as a matte object of their colour.
     painted = [each + truth.reflectance * _white(each, truth) * truth.metal[:, None] for each in diffuse]
     for sample in range(SAMPLES):
         one, two = ((seeds * (1 + power) + sample / PLASTIC**power) % 1.0 for power in (1, 2))

@@ -16,7 +16,7 @@ DIRECTIONS = 512
 """Draws from the environment, a sun taking as many as its share of the light: errors of 0.5 to 1% on a tabletop."""
 
 CLEARANCE = 1e-4
-"""Of ray origins over the surface, as a part of the scene's diagonal: less than any shadow shows."""
+"""Offset of ray origins from the surface, in diagonals of the scene: smaller than any visible shadow."""
 
 BLOCK = 4096
 """Vertices traced at a time: 2 million rays, 50 MB."""
@@ -28,7 +28,7 @@ WHITE_POINT, WHITE_PERCENTILE = 0.9, 98.0
 def bake(truth, environment, count=None):
     """Exit radiance of every vertex, without interreflection: (V, 3) float32, linear, not exposed.
 
-    environment: relight.Environment. count: only of the first so many vertices, whose normals and albedos alone are
+    environment: relight.Environment. count: number of leading vertices to light, whose normals and albedos alone are
     needed; the others hide light. Raises InputError when it is black.
     """
     toward, light, _ = distant_lights(environment)
@@ -52,7 +52,7 @@ def exposure(radiance):
 
 
 def distant_lights(environment, count=DIRECTIONS):
-    """Distant lights in place of the environment: unit directions and irradiances, (D, 3) float32, and texels (D,).
+    """Distant lights that replace the environment: unit directions and irradiances, (D, 3) float32, and texels (D,).
 
     count: how many draws; D are of different texels. Raises InputError when the environment is black.
 

@@ -1,4 +1,4 @@
-"""The true picture of a place from a camera, by ray casting, to score renderings of splats against."""
+"""The true picture of a place from a camera, by ray casting: the reference for renderings of splats."""
 
 import numpy as np
 

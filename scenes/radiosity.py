@@ -1,4 +1,4 @@
-"""The light of a place under an environment and its lamps: suns, sky, windows, lamps and all bounces.
+"""The light in a place under an environment and its lamps: suns, sky, windows, lamps and all bounces.
 
 Suns are traced from every requested point, so their shadows are as sharp as the points are dense. All
 else varies slowly: it is gathered once, at the vertices (and at the middle of each side of a leaf), and interpolated.
@@ -28,7 +28,7 @@ OPEN_GATHER, CLOSED_GATHER = 32, 144
 """Rays a point that bring bounced light: in the open it is a small part, in rooms it is the light."""
 
 CLEARANCE_M = 1e-3
-"""Of ray origins over the surface."""
+"""Offset of ray origins from the surface."""
 
 INWARD = 0.08
 """How far a vertex is shaded from its own faces' middle, as a share of the way: off the edge where two walls meet."""
@@ -37,7 +37,7 @@ NEAR_WINDOW_M = 0.35
 """Nearer to a window's plane than this the points on it stand too far apart: the sky is drawn instead."""
 
 BOUNCES = 24
-"""Rounds of the light's way through a room; each leaves at most the albedo's share of what was missing."""
+"""Bounces through a room; each leaves at most the albedo's share of the remaining light."""
 
 SMOOTHING = 6
 """Rounds of averaging over neighbours that look the same way, against the noise of the gathered light in rooms."""
@@ -98,7 +98,7 @@ class Lighting:
 
 
 def light(place, environment, lamps=1.0):
-    """The light of a place: a Lighting.
+    """Compute the light in a place: a Lighting.
 
     environment: relight.Environment. lamps: factor on what the place's lamps give off. Raises InputError for a
     negative factor.
@@ -166,7 +166,7 @@ def _shading_points(place):
 
 
 def _vertex_points(place):
-    """The vertices drawn a little into their own faces, off what they touch: points and normals (V, 3) float32."""
+    """The vertices moved slightly into their own faces, away from contacts: points and normals (V, 3) float32."""
     middle = place.vertices[place.faces].mean(axis=1)
     total = np.stack(
         [np.bincount(place.faces.ravel(), np.repeat(axis, 3), len(place.vertices)) for axis in middle.T], 1

@@ -9,10 +9,10 @@ from scipy.spatial import cKDTree
 from splat2mesh.render.raycaster import RayCaster
 
 DISTANCES = (0.0025, 0.005, 0.01)
-"""Of the diagonal: a sample counts as right when the other surface is nearer than this."""
+"""Distance, in diagonals, within which a sample of the other surface counts as right."""
 
 SAMPLES = 100_000
-"""Of each mesh, evenly over its area. Sparse on large ones: score the truth against itself to know the ceiling."""
+"""Samples per mesh, evenly over its area. Sparse on large ones: score the truth against itself for the ceiling."""
 
 
 def score(found, true, centers=None, samples=SAMPLES, seed=0):

@@ -59,7 +59,7 @@ def cloudy():
 
 
 def sky_points(place, caster, views, count):
-    """Where the far splats stand: the `count` most even places beyond the scene that some view sees.
+    """Positions of the far splats: the `count` most even ones beyond the scene that a view sees.
 
     Returns directions from the middle (N, 3), distances (N,) and mean spacing in radians, with N <= count; none when
     no view sees the sky. Scene frame.

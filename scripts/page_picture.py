@@ -20,7 +20,7 @@ STATES = (
     {"view": "albedo"},
     {"view": "relit", "light": 0, "turn": 120, "compare": True},
 )
-"""Of the page, row after row; the light that it was written for is number 0."""
+"""Lights of the page, row by row; the light that it was written for is number 0."""
 
 FRAME = "() => new Promise((done) => requestAnimationFrame(() => done()))"
 

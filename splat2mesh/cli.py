@@ -159,7 +159,7 @@ def tiling_options(words: argparse.Namespace) -> TilingOptions | None:
 
 
 def display_options(words: argparse.Namespace) -> Display:
-    """Return what a command shows."""
+    """Return the output of a command."""
     return Display(**given(Display, words))
 
 

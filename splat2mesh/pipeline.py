@@ -36,7 +36,7 @@ from .views.upright import upright
 from .views.viewpoints import bounds_of, near_plane, picture_view, virtual_views
 
 DEFAULT_VERTICES = 50_000
-"""Of an object. A place gets as many as it asks for."""
+"""Views of an object. A place gets as many as it needs."""
 
 GROUND_VERTICES = 200_000
 """At most, of an object that was captured with the ground around it, where colours ask for more."""

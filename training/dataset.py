@@ -25,7 +25,7 @@ class Published(NamedTuple):
 
 
 def published_meshes(folder):
-    """Yield what a folder holds, in the order of names. Raises InputError for none, or files that do not fit."""
+    """Yield the files of a folder, in the order of names. Raises InputError without files, or for unfit ones."""
     files = sorted(Path(folder).glob("*" + COEFFICIENTS))
     if not files:
         raise InputError(f"{folder}: expected files named NAME{COEFFICIENTS}, found none")

@@ -40,12 +40,12 @@ HELD_OUT_SEED = 2**20
 """Added to the seed: meshes of the same kinds, none of them trained on."""
 
 JUDGE_EVERY, JUDGED = 30.0, 500
-"""Seconds between looks at the held-out meshes, about so many vertices of each; the best network so far is kept."""
+"""Seconds between tests on the held-out meshes, and about how many vertices of each; the best network is kept."""
 
 REFERENCES = 8
 
 OPSET, IR_VERSION = 15, 8
-"""Of the ONNX file: old enough for every runtime of the last years."""
+"""Opset of the ONNX file: old enough for every runtime of recent years."""
 
 
 class Example(NamedTuple):
@@ -168,7 +168,7 @@ def errors(network, kind, examples, most=None):
 
 
 def relative_error(found, expected):
-    """L2 norm of the difference over that of what was expected."""
+    """L2 norm of the difference over that of the expected array."""
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 

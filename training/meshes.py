@@ -110,7 +110,7 @@ def _knot(rng, edge):
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     side = np.zeros_like(center)
     side[0] = np.cross(tangent[0], [0.36, 0.48, 0.8])
-    for i in range(1, along):  # carried along with the least turn; the seam takes what is left over
+    for i in range(1, along):  # transported with the least rotation; the seam takes the rest
         side[i] = side[i - 1] - (side[i - 1] @ tangent[i]) * tangent[i]
         side[i] /= np.linalg.norm(side[i])
     angle = np.linspace(0.0, 2 * np.pi, around, endpoint=False)

@@ -43,7 +43,7 @@ LABEL_RAYS = 4096
 """Error of a label: 0.2% with 3 bands. A tenth of what 64 averaged rays leave."""
 
 MESHES, VERTICES = 60, 700
-"""Of the training set, and how many vertices are drawn from each."""
+"""Meshes of the training set, and vertices sampled from each."""
 
 HIDDEN = 24
 STEPS, BATCH, RATE = 12000, 1024, 4e-3
@@ -51,7 +51,7 @@ LEAST_SQUARE = 1e-3
 """Added before the logarithm: estimates this far below the expected noise agree."""
 
 MOST_WEIGHT = 2.0
-"""Bound of a weight: outside what it has seen, the network goes at most this far from its estimates."""
+"""Bound of a weight: outside its training data, the network deviates at most this far from its estimates."""
 
 
 class Mixer(nn.Module):
@@ -201,7 +201,7 @@ def squared_error(weights, matrix, slope, base):
 
 
 def fit(parts, seed, budget, steps=STEPS, say=lambda line: None):
-    """Train a Mixer for so many steps, or processor seconds if they are over before."""
+    """Train a Mixer for a number of steps, or of processor seconds if they end first."""
     parts = [part for part in parts if len(part.vertex)]
     importance = []
     for part in parts:

@@ -1,4 +1,4 @@
-"""What a new light does in a room where nothing tells how it gets in: an assumption, in place of physics.
+"""The effect of a new light in a room without a known way in for it: an assumption instead of physics.
 
 The light that came in on the capture day takes the brightness and the colour of the new one, relative to a white sky of
 radiance 1: by that a camera was exposed and balanced.

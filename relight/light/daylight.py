@@ -72,7 +72,7 @@ class DaylightRequest:
 
     @classmethod
     def parse(cls, sun: str, at: str, north_deg: float = 0.0) -> "DaylightRequest":
-        """Make it of what a person types.
+        """Parse the user's text.
 
         Parameters
         ----------

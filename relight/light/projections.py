@@ -29,7 +29,7 @@ _CROSS_FACES = (
 
 
 def recognise(image: Radiance) -> str | None:
-    """Tell the projection of an image by its sides and by where it is black.
+    """Recognise the projection of an image by its aspect and its black regions.
 
     Parameters
     ----------

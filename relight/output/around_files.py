@@ -1,4 +1,4 @@
-"""What tells of the light around: probes of it, and what objects change of it."""
+"""Files on the surrounding light: probes of it, and the changes that objects make to it."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

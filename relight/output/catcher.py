@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ..light.environment import Environment
 
 SIDE = 128
-"""Points of the ground along a side of the square that is looked at."""
+"""Points of the ground along a side of the sampled square."""
 
 REACH = 4.0
 """Half of that side, in radii of the object: beyond it no shadow is drawn."""

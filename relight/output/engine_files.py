@@ -90,7 +90,7 @@ class EngineFiles:
 
     @property
     def _shine(self) -> NDArray[np.float32] | None:
-        """(V, 2) roughness and metalness, None where nothing is glossy."""
+        """(V, 2) roughness and metalness; None without gloss."""
         return None if self._gloss is None else self._gloss.roughness(self._appearance)
 
     def _write_live(self, folder: Path, light: "Environment", exposure: float, placed: PlacedLamps) -> list[str]:

@@ -61,7 +61,7 @@ def write_inserted_glb(path: str | os.PathLike[str], inserted: "InsertedLight", 
 
 
 def _shown(part: Part, light: NDArray[np.float32], exposure: float) -> NDArray[np.float32]:
-    """COLOR_0 (V, 4), linear: what the picture is multiplied with; where there is none, all that is sent."""
+    """COLOR_0 (V, 4), linear: the factor on the texture; without a texture, the exit radiance."""
     color = np.ones((len(light), 4), np.float32)
     color[:, 3] = part.color[:, 3]
     if part.uv is None:

@@ -28,13 +28,13 @@ SIZE = 0.45
 OPAQUE = 0.99
 
 FIELD_DEG, AWAY = 55.0, 4.5
-"""Of the picture of an object: its field of view, and the distance that is best, in radii of the object."""
+"""The picture of an object: its field of view, and its preferred distance, in radii of the object."""
 
 
 def with_objects(
     splats: Splats, inserted: "InsertedLight", exposure: float, view: View, scene: Scene, samples: int = SAMPLES
 ) -> Splats:
-    """The splats and what a view in the frame of the scene sees of the objects, in the frame of the splats.
+    """The splats with the objects as a view in the frame of the scene shows them, in the frame of the splats.
 
     samples: along the side of a pixel."""
     standing, frame = inserted.standing, inserted.standing.frame

@@ -18,19 +18,19 @@ FILES = {
 }
 
 FOR_ENGINES = ("albedo-splat", "splat-glb", "usd")
-"""Those that `engine_files.EngineFiles` writes."""
+"""Kinds that `engine_files.EngineFiles` writes."""
 
 AROUND = ("probe", "catcher")
-"""Those that hold the light around and the changes that objects make in it; `around_files.AroundFiles` writes them."""
+"""Kinds with the surrounding light and the changes that objects make; `around_files.AroundFiles` writes them."""
 
 WITHOUT_LIGHT = ("clean-splat",)
-"""Those that no light changes, which `clean_files.CleanFiles` writes."""
+"""Kinds that do not depend on the light; `clean_files.CleanFiles` writes them."""
 
 APART = ("live", "web", "passes", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
-"""Those with a separate writer, which names its files."""
+"""Kinds with a separate writer, which names its files."""
 
 OF_SPLATS = ("splat", "live", "web", *FOR_ENGINES, *AROUND, *WITHOUT_LIGHT)
-"""Those that need the splats that the scene was made from."""
+"""Kinds that need the splats of the scene."""
 
 CITY_FILES = ("glb", "ply", "npy", "splat", "sog")
 """The formats of a tile of a city; sog is one streamed SOG of all."""

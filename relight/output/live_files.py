@@ -56,7 +56,7 @@ class LiveFiles:
         kinds: Sequence[str],
         objects: "LiveObjects | None" = None,
     ) -> tuple[list[str], dict[str, Any]]:
-        """Write the files of `kinds` into a folder that exists: their names, and what the report should tell.
+        """Write the files of `kinds` into an existing folder; return their names and their entry in the report.
 
         light: the one shown first, at its angle. exposure: of it. objects: inserted ones in it, by rows of the splats.
         """
@@ -131,7 +131,7 @@ class LiveFiles:
         return self._beside(found, light, exposure / self._level_of(light, radiance))
 
     def _mixed(self, live: Any, first: "Environment") -> Any:
-        """A Live whose lights have beside them what was asked for, and that of the capture, where it is not first."""
+        """A Live whose lights have the requested light beside them, and the captured light, unless it comes first."""
         from ..live.lights import captured_alone
 
         by_name = {each.name: each for each in self._others}
@@ -143,7 +143,7 @@ class LiveFiles:
         return live._replace(lights=lights)
 
     def _beside(self, found: Any, light: "Environment", unit: float = 1.0) -> Any:
-        """A Light with what is beside it; an environment that changes nothing is seen through windows alone."""
+        """A Light with the light beside it. An environment without effect shows only through windows."""
         captured = self._captured(light)
         steady = self._room is not None and self._room.steady
         return found._replace(captured=captured, unit=unit).times(captured if steady else self._mixture.env_scale)
@@ -175,7 +175,7 @@ class LiveFiles:
         return self._relighter if self._room is None else self._room.lit
 
     def _lamps(self, light: "Environment", exposure: float) -> float:
-        """What the light of a room's lamps is multiplied by, at an exposure of a light beside it."""
+        """Factor on the light of a room's lamps, at the exposure of a light beside it."""
         capture, room = self._appearance.capture, self._room
         if room is None or not room.lamps_found or capture is None or (room.steady and self._mixes(light)):
             return 0.0
@@ -183,7 +183,7 @@ class LiveFiles:
         return room.lamp_factor * (exposure * mean / capture["brightness"] if mean > 0.0 else 1.0)
 
     def _settings(self, light: "Environment") -> Settings:
-        """As the light that is shown first was planned; others are unknown, so what bounces is not left out."""
+        """The settings of the first light's plan; other lights are unknown, so bounces are always included."""
         options = self._relighter.options
         if self._room is not None and self._room.steady:
             return options.unplanned

@@ -26,10 +26,10 @@ FILE = "live.glb"
 FORMAT_VERSION = 1
 
 KEY = "relight_live"
-"""Of the glTF scene's `extras` that hold what the loaders need."""
+"""Keys of the glTF scene's `extras` that the loaders need."""
 
 SNORM = 32767
-"""Of 16-bit normalised integers: value = max(integer / 32767, -1)."""
+"""Scale of 16-bit normalised integers: value = max(integer / 32767, -1)."""
 
 
 def write_live_glb(

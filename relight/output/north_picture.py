@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 SIZE = 960, 720
 
 ANCHOR = 0.5, 0.7
-"""Where the middle of the arrow lies in the picture, of its width and height: on the ground before the middle."""
+"""Position of the arrow's middle, in widths and heights of the picture: on the ground in front of the middle."""
 
 LENGTH = 0.2
-"""Of the arrow, of the distance at which the camera sees it."""
+"""Length of the arrow, over its distance from the camera."""
 
 INK = (255, 90, 40)
 
 OUTLINE = np.array(
     [[0.5, 0.0], [0.1, 0.22], [0.1, 0.07], [-0.5, 0.07], [-0.5, -0.07], [0.1, -0.07], [0.1, -0.22]], np.float64
 )
-"""Of an arrow of length 1 along x, its tip first."""
+"""Outline of an arrow of length 1 along x, its tip first."""
 
 LETTER = 0.62
 """Distance of the N from the middle of the arrow, as a share of its length."""
 
 NEAREST = 1e-3
-"""Of its distance: what comes nearer to the camera than this is not drawn."""
+"""Near limit over its distance: closer parts are not drawn."""
 
 
 def north(north_deg: float) -> NDArray[np.float64]:

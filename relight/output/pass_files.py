@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..engine.relighter import Shaded
 
 FOLDER = "passes"
-"""Of their files where there are several cameras."""
+"""Names of files with several cameras."""
 
 BLACK = 1e-6
 """Albedo, premultiplied, below which a pixel does not show light."""

@@ -26,7 +26,7 @@ FINE = 2
 """Samples along a pixel's side of what is behind: a horizon and a sun have smooth edges."""
 
 PLAIN = 0.62
-"""Display value behind what no light is known of: no surface is as even."""
+"""Display value of the background without a known light: no surface is as even."""
 
 HIDDEN = 1e-3
 """Part of what is behind that a pixel of splats may let through unseen: a quarter of a step of a byte."""

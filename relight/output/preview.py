@@ -27,7 +27,7 @@ _FIELD_OF_VIEW_DEG = 40.0
 _AZIMUTH_DEG, _ELEVATION_DEG = 30.0, 20.0  # three-quarter view: from +z, turned towards +x, slightly above
 _RAYS_AT_ONCE = 2**19  # bounds the memory of large pictures
 NOWHERE = 1e10
-"""Depth of what no ray meets: far beyond any scene, and a number that all programs read."""
+"""Depth of rays without a hit: far beyond any scene, and a number that all programs read."""
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -204,7 +204,7 @@ def _directions(view: View) -> NDArray[np.float32]:
 
 
 def _cast(raycaster: RayCaster, view: View) -> tuple[NDArray[np.bool_], NDArray[np.int32], NDArray[np.float32]]:
-    """Where the rays of a View hit.
+    """Hits of the rays of a View.
 
     Returns the mask of the rays that do, (H * W,) bool, and for these P rays the face, (P,) int32, and the
     barycentric weights of its corners, (P, 3) float32.

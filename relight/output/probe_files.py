@@ -28,7 +28,7 @@ GREY = 0.5
 """Albedo of the grey ball."""
 
 ROWS_OF_GRID = 64
-"""Of the pictures of a grid's probes: nine harmonics of them need no more."""
+"""Size of the pictures of a grid's probes: enough for nine harmonics."""
 
 
 def write_probes(

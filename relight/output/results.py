@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 PICTURE_SIZE = 960, 720
 
 BEFORE = "captured", "albedo"
-"""What stands before the lights on the sheet."""
+"""Labels of the pictures before the lights on the sheet."""
 
 INSERTED = "inserted.glb", "inserted.png"
-"""What was put in, and a picture of it in the scene."""
+"""Files of inserted objects, and of a picture of them in the scene."""
 
 
 @dataclass(frozen=True, eq=False)
 class OwnWriters:
-    """Writers of kinds that have files of their own; None where none of those was asked for.
+    """Writers of kinds with separate files; None for kinds not requested.
 
-    live: what is live. engines: what engines take. around: what tells of the light around. clean: the splats without
+    live: live files. engines: files for engines. around: files on the surrounding light. clean: the splats without
     floaters. passes: those of the mesh.
     """
 
@@ -83,7 +83,7 @@ class Results:
         self._own_texture: Any = None  # False where the scene has none
 
     def write(self, folder: Path, shaded: "Shaded") -> tuple[list[str], dict[str, Any]]:
-        """Fill a folder that exists: (names of the files, what else the report should tell)."""
+        """Fill an existing folder: (names of the files, further entries of the report)."""
         light, exposure, radiance = shaded.light, shaded.exposure, shaded.shading.radiance
         pictured = "png" in self._kinds or "splat" in self._kinds  # what is written as a splat is shown too
         kinds = {*self._kinds, "png"} if pictured else self._kinds
@@ -149,7 +149,7 @@ class Results:
         return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
-        """The objects that were put in, in their light, and a picture of them in the scene: names of the files."""
+        """Write the lit inserted objects, and a picture of them in the scene: names of the files."""
         from .inserted_glb import write_inserted_glb
         from .inserted_picture import camera_of
         from .joined_splats import append_splats
@@ -171,7 +171,7 @@ class Results:
         return [*names, INSERTED[1]]
 
     def _live_objects(self, relit: Splats | None, shaded: "Shaded") -> "LiveObjects | None":
-        """The objects that were put in, as the page and the bundle have them; None without."""
+        """The inserted objects in the form of the page and the bundle, or None."""
         if shaded.inserted is None:
             return None
         from ..live.objects import objects_of
@@ -188,7 +188,7 @@ class Results:
     def object_painter(
         self, shaded: "Shaded", poses: "list[InsertedLight]"
     ) -> "Callable[[InsertedLight], NDArray[np.uint8]]":
-        """What draws objects in motion in a light: splats where there are any, else the mesh.
+        """The function that draws moving objects under a light: splats if there are any, else the mesh.
 
         shaded: with the objects in any pose. poses: some of those to come."""
         from ..insert.shadowed import ShadowedSplats
@@ -212,7 +212,7 @@ class Results:
         return drawn
 
     def _of_splats(self, picture: Any, relit: Splats, shaded: "Shaded") -> NDArray[np.uint8]:
-        """A picture of relit splats, and of what was put in among them."""
+        """A picture of relit splats with the inserted objects."""
         light = None if isinstance(shaded.light, CapturedLight) else shaded.light
         if shaded.inserted is not None:
             from .inserted_picture import with_objects
@@ -272,7 +272,7 @@ class Results:
         return found
 
     def _baked_or_kept(self, known: dict[str, Any]) -> Any:
-        """The texture, from the cache where the same was baked before. known: what `bake` is told of the light."""
+        """The texture, from the cache if it was baked before. known: the arguments of `bake` for the light."""
         from ..texture import Baked, KnownColors, bake
         from ..transfer.store import array_key
 
@@ -297,7 +297,7 @@ class Results:
         self,
         folder: Path,
         shaded: "Shaded",
-        facts: dict[str, Any],  # what the report tells of them goes in
+        facts: dict[str, Any],  # receives their entries of the report
     ) -> list[str]:
         """Write textured meshes, relit and as albedo, and on request the transfer. Returns the names of the files."""
         from .textured_files import write_textured_glb, write_transfer

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class WrittenScene:
-    """A scene, what it was made from, and what lights it beside an environment.
+    """A scene, its source, and the light on it beside an environment.
 
     splats: (Splats, paths of their files), None where no result needs them. binding: returns the Binding of the splats;
     called where splats are. sky: of `splats.SKIES`, for the far background of splats; "keep" keeps that of an albedo

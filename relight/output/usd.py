@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FILE, LIGHT = "relit_splat.usdc", "light.exr"
 
 COLOR_SPACE = "srgb_rec709_scene"
-"""Of the harmonics, by the names that usd-core knows: its sRGB, in which splats are trained and blended."""
+"""Colour space of the harmonics, in usd-core's names: sRGB, in which splats are trained and blended."""
 
 SEEN_TO = 3.0
 """Standard deviations that a splat reaches, for its bounds."""
@@ -153,7 +153,7 @@ def _define_proxy(pxr: Any, stage: Any, scene: "Scene", albedo: NDArray) -> None
 
 
 def _define_gloss(pxr: Any, stage: Any, gloss: NDArray[np.float32]) -> None:
-    """The proxy's material: what it has at each vertex, read by UsdPreviewSurface."""
+    """The proxy's material: its vertex attributes, read by UsdPreviewSurface."""
     mesh, shade, types = pxr.UsdGeom.Mesh.Get(stage, "/World/Proxy"), pxr.UsdShade, pxr.Sdf.ValueTypeNames
     primvars = pxr.UsdGeom.PrimvarsAPI(mesh)
     for number, name in enumerate(("roughness", "metallic")):

@@ -40,7 +40,7 @@ SUN_WIDTH = 0.8
 ALL_TOLERANCES = 0.02, 0.01, 0.005  # for suns where a time is given, and not an error
 
 NEAR_LEAST = 1.1
-"""Where no setting is within the target: so near the least error it may as well be cheap."""
+"""Without a setting within the target: the factor on the least error within which the cheapest setting wins."""
 
 MAX_SPLITS = 3
 """How often suns are looked for while a plan is made: that takes longer than all the rest of it."""

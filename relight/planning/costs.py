@@ -20,7 +20,7 @@ CALLS = 1.5e5  # in all: threads that wake, and what is done once whatever the s
 LIGHT_COEFFICIENT = 4.5e3  # in all, per coefficient: the light's harmonics, .05 s in 8 bands
 SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = 0.6  # per sun: half of them stand before a vertex
-FIRST_HIT = 1.2  # per bounce ray: what it meets, and its place in the matrix
+FIRST_HIT = 1.2  # per bounce ray: its hit, and its entry in the matrix
 BOUNCE = 0.02  # per bounce ray and bounce
 NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over averaging
 

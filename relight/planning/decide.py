@@ -19,7 +19,7 @@ from .plan import Plan
 from .sample import Sample
 
 VOLUME_PART = 0.35
-"""Of the tolerance, for the directions from which light comes to leaves and grass."""
+"""Share of the tolerance for the number of directions on leaves and grass."""
 
 UNSHADOWED = ("analytic", "neural-gash", "blinn-phong")
 """Methods that trace nothing, and march through nothing."""

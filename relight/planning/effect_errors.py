@@ -84,7 +84,7 @@ class EffectErrors:
         return self._truncations(level, image)[bands - 1]
 
     def open_truncation(self, bands: int, level: int | None = None, image: Radiance | None = None) -> float:
-        """As `truncation`, on a scene without shadows."""
+        """Like `truncation`, on a scene without shadows."""
         key = "open", level if image is None else id(image)
         if key not in self._known:
             light, coefficients = self._rest(level, image)[:2]
@@ -105,7 +105,7 @@ class EffectErrors:
         return (norms / self.total).max(axis=1)
 
     def changed(self, seen: Floats) -> float:
-        """Error of seeing `seen`, (S, D) as the sample has it, in place of what it sees."""
+        """Error of the visibility `seen`, (S, D), against that of the sample."""
         return float((self._norm(self._through(seen - self.sample.seen, self._light)) / self.total).max())
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A small sample of a scene's vertices and of what they see, measured by plans instead of the whole scene."""
+"""A small sample of a scene's vertices and their visibility, on which plans measure instead of the whole scene."""
 
 import copy
 import time

@@ -39,7 +39,7 @@ def without_ceiling(scene: Scene, occluder: Occluder) -> Scene:
     Raises
     ------
     InputError
-        Where the capture stood in no place closed in, where nothing is above it, and where nothing would be left.
+        If the capture was not inside a closed space, if nothing is above it, or if nothing would remain.
 
     Notes
     -----

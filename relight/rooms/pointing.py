@@ -15,7 +15,7 @@ from ..transfer.occluder import Occluder
 from .lamps import GLOWS, SMOOTH, Lamp
 
 FAR = 0.05
-"""Of the diagonal: farther than this from any surface a place points at nothing."""
+"""Largest distance from a surface, in diagonals, at which a position points at it."""
 
 NEAR = 0.015
 """The same, about the nearest surface: the brightest vertex there is meant. 11 cm in a room of 7.5 m across; a place
@@ -25,7 +25,7 @@ REACH = 0.1
 """The same, about that vertex: how far the lamp goes at most, or a white wall beside it would be part of it."""
 
 LEAST_PEAK = 0.3
-"""Of white: least linear value of the brightest channel of what can be a lamp."""
+"""Least linear value of the brightest channel of a possible lamp, over white."""
 
 AS_BRIGHT, AS_GLOW = 0.75, 0.5
 """Of the brightest vertex: least peak of what belongs to its lamp, and of the glow around it, which has its colour."""
@@ -55,7 +55,7 @@ def lamps_at(
     places : ndarray, (P, 3)
         Unit frame of the occluder.
     names : sequence of str
-        What a message calls each place.
+        Name of each position in messages.
     found : sequence of Lamp
         Those that are known; a place on one means that.
 

@@ -79,7 +79,7 @@ class Room(NamedTuple):
 
 
 class Pointed(NamedTuple):
-    """Where a person says that lamps are. places: (P, 3) float64, scene frame. names: what messages call them."""
+    """Positions of lamps from the user. places: (P, 3) float64, scene frame. names: for messages."""
 
     places: NDArray[np.float64]
     names: list[str]
@@ -285,7 +285,7 @@ def _lit(
     error = float(judged @ np.square(off).mean(axis=1)) / max(float(judged.sum()), 1e-30)
     decibels = round(float(-10.0 * np.log10(max(error, 1e-10))), 2)
     level = float((judged @ captured).sum() / max(float((judged @ modelled).sum()), 1e-12))
-    bright = glowing | (captured.max(axis=1) > lamps.PALE)  # of lamps and of what they burn out nothing is modelled
+    bright = glowing | (captured.max(axis=1) > lamps.PALE)  # lamps and their overexposed surroundings are not modelled
     trust = trust_in(np.where(bright[:, None], captured, level * modelled), captured, faces, DOUBT)
     arrays = {"albedo": albedo, "irradiance": captured / albedo, "by_lamps": by_lamps, "glow": glow, "prior": prior}
     arrays |= {"lamp_light": each, "lamp_of": lamp_of}

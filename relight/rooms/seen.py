@@ -10,7 +10,7 @@ SHORT = 0.999
 
 
 def seen_from(occluder: Occluder, rows: NDArray[np.int64], eyes: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Tell which vertices show their front to an eye, with nothing between.
+    """Find the vertices whose front is visible from an eye.
 
     Parameters
     ----------

@@ -245,7 +245,7 @@ def relit(
 
 
 def _key(splats: Splats, scene: Scene, volume: Floats) -> str:
-    """Text that tells what is bound from anything else on the same geometry."""
+    """Key that distinguishes this binding from others on the same geometry."""
     shown = splats.means, splats.scales, splats.quats_wxyz, splats.opacities, splats.sh[:, 0]
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64) if scene.is_place else None
     return array_key(*shown, np.asarray(scene.scene_from_splat, np.float64), eyes, volume)

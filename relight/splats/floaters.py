@@ -1,4 +1,4 @@
-"""Floaters: splats in the air between visitors and what they look at, that belong to no surface and no leaf.
+"""Floaters: splats in the air between viewers and surfaces, which belong to no surface and no leaf.
 
 Training leaves them before its cameras, where they explain a photograph or two. A floater meets three conditions: the
 mesh is far, so it belongs to no surface; few other splats are near, so it is no leaf, twig or wire that the mesh

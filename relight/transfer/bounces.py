@@ -115,7 +115,7 @@ class Interreflection:
         self,
         radiance: ArrayLike,  # (V, C) or (V,) exit radiance
     ) -> NDArray[np.float32]:
-        """B X: what a white vertex sends on of the light that reaches it from other surfaces; as X, float32.
+        """B X: exit radiance of a white vertex due to light from other surfaces; shaped as X, float32.
 
         Raises InputError unless `radiance` has a row per vertex.
         """

@@ -31,7 +31,7 @@ _BATCH = 1 << 14  # rows
 
 
 Key: TypeAlias = tuple[str, int, int, str, int, str]
-"""What identifies a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
+"""The key of a transfer: method, bands, rays, chunks with shadows, seed, leaves."""
 
 
 def key_of(settings: tuple[Any, ...]) -> Key | None:

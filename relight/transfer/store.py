@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
 
 VERSION = 3
-"""Of what is kept: goes up whenever files change, or the same geometry and settings would give other numbers."""
+"""Version of cached files. It increases when their format or the numbers for the same geometry and settings change."""
 
 FOLDER = "cache"
 

@@ -6,7 +6,7 @@
 Modules: `request` what can be asked, `session` state and light, `answers` what the worker said, `worker` and `lighting`
 the heavy work in a process of its own, `modes` what colours the surface, `splats` and `splat_painter` relit splats in
 its place, `controls` the keys, `mouse` the mouse, `window`, `stage`, `panel` and `camera` what VTK draws, `recording`
-films, `session_view` and `window_view` the types by which parts see the whole. Lamps that are put in: `editing` what
+films, `session_view` and `window_view` the types by which parts see the whole. Added lamps: `editing` what
 Python calls, `history` undo, `lamp_board` their states, `lamp_bench` their light, `lamp_source` the engine behind it,
 `lamp_tool` the hand on them. Objects: `object_bench`, `object_light`, `object_source` and `object_tool` likewise.
 """

@@ -10,7 +10,7 @@ from . import cards, textures
 from .solids import ground, joined, limb, moved, slab
 
 TERRACE = (-3.1, 3.1, -3.6, 2.3)
-"""Of the terrace in metres: x from, to, z from, to. The house stands on its far side, at -z."""
+"""Extent of the terrace in metres: x from, to, z from, to. The house is on its far side, at -z."""
 
 HOUSE_Z, TABLE_HEIGHT = -3.6, 0.74
 FOV_DEG = 62.0

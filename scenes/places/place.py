@@ -13,7 +13,7 @@ from . import garden, hard, lounge, nook
 from .solids import joined
 
 CARD_SHARE = 0.6
-"""Of a place's vertices go into leaves and blades where it has any; the rest into solids."""
+"""Share of a place's vertices for leaves and blades, if it has any; the rest is for solids."""
 
 THICKNESS = 4e-3
 """Between the two sides of a leaf, as a share of its size: only rays must distinguish them."""

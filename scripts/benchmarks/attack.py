@@ -31,7 +31,7 @@ traceback: any other exception, which a command would end with exit code 1. slow
 
 
 def arguments(parser):
-    """Those of this subject."""
+    """Arguments of this subject."""
     parser.add_argument("--inputs", type=int, default=3200, metavar="N", help="damaged files (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--kinds", nargs="+", metavar="KIND", help="only these kinds")
@@ -141,7 +141,7 @@ class Reader:
 
 
 class _Timer:
-    """Kills a process after so many seconds, unless it is stopped before."""
+    """Kills a process after a number of seconds, unless stopped earlier."""
 
     def __init__(self, pid, seconds):
         import threading

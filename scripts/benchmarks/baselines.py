@@ -1,11 +1,11 @@
-"""What each step of relighting a splat is worth: from the unchanged file to all of it.
+"""The gain of each step in relighting a splat, from the unchanged file to all steps.
 
     unchanged         the file as captured
     new light alone   captured colours times the unshadowed light on their normals: the captured light stays in
     one SH light      ratio by the normal of two lights of nine coefficients, without shadows: the captured one is
                       fitted to the colours, as if all had one albedo
     normals, known    ratio of new to captured light by the normal alone, both lights known, without shadows and
-                      bounces, as TranSplat relights what is diffuse
+                      bounces, as TranSplat relights diffuse surfaces
     normals           the same, with our estimate of the captured light
     ours, known       shadows, bounces, leaves and the fit in views, with the captured light known but for its exposure
     ours              the two commands without options
@@ -30,10 +30,10 @@ from relight.transfer.analytic import analytic
 from splat2mesh.scene.color import luminance
 
 BANDS, FEW = 10, 3
-"""Of lights on normals, and of the one light of nine coefficients."""
+"""Bands of lights on normals, and of the single light of nine coefficients."""
 
 LEAST = 0.02
-"""Of the median: the least light of one that was fitted, which may go below none."""
+"""Least light, as a share of the median, of a fitted light, which may be negative."""
 
 DEFAULT = ["spot", "tabletop", "ceramics", "patio", "parlour", "garden:3:overcast"]
 SKIES = ("noon", "sunset", "studio")
@@ -95,7 +95,7 @@ def ways(truth, environment):
     yield "new light alone", ratio(np.ones_like(new), new)
     yield "one SH light", ratio(fitted(normals, look.captured), on_normals[:, : FEW**2] @ environment.sh(FEW))
     yield "normals, known", ratio(lit(truth.captured_in), new)
-    # A room that was told has lamps, no light that came from far away.
+    # A separated room has lamps, but no distant light.
     if look.environment is not None and look.room is None:
         yield "normals", ratio(lit(look.environment), new)
     for way, job in (("ours, known", known), ("ours", ours)):

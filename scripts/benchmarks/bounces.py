@@ -28,7 +28,7 @@ from relight.transfer.raytraced import raytraced_scene
 
 PROBES = 400  # vertices that are compared
 DIRECT_SAMPLES = 2**15  # of the light, for each of them: 0.5% noise
-PATHS = 2**14  # for each of them, twice: the difference of the halves tells the noise
+PATHS = 2**14  # per vertex, twice: the difference of the halves gives the noise
 INPUT_SAMPLES = 2**8  # of the light, for every vertex, where exact direct light is to bounce
 CHUNK = 2**21  # samples that Mitsuba works on at once
 QUICK = ["--vertices", "2000", "--rays", "16", "--large", "0", "--no-tracer"]
@@ -37,10 +37,10 @@ QUICK = ["--vertices", "2000", "--rays", "16", "--large", "0", "--no-tracer"]
 def arguments(parser):
     parser.add_argument("mesh", nargs="?", default="tabletop")
     parser.add_argument("--env", default="noon", metavar="FILE|NAME")
-    parser.add_argument("--faces", type=int, help="decimate the mesh to so many")
+    parser.add_argument("--faces", type=int, help="decimate the mesh to this number")
     parser.add_argument("--vertices", type=int, default=MADE_VERTICES, help="of a generated mesh")
     parser.add_argument("--rays", type=int, nargs="+", default=[16, 32, 64, 128, 256, 512])
-    parser.add_argument("--large", type=int, default=500_000, help="vertices of a scene of which only times are taken")
+    parser.add_argument("--large", type=int, default=500_000, help="vertices of a scene that is only timed")
     parser.add_argument("--no-tracer", action="store_true", help="times only, as without mitsuba")
     parser.add_argument("--light-samples", type=int, default=INPUT_SAMPLES, help="of the light, for every vertex")
     parser.add_argument("--paths", type=int, default=PATHS, help="for each of the vertices that are compared")
@@ -81,7 +81,7 @@ def decimated(shape, count):
 
 
 def errors(mesh, light, options, report):
-    """What the bounces leave of the difference to Mitsuba, by rays and by number of bounces."""
+    """The remaining difference to Mitsuba by number of rays and of bounces."""
     occluder, albedo = mesh.occluder, mesh.albedo
     transfer = raytraced_scene(occluder, DEFAULT_BANDS, DEFAULT_RAYS)
     own_direct = np.maximum(transfer @ light.sh(DEFAULT_BANDS).astype(np.float32), 0)
@@ -166,7 +166,7 @@ def cast(occluder):
 
 
 class PathTracer:
-    """What white vertices send on, by Mitsuba: from cosine rays about the same normals, from the same origins.
+    """Exit radiance of white vertices by Mitsuba, from cosine rays about the same normals, from the same origins.
 
     light: an Environment, or a dict of a scene's emitters as Mitsuba's load_dict takes them.
     """

@@ -3,7 +3,7 @@
 Processor seconds of all threads, of a light after its plan, for each CASE: SCENE:VERTICES:LIGHT:TOLERANCE. Planning
 times its rays by the processor's clock here, so other work on the machine does not count. Beside them: the
 rays per vertex that were planned, and those after the check, which doubles them where they are too noisy for the
-tolerance. What is planned for a budget is never doubled.
+tolerance. A plan for a budget is never doubled.
 """
 
 import time
@@ -25,7 +25,7 @@ class _ProcessorClock:
 
 
 def arguments(parser):
-    """Those of this subject."""
+    """Arguments of this subject."""
     parser.add_argument("cases", nargs="*", default=(*SMALL, *LARGE), metavar="CASE")
 
 

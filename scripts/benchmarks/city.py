@@ -49,11 +49,11 @@ def arguments(parser):
     )
     add("--lights", nargs="+", default=["noon", "sunset"], metavar="ENV", help="(default: noon sunset)")
     add("--tiles", type=int, default=8, metavar="N", help="lit of each city, at most (default: %(default)s)")
-    add("--vertices", type=int, default=500, metavar="N", help="looked at in all of them (default: %(default)s)")
+    add("--vertices", type=int, default=500, metavar="N", help="used in all cities (default: %(default)s)")
     add("--shared", type=float, default=3e5, metavar="SPLATS", help="city that workers share (default: %(default)g)")
     add("--dummies", type=int, nargs="+", default=[100, 1000, 10_000], metavar="N", help="tiles of the simulation")
     add("--dummy-workers", type=int, default=4, metavar="N", help="its workers (default: %(default)s)")
-    add("--folder", type=Path, help="keep the cities here, and take those that are (default: temporary)")
+    add("--folder", type=Path, help="folder that keeps and reuses the cities (default: temporary)")
 
 
 def run(options, report):

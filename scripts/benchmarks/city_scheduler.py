@@ -42,7 +42,7 @@ asyncio.run(main())
 
 
 def nothing(tile, *_):
-    """A tile that takes no time; what it says of itself is as long as the record of a real one."""
+    """A tile that takes no time; its record is as long as a real one."""
     return {"tile": tile, "files": {f"{tile}/{n}": {"bytes": tile, "sha256": "0" * 64} for n in range(4)}}
 
 
@@ -63,7 +63,7 @@ def tasks_of(side):
 
 
 def simulate(tiles, workers):
-    """The cost of a scheduler for about so many tiles on so many workers: a dict of figures, seconds and MB."""
+    """The cost of a scheduler for about `tiles` tiles on `workers` workers: a dict of figures, seconds and MB."""
     from dask.distributed import Client
 
     side = max(2, round(np.sqrt(tiles)))

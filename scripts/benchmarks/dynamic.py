@@ -26,7 +26,7 @@ REFERENCE_RAYS = 512
 CHUNKS = 10
 QUICK = ["--vertices", "2000", "--deform", "1000", "--frames", "2"]
 TRIES = 60
-"""Of which the quickest counts: both threads of a product must find a free core at once."""
+"""Runs, of which the fastest counts: both threads of a product need a free core at once."""
 METHODS = (
     ("exact", 8, 128),
     ("exact", 5, 64),

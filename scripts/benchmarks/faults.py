@@ -22,10 +22,10 @@ CODES = (0, 1, 2, 130, -9)
 
 
 def arguments(parser):
-    """Those of this subject."""
+    """Arguments of this subject."""
     parser.add_argument("cases", nargs="*", metavar="CASE", help="only these of the commands")
     parser.add_argument("--faults", nargs="+", metavar="FAULT", help="only these")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="of so many operations one (default: all)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="one in N operations (default: all)")
     parser.add_argument("--races", type=int, default=40, metavar="N", help="runs at once (default: %(default)s pairs)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
 
@@ -87,7 +87,7 @@ def _race(server, name, place, options, report):
         if not any(code == 0 for code, _ in ended) or any(code not in (0, 2) for code, _ in ended):
             faults.append(f"exit codes {[code for code, _ in ended]}: {[said for _, said in ended]}")
         if any(part_of(found, output) != part_of(after, output) for output in case.outputs):
-            faults.append("the output is not what it should be")
+            faults.append("the output is wrong")
         odd = sorted(path for path in {*found, *after} if found.get(path) != after.get(path))
         faults += [f"{path} differs" for path in odd]
         wrong += bool(faults)

@@ -1,4 +1,4 @@
-"""Every way to light a scene, time against error, and what `--tolerance` makes of it: CSV, JSON and one plot.
+"""Every way to light a scene, time against error, and the choices of `--tolerance`: CSV, JSON and one plot.
 
 SCENE is a scene folder, a mesh file, or a generated one: ball, ball-on-plane, tabletop, room, object. Light
 bounces where vertices have colours. Every setting of a grid (method, bands, rays, suns, bounces) is measured, and the
@@ -128,7 +128,7 @@ def truths(occluder, rows, lights, albedo, directions):
 
 
 def measure(name, scene, albedo, lights, options, found):
-    """Add the grid and the plans of one scene to what was found."""
+    """Add the grid and the plans of one scene to the results."""
     occluder = Occluder(scene.vertices, scene.normals, scene.faces)
     count = len(occluder.origins)
     rows = np.random.default_rng(5).choice(count, min(SAMPLES, count), replace=False)
@@ -211,7 +211,7 @@ def planned(scene, albedo, environment, tolerance):
 
 
 def copy(environment):
-    """The same light, of which nothing is known yet."""
+    """The same light, without any cached results."""
     return Environment(environment.radiance, environment.name, environment.rotation_deg)
 
 

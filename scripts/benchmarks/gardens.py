@@ -89,7 +89,7 @@ def rows(kind, seed, options, there):
 
 
 def measured(job, truth, name, fades):
-    """What one light gives, and what the report tells of it."""
+    """The scores of one light, and its entries in the report."""
     shaded, look = next(iter(job.shaded())), job.appearance
     unchanged = score(truth.pictures, job.splats[0], name)[1]
     ours = score(truth.pictures, Writer(job).relit_splats(shaded), name)[1]

@@ -46,7 +46,7 @@ EFFECTS = "shadows,sun,bounces,volume"
 
 
 def arguments(parser):
-    """Those of this subject."""
+    """Arguments of this subject."""
     parser.add_argument("cases", nargs="*", default=[*CASES, *MATTE], metavar="CASE")
     parser.add_argument("--trained", nargs="*", default=[], metavar="NAME", help="matte scenes of --data to look at")
     parser.add_argument("--data", type=Path, default=GROUND_TRUTH)
@@ -110,7 +110,7 @@ def look(job):
 
 
 def patch_row(case, looked, glossy, light):
-    """A row of the table of patches. glossy: (P,) bool, those that truly are."""
+    """A row of the table of patches. glossy: (P,) bool, the truth."""
     gloss, appearance, explained, _, _ = looked
     if not len(explained):
         return {"case": case, "planned": "unseen", "patches": 0}
@@ -211,7 +211,7 @@ class Table:
         return row
 
     def _glossy(self, view):
-        """(H, W) bool: pixels of a view that show what is glossy."""
+        """(H, W) bool: pixels of a view that show glossy surfaces."""
         rays = view.ray_directions().reshape(-1, 3) * FLIP
         start = np.broadcast_to(view.center * FLIP, rays.shape)
         hits = RayCaster(self.truth.vertices, self.truth.faces).first_hits(np.hstack([start, rays]).astype(np.float32))

@@ -30,7 +30,7 @@ GROUND_TRUTH = ROOT.parent / "shared" / "data"
 
 
 class Timing(NamedTuple):
-    """A result and what it took. cpu, in seconds of all threads, is steady beside other work; wall is the wait."""
+    """A result and its cost. cpu, in seconds of all threads, is steady beside other work; wall is the wait."""
 
     result: Any
     wall: float
@@ -57,13 +57,13 @@ def medians(works: dict[str, Callable[[], Any]], repeats: int) -> dict[str, Timi
 
 
 def relative_error(found, expected, of=None) -> float:
-    """L2 norm of the difference over that of what is expected, or over that of another array."""
+    """L2 norm of the difference over that of the expected array, or of another one."""
     scale = np.linalg.norm(expected if of is None else of)
     return float(np.linalg.norm(np.subtract(found, expected)) / max(scale, 1e-30))
 
 
 def geometric_mean(values) -> float:
-    """Of positive numbers."""
+    """Geometric mean of positive numbers."""
     return float(np.exp(np.mean(np.log(values))))
 
 

@@ -103,7 +103,7 @@ def _traced(mesh, standing, light, options):
 
 
 def _on_ball(image, sensor, both, standing, first_face, first_vertex):
-    """Of a picture, the pixels that show objects and nothing else."""
+    """The pixels of a picture that show only objects."""
     side = len(image)
     steps = (np.arange(side) + 0.5) / side
     rays = []

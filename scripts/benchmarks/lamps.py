@@ -49,7 +49,7 @@ def arguments(parser):
     parser.add_argument("--probes", type=int, default=400, help="vertices at which all of many lamps are traced")
     parser.add_argument("--tolerance", type=float, default=0.03, help="of the plan for many lamps")
     parser.add_argument("--changes", type=int, default=15, help="of lamps in a session, for each line")
-    parser.add_argument("--edit", action="store_true", help="only what a change in a session takes")
+    parser.add_argument("--edit", action="store_true", help="only the cost of a change in a session")
 
 
 def run(options, report):
@@ -160,7 +160,7 @@ def rest(window):
 
 
 def change(window, act):
-    """Seconds from a change to its light, its picture, its exact shadows and to what is complete."""
+    """Seconds from a change to its light, its picture, its exact shadows and the complete result."""
     session = window.session
     start = time.perf_counter()
     act()

@@ -1,4 +1,4 @@
-"""Other libraries on the files and computations that we do ourselves: what they read that we refuse, and their cost.
+"""Other libraries on the files and computations of our own code: files that they accept and we refuse, and their cost.
 
 The figures of docs/decisions.md. Hostile files are those of `scripts/bench attack`; a library reads each in a separate
 process, which also reports which of our checks, of the file and of the finished mesh, would still be needed.
@@ -33,7 +33,7 @@ COSTLY = ("MB of zeros", "splats", "repeated_without_end")
 
 
 def arguments(parser):
-    """Those of this subject."""
+    """Arguments of this subject."""
     parser.add_argument("--inputs", type=int, default=70, metavar="N", help="files of each kind (default: %(default)s)")
     parser.add_argument("--kinds", nargs="+", metavar="KIND", help="only these kinds of files")
 
@@ -110,7 +110,7 @@ def _compared(ours, theirs, sound):
 
 
 def _outcome(read, path):
-    """A digest of what is read, or refused, hang or crash; in a process that may die."""
+    """A digest of the result, or refused, hang or crash; in a process that may die."""
     from attacks import content_of
 
     answer, sink = os.pipe()
@@ -180,7 +180,7 @@ def _codebook(report):
 
 
 def _timed(work):
-    """What it returns, and the seconds of the fastest of three."""
+    """The result, and the seconds of the fastest of three runs."""
     seconds = []
     for _ in range(3):
         begun = time.perf_counter()

@@ -52,14 +52,14 @@ def measure(mesh, lights, options, report):
     table = report.table(f"{mesh.name}: {count:,} vertices; errors in percent, times in seconds", **columns)
 
     def error(radiance, light):
-        """In percent, of radiance as it is shown: not below 0."""
+        """Error in percent, of displayed radiance: not below 0."""
         return 100.0 * relative_error(np.maximum(radiance, 0.0)[sample], expected[light])
 
     for bands in options.bands:
         for rays in options.rays:
             transfer, _, transfer_s = timed(lambda b=bands, r=rays: raytraced_scene(occluder, b, r))
             for light, environment in lights.items():
-                # Another copy, so that nothing is remembered from other bands.
+                # A new copy without cached results of other bands.
                 fresh = Environment(environment.radiance, light)
                 (rest, suns), _, split_s = timed(lambda e=fresh, b=bands: split(e, b))
                 lit, _, suns_s = timed(lambda s=suns: sunlight(occluder, slice(None), s))

@@ -45,7 +45,7 @@ def arguments(parser):
     parser.add_argument("--reference", type=int, default=4096, help="rays of the reference")
     parser.add_argument("--made", type=int, default=MADE_VERTICES, metavar="N", help="vertices of generated scenes")
     parser.add_argument("--equal-error", action="store_true", help="the mixing network alone")
-    parser.add_argument("--bands", type=int, nargs="+", default=[3, 5, 10], help="... in so many bands")
+    parser.add_argument("--bands", type=int, nargs="+", default=[3, 5, 10], help="... in this many bands")
     parser.add_argument(
         "--vertices",
         type=int,

@@ -32,7 +32,7 @@ def arguments(parser):
     add("--degree", type=int, choices=COEFFICIENTS, default=3, help="of the colours (default: %(default)s)")
     add("--detail", default="normal", help="of the conversion (default: %(default)s)")
     add("--repeats", type=int, default=1, metavar="N", help="conversions, the fastest counts (default: %(default)s)")
-    add("--folder", type=Path, help="keep the scenes here, and take those that are (default: temporary)")
+    add("--folder", type=Path, help="folder that keeps and reuses the scenes (default: temporary)")
 
 
 def run(options, report):

@@ -14,7 +14,7 @@ from splat2mesh.scene.scene import Scene
 
 MADE_VERTICES = 40_000  # of a generated scene, where a subject names no other number
 SHAPES = ("bumps", "tori", "ball", "ball-on-plane", *KINDS)
-"""Names of what is made here."""
+"""Names of the generated shapes."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Shape:
 
 
 def shape(name: str | Path, vertices: int = MADE_VERTICES) -> Shape:
-    """The shape of this name, a generated one with about so many vertices, or a scene folder or mesh file.
+    """The shape of this name: a generated one with about `vertices` vertices, or a scene folder or mesh file.
 
     White meshes have no albedo.
     """

@@ -44,7 +44,7 @@ def arguments(parser):
     parser.add_argument("--samples", type=int, default=SAMPLES, metavar="N", help="points on each mesh")
     parser.add_argument("--seeds", type=int, default=1, metavar="N", help="seeds of the virtual views, means shown")
     parser.add_argument("--kinds", nargs="+", default=list(MADE), choices=MADE, metavar="KIND", help="generated scenes")
-    parser.add_argument("--splats", type=int, help="of each generated scene, in place of 100,000 to 400,000")
+    parser.add_argument("--splats", type=int, help="per generated scene, instead of 100,000 to 400,000")
 
 
 def run(options, report):

@@ -39,7 +39,7 @@ QUICK = ["--splats", "5000", "--vertices", "500", "--views", "1"]
 
 def arguments(parser):
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")
-    parser.add_argument("--up", default="auto", help="as of splat2mesh")
+    parser.add_argument("--up", default="auto", help="as for splat2mesh")
     parser.add_argument("--vertices", type=int, nargs="+", default=[2500, 50_000], help="of the meshes")
     parser.add_argument("--albedo", action="store_true", help="estimate the light of the capture and compare albedo")
     parser.add_argument("--views", type=int, default=8, metavar="N", help="pictures to compare")

@@ -27,9 +27,9 @@ from splat2mesh.splats.splats import Splats
 from splat2mesh.views.cameras import read_cameras
 
 VIEWS, WIDTH = 8, 160
-"""Of a generated place: how many of the capture's views are compared, and their width in pixels."""
+"""Number of a generated place's capture views to compare, and their width in pixels."""
 
-COARSE = 8  # every so many gains first, then those around the best
+COARSE = 8  # coarse steps of the gain first, then those around the best
 
 
 class Truth(NamedTuple):
@@ -98,7 +98,7 @@ class TruePictures:
         return [np.clip(rasterize(splats, view).color[inside], 0, 1) for view, inside in pairs]
 
     def pixels(self, splats, light):
-        """As of Pictures."""
+        """As for Pictures."""
         s = self._splats
         true = Splats(
             s.means, s.scales, s.quats_wxyz, s.opacities, np.load(self._made / f"truth_{light}.npz")["splat_sh"]
@@ -129,5 +129,5 @@ def score(pictures, splats, light):
 
 
 def clipped(colors, least=254.5):
-    """Percentage of pixels, a list of (P, 3) sRGB, of which some channel is that of white, or as near to it as told."""
+    """Percentage of pixels, a list of (P, 3) sRGB, whose brightest channel is at least `least`, 0 to 255."""
     return 100.0 * float(np.mean(np.concatenate(colors).max(axis=1) >= least / 255.0))

@@ -14,7 +14,7 @@ PACKAGES = Path(__file__).resolve().parents[2]
 
 
 def allow_read_only_install() -> None:
-    """Where Numba finds no folder for what it compiles, have it keep nothing, with a DataWarning. For a command."""
+    """Switch Numba's cache off, with a DataWarning, if it finds no folder for it. For a command."""
     if any(map(_writable, _folders())):
         return
     from numba.core.dispatcher import Dispatcher
@@ -29,7 +29,7 @@ def allow_read_only_install() -> None:
 
 
 def _folders() -> list[Path]:
-    """Where Numba would keep what it compiles, in its order."""
+    """Numba's candidates for its cache folder, in order."""
     given = os.environ.get("NUMBA_CACHE_DIR")
     beside = PACKAGES / "splat2mesh" / "render" / "__pycache__"
     home = Path("~").expanduser()

@@ -25,7 +25,7 @@ class Busy(Exception):
 
 
 def workspace_of(path: Path) -> Path:
-    """Tell where an output grows: beside it, so that a rename is one step.
+    """Return the temporary path of an output: beside it, so that a rename is one step.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def claim(workspace: Path) -> int:
     Warns
     -----
     DataWarning
-        About what a killed run left in it, which is put back or removed before.
+        About leftovers of a killed run, which are restored or removed first.
     """
     while True:
         try:

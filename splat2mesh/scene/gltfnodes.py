@@ -8,7 +8,7 @@ from .gltf import GltfData
 
 
 def initial_transforms(data: GltfData) -> list[dict]:
-    """Tell where every node stands before anything moves.
+    """Find the transform of every node before any animation.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def initial_transforms(data: GltfData) -> list[dict]:
 
 
 def hierarchy(data: GltfData) -> tuple[list[int], NDArray, NDArray]:
-    """Tell how nodes hang together.
+    """Find the hierarchy of nodes.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What splats show beyond their surface: the captured sky, and which parts are a volume rather than a surface.
+"""Measurements of splats beyond their surface: the captured sky, and the parts that are volumes.
 
 Kept beside scene.json in one compressed file, `measured.npz`.
 """

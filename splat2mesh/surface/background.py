@@ -15,7 +15,7 @@ from ..views.viewpoints import bounds_of
 
 @dataclass(frozen=True)
 class BackgroundCalibration:
-    """What identifies the far background of an open capture.
+    """Criteria for the far background of an open capture.
 
     radii: each holding half of the detail, beyond which splats may be background; a guitar on its stand reaches 4.6.
     coarser: how much larger than the foreground's the median splat out there must be: cameras among the foreground see

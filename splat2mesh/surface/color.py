@@ -1,4 +1,4 @@
-"""What the rendered views show of each vertex that they see: its colour and the thickness of the surface there."""
+"""Colour of each vertex in the rendered views, and the thickness of the surface there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

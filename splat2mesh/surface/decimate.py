@@ -1,4 +1,4 @@
-"""A mesh with fewer vertices: quadric decimation, and the removal of what it breaks."""
+"""A mesh with fewer vertices: quadric decimation, and the removal of its defects."""
 
 import numpy as np
 from numpy.typing import NDArray

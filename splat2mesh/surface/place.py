@@ -32,7 +32,7 @@ SMALLEST_FACES = 100
 
 @dataclass(frozen=True)
 class PlaceCalibration:
-    """Where the surfaces of a place lie.
+    """The surfaces of a place.
 
     fogs, levels: typical thickness of a place's surfaces over their distance, and the opacity at which they lie;
     between them it is interpolated, outside held. True meshes ask for a late level where surfaces are thin. In fog

@@ -32,7 +32,7 @@ def outlook(
     *,
     stages: Stages | None = None,
 ) -> dict[str, Any]:
-    """Return the plan of a city and what it would take, JSON-clean; the source is read once, nothing is left behind.
+    """Return the plan of a city and its cost, JSON-clean. Reads the source once and leaves no files.
 
     Arguments and errors as of `convert_city`.
     """

@@ -31,7 +31,7 @@ _POINT_BYTES = 24  # of a keypoint: x, y, and the point that it shows
 
 
 def is_colmap(folder: Path) -> bool:
-    """Tell whether a folder holds a COLMAP model."""
+    """Return whether a folder holds a COLMAP model."""
     return any((folder / f"cameras{suffix}").is_file() for suffix in (".txt", ".bin"))
 
 

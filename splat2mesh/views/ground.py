@@ -38,7 +38,7 @@ LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
 
 @dataclass(frozen=True)
 class FloorCalibration:
-    """What distinguishes a floor from other planes. Radii hold half of the detail each.
+    """Criteria that distinguish a floor from other planes. Radii hold half of the detail each.
 
     radii: that are looked at. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
     least_cover: share of its outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an

@@ -1,4 +1,4 @@
-"""Where a capture stood, estimated from the splat alone: in a room, in the middle of a garden, or around an object.
+"""The camera positions of a capture, estimated from the splat alone: in a room, in a garden, or around an object.
 
 Free places are tried: from each, rays go out in all directions through a grid of opacity. A place from which most of
 them meet surfaces is enclosed; and since training makes Gaussians as small as its photos resolve, the distance of those
@@ -31,7 +31,7 @@ CLEAR_CELLS, TAKEN = 3, 0.3
 
 @dataclass(frozen=True)
 class StandpointCalibration:
-    """What shows where a capture stood.
+    """Evidence for the camera positions.
 
     enclosed, surrounded: share of the rays that meet something: in a room, in the foreground; in the open, also far
     away. least_focal: focal length in pixels that a camera has at least: rooms imply 50 and more, the inside of a
@@ -80,7 +80,7 @@ RENDERED_FOCAL = 1.5 * 192
 
 @dataclass(frozen=True)
 class Standpoints:
-    """What a splat shows about its capture.
+    """Facts about the capture of a splat.
 
     kind: "inside" (a room: look from within), "both" (in the open: from within and around) or "outside" (an object).
     eyes: list of Eye, the ones that show most first. distance: median of the distances at which they see surfaces.

@@ -138,7 +138,7 @@ def coefficients(path: str | os.PathLike[str], names: Iterable[str]) -> int:
 
 
 def rest_columns(sh: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
-    """Tell where each f_rest_* belongs.
+    """Find the index of each f_rest_* property.
 
     Parameters
     ----------

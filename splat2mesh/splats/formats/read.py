@@ -77,7 +77,7 @@ def _say_coarser(path: Path, level: int, counts: tuple[int, ...]) -> None:
 
 
 def kind_of(path: str | os.PathLike[str]) -> str:
-    """Tell what a splat is, by what it holds.
+    """Recognise the format of a splat by its content.
 
     Parameters
     ----------

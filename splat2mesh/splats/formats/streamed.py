@@ -117,7 +117,7 @@ def check_count(path: Path, found: int | None, expected: int, meta_path: Path) -
 
 
 def is_streamed(path: Path) -> bool:
-    """Tell whether a path is the lod-meta.json of a streamed SOG, by what it holds.
+    """Return whether a path is the lod-meta.json of a streamed SOG, by its content.
 
     Parameters
     ----------
