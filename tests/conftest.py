@@ -12,7 +12,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)  # the tests go on; what they start has its own say
 
-# Where Python is told to keep nothing of what it compiles, each of a hundred processes compiles all again for a second.
+# Without Python's bytecode cache, each of a hundred processes would compile all modules again, for a second.
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
     sys.dont_write_bytecode = False
 
@@ -81,7 +81,7 @@ def fewer_samples():
 
 @pytest.fixture
 def vtk_is_silent(capfd):
-    """No test that uses this may make VTK complain: it tells errors to stderr alone."""
+    """Fail a test in which VTK logs an error, which it only writes to stderr."""
     yield
     said = capfd.readouterr().err
     assert "ERR|" not in said and "WARN|" not in said and "vtk" not in said.lower(), said

@@ -132,7 +132,7 @@ def test_what_runs_is_the_wheel(run, bin_folder):
         assert "examples:" in run(name, "--help")[0]
 
 
-def test_one_command_makes_a_relit_splat_and_tells_what_is_next(first, home):
+def test_one_command_makes_a_relit_splat_and_names_the_next_step(first, home):
     out, err = first
     assert "Traceback" not in err and "up: assumed -y" in out
     folder = home / "garden" / "relit" / "sunset_0"

@@ -139,7 +139,7 @@ def test_3dgs_signs_are_those_the_rasteriser_draws(eye):
 
 @pytest.mark.parametrize("row", table("direction"), ids=lambda row: row[0])
 def test_landmarks_of_the_canonical_image(row):
-    """An image whose red grows to the right and green downwards tells where a lookup lands."""
+    """An image whose red grows to the right and green downwards shows where a lookup lands."""
     axis = {"x": 0, "y": 1, "z": 2}[row[0][1]]
     direction = np.eye(3)[axis] * (1 if row[0][0] == "+" else -1)
     down, right = np.meshgrid((np.arange(64) + 0.5) / 64, (np.arange(128) + 0.5) / 128, indexing="ij")

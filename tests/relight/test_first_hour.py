@@ -96,7 +96,7 @@ def test_a_plan_of_a_splat_meshes_nothing(here, capsys):
     assert [path.name for path in here.iterdir()] == ["ball.ply"]
 
 
-def test_splats_and_meshes_are_told_apart_by_what_they_hold(here, tmp_path):
+def test_splats_and_meshes_are_recognised_by_their_content(here, tmp_path):
     ball_on_plate().save(tmp_path / "scene")
     assert relight.meshing.is_splat("ball.ply") and not relight.meshing.is_splat("ball")
     assert not relight.meshing.is_splat(tmp_path / "scene" / "chunks" / "0000.ply")
@@ -159,7 +159,7 @@ def test_a_plan_estimates_no_albedo_and_says_so(here, capsys):
 
 
 def test_the_summary_says_what_is_kept_and_what_a_budget_left_out(here, capsys, monkeypatch):
-    monkeypatch.setattr(Cache, "size_bytes", property(lambda self: 5 * 2**20))  # less than a megabyte is not told
+    monkeypatch.setattr(Cache, "size_bytes", property(lambda self: 5 * 2**20))  # less than a megabyte is not reported
     arguments = "ball", "--albedo", "captured", "--format", "npy", "--overwrite", "-o", "out"
     code, out, _ = run(capsys, *arguments, "--budget", "0.2", "--effects", "shadows", "--rays", "4", "--bands", "3")
     assert code == 0 and "covers the light; everything else took" in out and "keeps 5 MB for the next light" in out

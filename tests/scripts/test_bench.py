@@ -1,4 +1,4 @@
-"""Every benchmark can be imported, tells its arguments and its smallest run; the harness measures what it says."""
+"""Every benchmark can be imported and lists its arguments and its smallest run; the harness measures correctly."""
 
 import importlib
 import json

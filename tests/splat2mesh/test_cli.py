@@ -251,7 +251,7 @@ def test_a_bad_file_by_the_real_command(tmp_path):
     assert files_below(tmp_path) == ["ball.ply"]
 
 
-def test_plan_writes_nothing_and_tells_what_would_be_done(tmp_path, monkeypatch, capsys):
+def test_plan_writes_nothing_and_lists_the_work(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_splat(tmp_path / "ball.ply")
     (tmp_path / "ball").mkdir()  # an output that exists does not matter to a plan

@@ -106,7 +106,7 @@ def test_each_object_is_what_it_is_alone_and_stands_where_the_layout_says(room, 
     assert first == len(room.chunks)
 
 
-def test_the_scene_tells_what_it_holds(room, alone, folder):
+def test_the_scene_lists_its_content(room, alone, folder):
     np.testing.assert_array_equal(room.scene_from_splat, np.eye(4))
     assert room.preview_camera is None
     assert room.source["file"] == "room.json" and room.source["path"] == str(folder / "room.json")
@@ -160,7 +160,7 @@ def test_one_object_hides_the_sky_from_another(folder, alone):
     assert tracer.test_occlusions(o3d.core.Tensor(rays)).numpy().tolist() == [True, False]
 
 
-def test_the_same_splat_is_converted_once_and_its_places_are_told_apart(folder, monkeypatch):
+def test_the_same_splat_is_converted_once_and_its_places_are_distinct(folder, monkeypatch):
     calls = []
     original = splat2mesh.layout.convert
     monkeypatch.setattr(splat2mesh.layout, "convert", lambda *a, **k: calls.append(a[1]) or original(*a, **k))
@@ -226,7 +226,7 @@ def test_options_are_for_all_objects_that_do_not_say(folder):
         convert_layout(path, vertices=0)
 
 
-def test_a_layout_is_told_from_a_sog(tmp_path):
+def test_a_layout_differs_from_a_sog(tmp_path):
     for name, text, expected in (
         ("room.json", '{"objects": []}', True),
         ("broken.json", "{", True),

@@ -211,7 +211,7 @@ def test_trained_cameras_are_used_and_do_as_well_as_virtual_ones(files, converte
     truth, seen, _ = scene("object")
     found = convert(files / "object.ply", cameras=files / "sparse", detail="draft", vertices=VERTICES)
     assert found.settings["cameras"] == "trained" and found.statistics["views"] == EFFORTS["draft"].views
-    # Level cameras tell which way is up.
+    # Level cameras determine which way is up.
     np.testing.assert_allclose(found.scene_from_splat[:3, :3] @ UP, [0, 1, 0], atol=1e-3)
     assert f_score(found, truth, seen, 0.005) > f_score(converted, truth, seen, 0.005) - 0.02
 
@@ -239,7 +239,7 @@ def test_the_plan_says_what_convert_does(files, converted):
 @pytest.mark.parametrize("kind", ["empty", "unseen"])
 def test_a_surface_of_which_nothing_is_left_is_refused(files, quick, monkeypatch, kind):
     def nothing(*_):
-        """An empty mesh that some view looked at, or an open one that none did."""
+        """An empty mesh that a view saw, or an open one that none did."""
         view = View.look_at((0, 0, 5), (0, 0, 0), (0, 1, 0), 40.0, 8)
         depth = np.full((8, 8), np.float32(5 if kind == "empty" else np.nan))
         mesh = o3d.geometry.TriangleMesh()

@@ -86,7 +86,7 @@ def test_the_command_writes_it_beside_the_mesh(tmp_path, capsys, coarse):
     assert scene.settings["proxy"] == "closed"
 
 
-def test_what_is_missing_is_told_before_any_work(tmp_path):
+def test_missing_parts_are_reported_before_any_work(tmp_path):
     write_inria_ply(tmp_path / "ball.ply", solid_ball())
     code = "import sys; sys.modules['manifold3d'] = None; from splat2mesh.cli import main; sys.exit(main(sys.argv[1:]))"
     command = [sys.executable, "-c", code, str(tmp_path / "ball.ply"), "-o", str(tmp_path / "out"), "--proxy", "convex"]

@@ -1,4 +1,5 @@
-"""A process that reads what hostile files it is told to, line by line, and tells what came of each: see `attacks`."""
+"""A process that reads the hostile files named on its input, line by line, and prints the outcome of each: see
+`attacks`."""
 
 import json
 import os

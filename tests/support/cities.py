@@ -1,4 +1,4 @@
-"""A small city in tiles for tests: generated, and looked at with few pixels."""
+"""A small city in tiles for tests: generated, and rendered with few pixels."""
 
 from argparse import Namespace
 from hashlib import sha256

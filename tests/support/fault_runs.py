@@ -30,7 +30,7 @@ FAULTS = {
 }
 
 VARYING = ("seconds", "peak_mb", "warnings", "plan", "rays_traced")
-"""Of report.json: differ from run to run. A plan tells the seconds that it foresees, by how quick rays are; rays are
+"""Of report.json: differ from run to run. A plan predicts seconds, from the speed of rays; rays are
 traced where none were kept."""
 
 

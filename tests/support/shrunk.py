@@ -5,8 +5,8 @@ def shrink(set_attribute):
     """Set constants, by `set_attribute(module, name, value)`.
 
     Textures are asked for by the tests that look at them. Pictures that commands write beside their results take a
-    second each in full size. To find out where a capture stood takes 640,000 rays, of which a twelfth tell a room from
-    an object as well.
+    second each in full size. To find the camera positions takes 640,000 rays, of which a twelfth distinguish a room
+    from an object as well.
     """
     import relight.output.catcher
     import relight.output.results

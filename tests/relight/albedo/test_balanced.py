@@ -1,4 +1,4 @@
-"""The colour of a sky that clipped to white, as stone and soil under it tell it."""
+"""The colour of a sky that clipped to white, estimated from stone and soil under it."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def hue(found):
     return color / color[1]
 
 
-def test_stone_tells_the_colour_of_a_clipped_sky(place):
+def test_stone_shows_the_colour_of_a_clipped_sky(place):
     geometry, looks = place
     captured, light = captured_in(geometry, USUAL_HUE, 2.0)
     found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
@@ -45,7 +45,7 @@ def test_stone_tells_the_colour_of_a_clipped_sky(place):
     assert hue(found)[0] < 0.85 and hue(found)[2] > 1.1
 
 
-def test_leaves_tell_nothing(place):
+def test_leaves_show_nothing(place):
     geometry, looks = place
     green = np.array([0.5, 1.0, 0.4])
     assert 1.0 / np.sqrt(0.5 * 0.4) > GREENEST
@@ -59,7 +59,7 @@ def test_leaves_tell_nothing(place):
 
 def test_a_sky_that_was_seen_keeps_its_colour(place):
     geometry, looks = place
-    captured, light = captured_in(geometry, np.ones(3), 0.5)  # of grey ground, which would tell a bluer one
+    captured, light = captured_in(geometry, np.ones(3), 0.5)  # of grey ground, which would suggest a bluer one
     found = estimate(geometry[0], captured, **given(geometry, sky=clipped_picture(light), looks=looks))
     shown = found.environment.lookup(SKY[:30].reshape(-1, 3)).mean(axis=0)
     np.testing.assert_allclose(shown, 0.5 * BLUE, rtol=0.05)

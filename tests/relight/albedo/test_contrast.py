@@ -1,4 +1,4 @@
-"""What a place's own colours tell of a sky that was clipped; and that only what can be seen from within counts."""
+"""A clipped sky, estimated from a place's own colours; only surfaces visible from inside count."""
 
 from dataclasses import replace
 
@@ -73,7 +73,7 @@ def test_an_object_is_not_looked_at_from_within(place):
 
 
 @pytest.mark.parametrize("toward", [(0.6, 0.8, 0.2), (-0.5, 0.7, 0.5)])
-def test_contrast_tells_on_which_side_a_clipped_sky_is_bright(place, toward):
+def test_contrast_shows_on_which_side_a_clipped_sky_is_bright(place, toward):
     _, geometry, albedo, looks = place
     above = SKY[..., 1:2] > 0.0
     light = Environment(np.where(above, 1.0, 0.05) + lobe(toward, 12.0, 25.0) * above, "one side")
@@ -115,7 +115,7 @@ def test_a_sun_over_what_was_photographed_from_outside_is_found_where_little_sky
     captured = photographed(geometry, albedo, level)
     soft = estimate(geometry[0], captured, **given(geometry, sky=sky))
     alone = estimate(geometry[0], captured, **given(geometry))
-    assert soft.under_sky and not alone.under_sky  # no sun is told: the mean of what sky and scene tell
+    assert soft.under_sky and not alone.under_sky  # no sun is found: the mean of the estimates from sky and scene
 
     def off(found):
         return np.log(found.irradiance * albedo / captured).std()
@@ -143,7 +143,7 @@ def test_light_comes_from_where_nothing_was_seen_if_that_explains_more(beyond):
     assert 0.7 < estimated.mean() / light.mean() < 1.4
 
 
-def test_too_few_patches_tell_nothing(place):
+def test_too_few_patches_show_nothing(place):
     _, geometry, albedo, looks = place
     captured = np.full(albedo.shape, 0.5, np.float32)
     usable = np.zeros(len(captured), bool)
@@ -170,7 +170,7 @@ def test_a_known_light_takes_its_exposure_from_the_captured_sky(place):
     assert BANDS**2 == geometry[1].shape[1]
 
 
-def test_of_a_sky_clipped_all_around_trees_do_not_tell_the_exposure_of_a_known_light(place):
+def test_under_a_clipped_sky_trees_do_not_set_the_exposure_of_a_known_light(place):
     _, geometry, albedo, looks = place
     above = SKY[..., 1:2] > 0.0
     light = Environment(np.where(above, 2.0, 0.2) * np.ones(3), "overcast")

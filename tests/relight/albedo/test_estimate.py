@@ -1,4 +1,4 @@
-"""Albedo and capture light: exact recovery, what must not matter, what cannot be told, hard cases."""
+"""Albedo and captured light: exact recovery, invariances, inseparable light, hard cases."""
 
 from functools import cache
 
@@ -158,7 +158,7 @@ def test_a_known_light_gives_the_albedo_and_its_exposure():
     assert angle_deg(found.direction, TOP_LEFT) < 1
     gains = found.environment.radiance / light.radiance
     assert np.abs(gains / gains[0, 0] - 1).max() < 1e-5  # a gain in each colour and nothing else
-    # Interreflection tells the exposure even where albedo has no scale: within a quarter here.
+    # Interreflection determines the exposure even where albedo has no scale: within a quarter here.
     assert 0.15 < gains.mean() < 0.27
 
 
@@ -177,7 +177,7 @@ def test_relighting_by_the_estimate_gives_back_the_captured_colours():
 def test_another_unit_changes_the_light_alone():
     scene = objects()
     one, other = estimated(), estimate(scene[0], photo()[1] * np.float32(0.25), **given(scene))
-    # Dark and clipped colours are told by the unit of a display, so that some places may differ.
+    # Dark and clipped colours are recognised in display units, so some places may differ.
     assert error(one.albedo, other.albedo) < 0.05
     assert other.brightness / one.brightness == pytest.approx(0.25, rel=0.1)
 
@@ -269,7 +269,7 @@ def test_a_sun_is_found_where_it_stands():
     assert with_sun < 0.8 * error(without.albedo, photo()[0], scene[3] > 0.15)
 
 
-# What cannot be told
+# Inseparable light
 
 
 def as_captured(found, captured):
@@ -280,7 +280,7 @@ def as_captured(found, captured):
     np.testing.assert_allclose(found.albedo, np.clip(captured / scale, DARKEST, LIGHTEST), atol=0.02)
 
 
-def test_a_plane_cannot_be_told_apart():
+def test_the_light_of_a_plane_cannot_be_separated():
     vertices, normals, faces = flat()
     occluder = Occluder(vertices, normals, faces)
     captured = 0.7 * patchy(occluder)

@@ -79,7 +79,7 @@ def test_every_object_of_a_layout_is_taken_out_of_its_own_light(table):
         np.testing.assert_array_equal(look.irradiance[part], alone.irradiance)
 
 
-def test_what_cannot_be_told_apart_stays_as_captured_with_a_warning():
+def test_light_that_cannot_be_separated_stays_as_captured_with_a_warning():
     u, v = (each.ravel() for each in np.meshgrid(np.linspace(0, 1, 20), np.linspace(0, 1, 20)))
     vertices = np.stack([u, 0 * u, v], axis=1).astype(np.float32)
     corner = (np.arange(19)[:, None] * 20 + np.arange(19)).reshape(-1, 1)

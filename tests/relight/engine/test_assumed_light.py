@@ -1,4 +1,4 @@
-"""A new light where nothing tells how it gets in: closed boxes, whose light is then assumed to take after it."""
+"""A new light without a known way in: closed boxes, whose light is then assumed to follow it."""
 
 import warnings
 from dataclasses import replace
@@ -32,7 +32,7 @@ def shaded(scene, env, **wishes):
 
 
 def unknown_room():
-    """The closed box in grey: nothing tells its light."""
+    """The closed box in grey: its light cannot be estimated."""
     scene = room()[0]
     grey = np.full_like(scene.colors_srgb, 120)
     return Scene([Mesh(scene.vertices, scene.normals, scene.faces, grey)], capture=scene.capture)

@@ -135,7 +135,7 @@ def test_night_has_the_light_of_the_lamp_alone_and_no_lamp_changes_nothing():
     np.testing.assert_allclose(both.shading.radiance, night.shading.radiance + captured, rtol=1e-4)
 
 
-def test_beside_an_environment_lamps_are_told_in_units_of_the_picture():
+def test_beside_an_environment_lamps_are_in_units_of_the_picture():
     """A mesh has no captured light: the environment is exposed by its brightest vertices, and the lamp then added."""
     ball = trimesh.creation.icosphere(2)
     colors = np.full(ball.vertices.shape, 200, np.uint8)

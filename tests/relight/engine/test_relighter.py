@@ -317,7 +317,7 @@ def test_bad_input_is_one_line_and_writes_nothing(scene_folder, monkeypatch, cap
     assert sorted(scene_folder.parent.rglob("*")) == before
 
 
-def test_results_of_other_settings_are_replaced_only_when_told(scene_folder, tmp_path, capsys):
+def test_results_of_other_settings_are_replaced_only_on_request(scene_folder, tmp_path, capsys):
     output = tmp_path / "out"
     assert relight(scene_folder, "-o", output, "--format", "npy") == 0
     written = (output / "report.json").read_bytes()

@@ -81,7 +81,7 @@ def test_what_stands_between_hides_the_lamp():
 
 
 def test_the_frame_of_the_splat_may_be_another_than_that_of_the_scene():
-    """A splat whose y points down: the lamp, told in the scene, shines from the same side of it."""
+    """A splat whose y points down: the lamp, given in the scene's frame, shines from the same side of it."""
     turn = np.diag([1.0, -1.0, -1.0, 1.0])
     view, surface = ball(0.1)
     flipped = view._replace(scene=turn[:3, :3])

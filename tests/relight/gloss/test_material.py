@@ -66,7 +66,7 @@ def test_reflectance_and_roughness_are_those_that_were_shown(seed):
     np.testing.assert_array_equal(found.glossy, [True] * 5 + [False])
 
 
-def test_the_color_of_a_metal_is_told():
+def test_the_color_of_a_metal_is_estimated():
     light = light_of(1)
     fits = fits_of(light, [(np.array([0.9, 0.7, 0.3]), 0.2, True), GOLD, GOLD])
     np.testing.assert_allclose(materials(fits, light).reflectance[0], [0.9, 0.7, 0.3], rtol=0.05)
@@ -84,7 +84,7 @@ def test_two_glossy_patches_may_be_chance_and_three_are_gloss():
     assert materials(fits_of(light, [GLAZE, GLAZE, GLAZE, MATTE]), light).glossy.tolist() == [True] * 3 + [False]
 
 
-def test_what_lies_in_a_plane_tells_nothing_for_sure():
+def test_a_plane_shows_nothing_for_sure():
     light = light_of(4)
     assert materials(fits_of(light, [GLAZE] * 4, curved=0.003), light) is None
 
@@ -128,6 +128,6 @@ def test_sums_are_restored_and_damaged_ones_are_refused():
         PatchFits.restored({})
 
 
-def test_the_roughnesses_that_are_told_apart_differ_in_what_they_blur():
+def test_distinct_roughnesses_differ_in_their_blur():
     factors = np.array([zonal_factors(alpha, BANDS)[1:] for alpha in ALPHAS])
     assert (np.diff(factors, axis=0) < -1e-3).all()

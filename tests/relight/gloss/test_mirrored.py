@@ -104,7 +104,7 @@ def test_what_hides_the_light_is_mirrored_instead():
     assert view.corners.shape == (len(found), RAYS, 3)
 
 
-def test_the_light_is_told_in_the_frame_of_the_scene():
+def test_the_light_is_in_the_frame_of_the_scene():
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z of the splat is x of the scene
     straight, nodes = mirrored(0.3)
     turned, _ = mirrored(0.3, scene=turn)

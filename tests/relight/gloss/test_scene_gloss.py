@@ -163,7 +163,7 @@ def test_reflectance_and_roughness_of_a_captured_ball_are_found(glazed):
     assert np.median(found.alpha[rows]) < 0.5 and not np.median(found.metal[rows])
 
 
-def test_the_reflections_tell_where_the_light_of_the_capture_was(glazed):
+def test_the_reflections_show_where_the_captured_light_was(glazed):
     shape = glazed.gloss().shape
     y, z, x = shape[1:4]
     way = np.array([x, y, z]) / np.linalg.norm([x, y, z])
@@ -211,7 +211,7 @@ def test_what_was_observed_is_kept_and_damage_is_observed_anew(glazed, tmp_path)
     np.testing.assert_array_equal(third.shape, shape)
 
 
-def test_splats_without_harmonics_tell_nothing(glazed):
+def test_splats_without_harmonics_show_no_gloss(glazed):
     plain = Splats(*glazed.layout, glazed.splats.sh[:, :4])
     gloss = SceneGloss(glazed.scene, plain, lambda: pytest.fail("bound for nothing"), None, 0, Stages())
     assert gloss.known and gloss.fits is None and gloss.shape is None and gloss.of(glazed.look) is None

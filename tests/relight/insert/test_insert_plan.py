@@ -54,7 +54,7 @@ def test_an_object_that_nothing_sees_changes_nothing(place, tmp_path):
     assert (planned.objects, planned.changed) == (1, 0.0)
 
 
-def test_the_command_tells_it(place, tmp_path, capsys):
+def test_the_command_reports_it(place, tmp_path, capsys):
     words = [str(place), "--insert", str(disc(tmp_path)), "--at", "0,.5,0", "--albedo", "captured", "--plan"]
     assert main(words) == 0
     assert "objects: 1 object; " in capsys.readouterr().out

@@ -143,7 +143,7 @@ def test_what_has_another_unit_is_scaled_and_that_is_said():
         placed_by(AskedInsert("box.obj", scale=1e-8), box, scene, occluder)
 
 
-def test_what_stands_below_the_ground_is_told(place, tmp_path):
+def test_an_object_below_the_ground_is_reported(place, tmp_path):
     ball = obj(tmp_path / "ball.obj", trimesh.creation.icosphere(1, radius=0.1))
     shell = trimesh.creation.icosphere(2, radius=0.2)
     around = (shell.vertices - [0, 0.25, 0]).astype(np.float32)

@@ -91,7 +91,7 @@ def test_radii_that_nobody_named_are_in_metres():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_words_tell_where_the_lamp_is_as_bright_as_the_room(shape):
+def test_words_state_where_the_lamp_is_as_bright_as_the_room(shape):
     for scale in SCALES:
         lamp = resolve(AskedLamp(shape, Brightness(2.0)), scale)  # four times at 1 m: once at 2 m
         assert in_words(lamp, replace(scale, candela=None)) == "as bright as the room at 2 m"

@@ -81,7 +81,7 @@ def test_colours_are_read_back_to_the_bit():
     assert color_text(parse_color("warm")) == "warm" and color_text(parse_color("#ffa500")) == "orange"
 
 
-def test_a_file_that_cannot_be_written_or_told_is_refused(tmp_path):
+def test_a_file_that_cannot_be_written_or_recognised_is_refused(tmp_path):
     with pytest.raises(InputError, match="no lamps"):
         write_lamps(tmp_path / "lamps.json", [])
     (tmp_path / "file").write_text("")

@@ -42,7 +42,7 @@ def read(folder, files):
 
 
 def write(path, channels, compression):
-    channels = {name: np.ascontiguousarray(each) for name, each in channels.items()}  # strides are not looked at
+    channels = {name: np.ascontiguousarray(each) for name, each in channels.items()}  # strides are ignored
     OpenEXR.File({"compression": compression, "type": OpenEXR.scanlineimage}, channels).write(str(path))
     return path
 

@@ -127,7 +127,7 @@ def with_splats(found, folder):
 
 
 def grey_room():
-    """The closed box in grey: nothing tells its light."""
+    """The closed box in grey: its light cannot be estimated."""
     found = room()[0]
     grey = np.full_like(found.colors_srgb, 120)
     return Scene([Mesh(found.vertices, found.normals, found.faces, grey)], capture=found.capture)

@@ -25,7 +25,7 @@ def darkened(splats, rows, gains):
     return replace(splats, sh=sh.astype(np.float32))
 
 
-def test_gains_are_those_of_the_colours_and_only_changed_rows_are_told():
+def test_gains_are_those_of_the_colours_and_only_changed_rows_are_stored():
     splats = live_scene()[3].splats
     rows = np.array([2, 5, 11])
     gains = np.random.default_rng(1).uniform(0.2, 1.4, (3, 3))

@@ -255,7 +255,7 @@ def test_the_strip_shows_the_sky_turned_and_where_the_camera_looks(page):
 
 
 @in_browser
-def test_a_broken_hdr_is_told_on_the_page(page):
+def test_a_broken_hdr_is_reported_on_the_page(page):
     page.run("""(() => {
       const data = new DataTransfer();
       data.items.add(new File(["nothing"], "x.hdr"));

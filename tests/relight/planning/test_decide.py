@@ -97,7 +97,7 @@ class Thick:
         return np.full(len(rows), self._share, np.float32), np.full((len(rows), len(directions)), 0.5, np.float32), 1
 
 
-def test_a_plan_tells_leaves_beside_what_they_were_chosen_for(scene):
+def test_a_plan_lists_leaves_and_the_light_they_were_chosen_for(scene):
     light, sizes = Environment.load("overcast"), [len(scene.vertices)]
 
     def plan(foliage, **asked):

@@ -181,7 +181,7 @@ def test_nothing_is_what_analytic_gives_to_the_bit(scene, noon, albedo):
 
 @pytest.mark.parametrize("distance", [0.6, 1000.0])
 def test_blinn_phong_knows_of_no_neighbour(noon, distance):
-    """Two equal balls, one over the other: the same light on both and on either alone; shadows tell them apart."""
+    """Two equal balls, one over the other: the same light on both and on either alone, but for shadows."""
     chunks = [mesh_of(ball(0.25, (0.0, height, 0.0), 8)) for height in (0.0, distance)]
     alone = Relighter(Scene(chunks[:1]), "blinn-phong").shade(noon)
     both = Relighter(Scene(chunks), "blinn-phong").shading(noon)
@@ -365,7 +365,7 @@ def relight(folder, output, *options):
         (("--method", "blinn-phong"), "blinn-phong", [], False, False),
     ],
 )
-def test_the_report_tells_effects_suns_and_bounces(folder, tmp_path, options, method, effects, suns, bounces):
+def test_the_report_lists_effects_suns_and_bounces(folder, tmp_path, options, method, effects, suns, bounces):
     radiance, report = relight(folder, tmp_path / "out", "--env", "noon", *options)
     assert (report["method"], report["effects"]) == (method, effects)
     assert type(report["suns"]) is int and (report["suns"] > 0) == suns

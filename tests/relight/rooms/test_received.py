@@ -24,7 +24,7 @@ def sky(radiance, bound, clipped=0.0):
     return CapturedSky(*(np.broadcast_to(np.float32(each), shape).copy() for each in (radiance, bound, clipped)))
 
 
-def test_of_an_even_sky_a_part_tells_the_whole():
+def test_a_part_of_an_even_sky_determines_the_whole():
     even = [0.5, 0.6, 0.7]
     known, unknown = sky_parts(sky(even, seen_between(0.1, 0.4)), np.array([UP, DOWN, LEVEL]), image=True)
     below = np.multiply(GROUND, even)  # as ground sends up a part of what it receives

@@ -87,7 +87,7 @@ def test_what_a_session_shows_of_a_room_is_what_is_written_of_it():
     _, by_lamps = place.session()
     found = place.as_captured(0.5 * by_lamps, written.settings)
     lit = ~look.room.glow.any(axis=1)
-    # The light of what glows itself is told apart only there, and weighs little in the mean change.
+    # The light of glowing surfaces is separated only there, and weighs little in the mean change.
     np.testing.assert_allclose(found[lit], written.radiance[lit], rtol=0.01, atol=1e-4)
     np.testing.assert_allclose(found[~lit], written.radiance[~lit], rtol=1e-4)
 

@@ -114,7 +114,7 @@ def test_what_is_hidden_is_written_hidden(ball, tmp_path):
     np.testing.assert_array_equal(rows["nx"], normals_of(binding)[:, 0])
 
 
-def test_usd_without_its_library_is_told_before_any_work(monkeypatch):
+def test_usd_without_its_library_is_reported_before_any_work(monkeypatch):
     import sys
 
     monkeypatch.setitem(sys.modules, "pxr", None)

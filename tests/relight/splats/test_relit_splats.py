@@ -116,7 +116,7 @@ def test_what_is_seen_of_the_relit_splats_is_the_change_of_what_is_seen():
 
 
 def test_the_fit_brings_what_is_seen_nearer_to_the_change_behind_each_pixel():
-    """A shadow's edge, narrower than the Gaussians: what their places tell is blurred, the fit sharpens it."""
+    """A shadow's edge, narrower than the Gaussians: the light at their centres blurs it, the fit sharpens it."""
     scene, splats = sphere_scene(), ball_splats(0, 3000)
     splats = Splats(splats.means, np.full((3000, 3), 0.07), splats.quats_wxyz, splats.opacities, splats.sh)
     before, _ = irradiances(scene)
@@ -356,7 +356,7 @@ def test_a_kept_binding_relights_to_the_same_bits(ball, tmp_path):
         results.append(binding.relit(before, after).sh)
         counts.append(len(looked))
     np.testing.assert_array_equal(results[0], results[1])
-    assert 0 < counts[0] == counts[1] < counts[2]  # the second time nothing is looked at; other splats are bound anew
+    assert 0 < counts[0] == counts[1] < counts[2]  # the second time uses the cache; other splats are bound anew
 
 
 def test_shading_once_more_is_relighting_in_the_product_of_both(ball):

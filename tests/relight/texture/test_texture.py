@@ -233,7 +233,7 @@ def test_light_of_the_capture_is_divided_out(ball):
     np.testing.assert_allclose(known.albedo, 0.5, atol=1e-6)
 
 
-def test_what_no_splat_covers_is_filled_and_told(ball):
+def test_texels_that_no_splat_covers_are_filled_and_reported(ball):
     points = even_sphere(4000)
     covered = points[:, 2] > -0.3
     colors = np.tile([0.8, 0.3, 0.1], (len(points), 1))
@@ -265,7 +265,7 @@ def test_both_sides_of_a_thin_wall_keep_their_colours():
     np.testing.assert_allclose(srgb_from_linear(baked.captured)[inner], expected[inner], atol=0.02)
 
 
-def test_a_view_tells_nothing_of_what_stands_behind_the_mesh():
+def test_a_view_shows_nothing_behind_the_mesh():
     """Of a square behind another, a view from the front shows the rim, one from the side the middle as well."""
     square = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     vertices = np.concatenate([0.5 * square + np.float32([0, 0, 0.5]), square])

@@ -20,7 +20,7 @@ EVEN = Environment(np.full((8, 16, 3), 0.3, np.float32), "even")
 @pytest.fixture
 def far(tmp_path):
     """A city of one level square under a far background in two pieces, dealt in turns: its Background in light GAIN
-    times as strong, the pieces, and of each which are sky as a single scene tells it."""
+    times as strong, the pieces, and for each the splats that are sky by the rule for single scenes."""
     splats, rows, _ = open_air()
     splats.means[:200, 1] = 0.0
     parts = [rows[::2], rows[1::2]]

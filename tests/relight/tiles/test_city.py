@@ -187,7 +187,7 @@ def test_what_lies_below_the_horizon_is_left_out(city):
     assert len(whole(TileNeighborhood(store, shared._replace(cores=cores), 0, 5.0)).scene.chunks) == 2
 
 
-def test_bad_wishes_are_told_before_any_work(city, relit, tmp_path, capsys):
+def test_bad_wishes_are_reported_before_any_work(city, relit, tmp_path, capsys):
     with pytest.raises(InputError, match="exists already"):
         relit_city(city, "noon", OPTIONS, folder="relit/a")
     with pytest.raises(InputError, match="other settings"):

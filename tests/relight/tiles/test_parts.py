@@ -1,4 +1,4 @@
-"""Tiles of more vertices than memory allows are lit in parts, and nobody can tell."""
+"""Tiles with more vertices than memory allows are lit in parts, without a visible difference."""
 
 import gc
 import json
@@ -87,7 +87,7 @@ def test_cuts_end_where_all_vertices_are_in_one_place():
     assert len(found) < 200
 
 
-def test_little_memory_is_told(city):
+def test_little_memory_is_reported(city):
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs 0\.\d GiB at least"):
         room_for(0.3, 0, 0)
     with pytest.raises(InputError, match=r"`memory` 0\.3: a process needs"):

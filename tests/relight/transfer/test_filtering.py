@@ -156,7 +156,7 @@ def test_a_step_is_the_documented_average(tangle, coefficients, rays, steps):
     model = np.zeros((len(at), 4), np.float32)
     model[:, 0] = rng.uniform(0.3, 0.6, len(at))
     model[:, 1:] = rng.normal(0, 0.1, (len(at), 3))
-    rest = np.full((len(tangle[0]), coefficients), np.nan, np.float32)  # rows of no node are not looked at
+    rest = np.full((len(tangle[0]), coefficients), np.nan, np.float32)  # rows of no node are ignored
     rest[at] = rng.normal(0, 0.01, (len(at), coefficients))
     expected = averaged_densely(dense(*tangle)[np.ix_(at, at)], normals, model, rest[at], rays, steps)
     filtering.average(neighbors, normals, model, rest, rays, steps)

@@ -70,7 +70,7 @@ def test_pixels_at_poles_and_seam_shine_as_any_other_of_their_latitude(lit, row,
     shining, banded = ([mean_of(relighter, light) for light in (before, turned)] for relighter in lit)
     assert banded[0].max() > 0
     assert np.abs(banded[1] - banded[0]).max() < 1e-6 * banded[0].max()
-    # A texel of 11 degrees is some thirty suns, told apart by rounding where they are equally near: within the
+    # A texel of 11 degrees is some thirty suns, chosen by rounding where they are equally near: within the
     # tolerance of the split they may be others, with all the energy.
     assert error(shining[1], shining[0]) < 0.01
     weights = [split(light)[1].weights.sum(axis=0) for light in (before, turned)]

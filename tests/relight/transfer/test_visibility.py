@@ -145,7 +145,7 @@ def test_vertices_without_rays_count_as_open(pair, bands):
     occluder, far = pair
     shot = []
     whole, half = Visibility(occluder, 32), Visibility(occluder, 32, vertices=far, advance=shot.append)
-    assert sum(shot) == len(far)  # progress is told in vertices, with rays or without
+    assert sum(shot) == len(far)  # progress counts vertices, with rays or without
     part = half.transfer(bands)
     np.testing.assert_array_equal(part[far], whole.transfer(bands)[far])
     np.testing.assert_array_equal(part[~far], analytic(occluder.normals[~far], bands))

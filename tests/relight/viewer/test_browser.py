@@ -47,7 +47,7 @@ def test_a_cell_shows_a_widget(importable):
 
 @pytest.fixture
 def served(importable, tmp_path):
-    """A running `relight ball --serve`: the process, and the address that it tells."""
+    """A running `relight ball --serve`: the process, and its address."""
     ball_on_plate().save(tmp_path / "ball")
     command = [sys.executable, "-m", "relight", "ball", "--serve", "--method", "analytic", "--tolerance", "10%"]
     command += ["--albedo", "captured"]

@@ -58,7 +58,7 @@ def drag(window, start, end, steps=4):
 
 
 def seen(window, place):
-    """The pixel of a place, from the lower left."""
+    """The pixel of a position, from the lower left."""
     right, up, backward = window.orbit.axes @ (np.asarray(place) - window.orbit.eye)
     focal = 0.5 * window.size[0] / np.tan(np.radians(window.orbit.fov_deg) / 2.0)
     return window.size[0] / 2 - focal * right / backward, window.size[1] / 2 - focal * up / backward

@@ -73,7 +73,7 @@ def test_a_session_without_lamps_gets_some(scene, opened, tmp_path):
     session.save_lamps(tmp_path / "lamps.json")
     expected = relit(scene, "noon", tmp_path / "lamps.json", 0.0)
     assert np.allclose(session.radiance(), expected, rtol=1e-5, atol=1e-6 * expected.max())
-    session.change(albedo="white")  # of which no lamps are told
+    session.change(albedo="white")  # for which no lamps are known
     session.finish()
     assert session.mixture is None
     session.change(albedo="captured")
@@ -314,7 +314,7 @@ def test_many_lamps_share_a_term_until_they_are_touched():
     bench.close()
 
 
-def test_lamps_that_light_nothing_are_told_of():
+def test_lamps_that_light_nothing_are_reported():
     counted = Counted()
     counted.direct = lambda lights: np.zeros((2, 3), np.float32)
     bench, board = bench_of(counted)
@@ -326,7 +326,7 @@ def test_lamps_that_light_nothing_are_told_of():
     bench.close()
 
 
-def test_light_that_cannot_be_found_is_told_of_until_something_changes():
+def test_light_that_cannot_be_found_is_reported_until_something_changes():
     counted = Counted(broken="it is too dark")
     source = counted.source((), 0.0)
     board = LampBoard((), 0.0)

@@ -156,7 +156,7 @@ def test_what_the_stated_error_gathers_is_what_surrounds_a_vertex():
 
 @pytest.mark.parametrize("per_cell", [0.0, 0.02, 0.5])
 def test_what_leaves_do_not_see_of_a_white_sky_they_gather(per_cell):
-    """In a white hollow under a white sky all light is 1: what no direct light is told of, bounces bring."""
+    """In a white hollow under a white sky all light is 1: bounces add the part that is not direct."""
     hollow = o3d.geometry.TriangleMesh.create_sphere(1.0, 12)
     hollow.compute_vertex_normals()
     vertices, faces = np.asarray(hollow.vertices, np.float32), np.asarray(hollow.triangles)
@@ -230,7 +230,7 @@ def test_captured_lamps_shine_as_they_are_set(scene, known):
     session.change(lamps=-1.0)
     assert session.state.lamps == 0.0
     session.change(albedo="white")
-    assert np.array_equal(session.radiance(), session.quick_radiance())  # of which no lamps are told
+    assert np.array_equal(session.radiance(), session.quick_radiance())  # for which no lamps are known
     assert [control.there(session) for control in CONTROLS if "captured lamps" in control.text] == 3 * [known]
     assert [slider.there(session) for slider in SLIDERS if slider.field == "lamps"] == [known]
 
@@ -370,7 +370,7 @@ def test_only_work_that_a_newer_wish_makes_pointless_ends_early(scene):
 # Controls and camera
 
 
-def test_every_control_is_told_apart_and_explained():
+def test_every_control_is_distinct_and_explained():
     assert len({control.key for control in CONTROLS}) == len(CONTROLS)
     assert len({control.text for control in CONTROLS}) == len(CONTROLS)
     assert len({key_name(control) for control in CONTROLS}) == len(CONTROLS)

@@ -326,7 +326,7 @@ def test_the_help_lists_every_key(window):
     assert {text for pair in MOUSE for text in pair} <= written
 
 
-def test_the_panel_tells_error_times_and_what_is_missing(window):
+def test_the_panel_shows_error_times_and_what_is_missing(window):
     window.tick()
     window.session.finish()
     window.picture()

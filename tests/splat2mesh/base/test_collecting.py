@@ -10,7 +10,7 @@ from splat2mesh.base.collecting import compile_without_collector
 
 
 class Watch(event.Listener):
-    """Whether the collector was on when compilations began and ended; told after those that came before it."""
+    """Whether the collector was on when compilations began and ended; called after earlier listeners."""
 
     def __init__(self):
         self.begun, self.ended = [], []

@@ -21,7 +21,7 @@ def test_a_value_may_begin_with_a_minus_where_the_option_takes_one(given, read):
     assert joined(given, ("--up", "--rotate")) == read
 
 
-def test_words_are_known_whatever_their_case_and_near_ones_are_told():
+def test_words_are_known_in_any_case_and_near_ones_are_suggested():
     assert chosen("--env", "SunSet", ("studio", "sunset")) == "sunset"
     with pytest.raises(InputError, match=r"--env snset: expected one of studio sunset; did you mean sunset\?$"):
         chosen("--env", "snset", ("studio", "sunset"))
@@ -53,7 +53,7 @@ def test_what_is_no_share_is_refused(text, message):
         share("--tolerance", text)
 
 
-def test_an_option_that_is_nearly_right_is_told_in_one_line(capsys):
+def test_a_nearly_right_option_is_reported_in_one_line(capsys):
     parser = Parser(prog="tool")
     parser.add_argument("--rotate")
     with pytest.raises(SystemExit) as exit_:
@@ -65,7 +65,7 @@ def test_an_option_that_is_nearly_right_is_told_in_one_line(capsys):
 
 
 @pytest.mark.parametrize("words", [["a", "--env", "b.exr", "c.exr"], ["a", "-e", "b.exr", "c.exr", "d.exr"]])
-def test_a_second_value_is_told_with_what_to_do_instead(capsys, words):
+def test_a_second_value_is_reported_with_what_to_do_instead(capsys, words):
     parser = Parser(prog="tool")
     parser.add_argument("scene")
     parser.add_argument("-e", "--env", metavar="FILE|FOLDER")

@@ -67,7 +67,7 @@ def test_what_a_killed_run_left_is_named_and_removed_by_the_next(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_run_that_is_told_to_stop_leaves_what_was_there(tmp_path, number):
+def test_a_stopped_run_leaves_what_was_there(tmp_path, number):
     old_output(tmp_path)
     process = writer(tmp_path)
     process.send_signal(number)
@@ -218,7 +218,7 @@ def test_a_signal_waits_for_the_end_of_a_shield():
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(0.01)
             passed = True
-        pytest.fail("it was told when the shield ended")
+        pytest.fail("the signal arrived when the shield ended")
     assert passed
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 

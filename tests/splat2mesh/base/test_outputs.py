@@ -196,7 +196,7 @@ def test_errors_are_one_line_on_stderr_with_their_code(capsys, error, code, line
     assert out == "" and err.startswith("Traceback") and err.endswith(line)
 
 
-def test_data_warnings_are_one_line_told_once_and_other_warnings_are_hidden(capsys):
+def test_data_warnings_are_one_line_shown_once_and_other_warnings_are_hidden(capsys):
     def command():
         for _ in range(2):
             warnings.warn("dropped 3 splats", DataWarning, stacklevel=1)

@@ -177,7 +177,7 @@ def test_normals_are_unit_and_face_the_camera():
     assert not surface.normal[~hit].any() and np.isnan(surface.spread[~hit]).all()
 
 
-def test_spread_tells_a_sheet_from_a_cloud():
+def test_spread_separates_a_sheet_from_a_cloud():
     rng, view = np.random.default_rng(8), front_view()
     x, y = np.meshgrid(np.arange(-2, 2, 0.05), np.arange(-2, 2, 0.05))
     sheet = np.stack([x, y, np.full_like(x, 3)], axis=-1).reshape(-1, 3)

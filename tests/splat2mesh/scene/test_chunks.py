@@ -66,7 +66,7 @@ def test_types_are_those_of_a_mesh():
 def test_seam_vertices_are_bit_identical_in_every_chunk_that_has_them():
     mesh = grid_mesh()
     known = {row[:12].tobytes(): row.tobytes() for row in rows_of(mesh)}
-    assert len(known) == len(mesh.vertices)  # positions tell the vertices of this mesh apart
+    assert len(known) == len(mesh.vertices)  # positions identify the vertices of this mesh
     copies = {}
     for chunk in split(mesh, 200):
         for row in rows_of(chunk):

@@ -32,7 +32,7 @@ def test_joined_corners_give_back_what_they_held_in_the_order_of_first_use():
     assert first == sorted(first)
 
 
-def test_minus_zero_joins_zero_and_what_float32_cannot_tell_apart_is_one():
+def test_minus_zero_joins_zero_and_values_equal_in_float32_are_one():
     values = np.array([[0.0], [-0.0], [1.0], [1.0 + 1e-12]])
     rows, vertices = joined(np.arange(4), values)
     assert rows.tolist() == [0, 2] and vertices.tolist() == [0, 0, 1, 1]

@@ -27,12 +27,12 @@ def test_what_32_bits_hold_is_taken_without_a_word(scale, away):
         check_extent(ball(scale, away))
 
 
-def test_what_is_too_small_is_told_its_size_and_what_to_do():
+def test_a_too_small_scene_gets_its_size_and_what_to_do():
     with pytest.raises(InputError, match=r"span 7e-06 units, expected at least 5e-05: scale them up .* by 1e\+05"):
         check_extent(ball(1e-6))
 
 
-def test_what_is_rounded_to_rubble_is_told_how_far_out_it_is():
+def test_a_scene_rounded_to_rubble_gets_its_distance():
     with pytest.raises(
         InputError, match=r"lie 1e\+07 units from the origin, where positions round to 4.5 of .* offset"
     ):

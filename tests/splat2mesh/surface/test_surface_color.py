@@ -1,4 +1,4 @@
-"""Vertex colours and thicknesses from pictures: who sees a vertex tells of it, nobody else does."""
+"""Vertex colours and thicknesses from pictures: only views that see a vertex contribute."""
 
 import numpy as np
 import open3d as o3d

@@ -53,7 +53,7 @@ def test_a_forest_is_a_volume_throughout():
     assert volume.max() <= 1.0
 
 
-def test_both_in_one_scene_are_told_apart_in_any_order():
+def test_both_in_one_scene_are_separated_in_any_order():
     s = both()
     volume = splat_volume(s)
     assert volume[:3000].mean() < 0.02

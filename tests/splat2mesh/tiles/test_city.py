@@ -38,7 +38,7 @@ def made(patch, source, tmp_path_factory):
     return folder, meshed(source, folder)
 
 
-def test_the_report_tells_what_each_tile_took(made):
+def test_the_report_lists_the_cost_of_each_tile(made):
     folder, report = made
     written = {f"mesh {path.name.lstrip('0') or '0'}": path for path in (folder / "tiles").iterdir()}
     sizes = {name: sum(file.stat().st_size for file in path.glob("*.[pg]l[yb]")) for name, path in written.items()}
@@ -185,7 +185,7 @@ def test_a_piece_that_cannot_be_read_leaves_nothing_behind(source, tmp_path, pat
     assert not (tmp_path / "scene").exists()
 
 
-def test_a_scheduler_that_does_not_answer_and_workers_of_another_version_are_told(monkeypatch):
+def test_a_silent_scheduler_and_workers_of_another_version_are_reported(monkeypatch):
     from splat2mesh.tiles import tasks
 
     monkeypatch.setattr(tasks, "CONNECT_S", 0.2)

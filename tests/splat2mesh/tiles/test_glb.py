@@ -47,7 +47,7 @@ def test_it_holds_what_was_put_in(mesh, shift):
     np.testing.assert_array_equal(columns[3].reshape(-1, 3), mesh.faces)
 
 
-def test_the_ply_of_a_tile_comes_back_bit_by_bit_and_a_damaged_one_is_told(mesh):
+def test_the_ply_of_a_tile_comes_back_bit_by_bit_and_a_damaged_one_is_reported(mesh):
     data = mesh_ply_bytes(mesh)
     found = mesh_from_ply_bytes(data)
     for name in ("vertices", "normals", "faces", "colors_srgb"):

@@ -48,7 +48,7 @@ def test_both_sides_name_the_same_border():
     np.testing.assert_array_equal(seam_of(raw, 0), seam_of(raw, 1))
 
 
-def test_what_a_border_is_told_does_not_depend_on_what_lies_far_from_it():
+def test_a_border_does_not_depend_on_data_far_from_it():
     points, faces, _ = sheet()
     raw = parted(points, faces)
     seam = np.flatnonzero(seam_of(raw, 0))

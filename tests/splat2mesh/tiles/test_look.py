@@ -1,4 +1,4 @@
-"""What the stations of a tile see, cut to what tells of the tile."""
+"""The depth maps of a tile's stations, cut to the part that matters for the tile."""
 
 import numpy as np
 

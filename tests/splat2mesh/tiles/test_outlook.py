@@ -1,4 +1,4 @@
-"""What a city would take is told without making any of it."""
+"""The predicted cost of a city, without making any of it."""
 
 import json
 
@@ -39,7 +39,7 @@ def test_the_command_shows_it_and_leaves_nothing(source, tmp_path, monkeypatch, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_cannot_be_planned_is_told(tmp_path):
+def test_a_source_that_cannot_be_planned_is_reported(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\n")
     with pytest.raises(InputError, match=r"a\.ply"):
         outlook(tmp_path)

@@ -73,7 +73,7 @@ def test_a_streamed_capture(tmp_path):
         pieces_of(sent(folder), 5)
 
 
-def test_what_is_not_there_is_told(tiles):
+def test_missing_files_are_reported(tiles):
     url = sent(tiles)
     with pytest.raises(InputError, match="no such file"):
         pieces_of(f"{url}/none.ply")

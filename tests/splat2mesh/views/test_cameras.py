@@ -168,7 +168,7 @@ def test_spread_out_picks_distinct_views_that_lie_far_apart():
     assert order == sorted(order) and order[0] == 0
 
 
-def test_spread_out_tells_cameras_in_one_place_apart_by_direction():
+def test_spread_out_separates_cameras_in_one_place_by_direction():
     directions = [[0, 0, 1], [0.01, 0, 1], [0, 0.01, 1], [0, 0, -1], [0.01, 0, -1]]
     views = [View.look_at([0, 0, 0], direction, [0, 1, 0], 40.0, 16) for direction in directions]
     forward = [view.forward[2] for view in spread_out(views, 2)]

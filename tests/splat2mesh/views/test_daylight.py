@@ -1,4 +1,4 @@
-"""What is up, told by the light on a thing where nothing else tells: a hint in words, never a turn by itself."""
+"""Up from the light on an object, without other evidence: a hint in words, never a turn by itself."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def thing(request):
     return splats_from(truth, radiance * exposure(radiance), 4000, 0)
 
 
-def test_a_thing_on_its_head_is_told_and_turned_where_pictures_show_it(thing, request):
+def test_an_object_upside_down_is_reported_and_turned_where_pictures_show_it(thing, request):
     matrix, reason = upright("auto", [], thing)
     assert reason.startswith("the floor") or (
         reason.startswith("assumed -y") and reason.endswith("times brighter from above")

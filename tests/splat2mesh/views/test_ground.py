@@ -1,4 +1,4 @@
-"""Up from the floor of a place: told where the evidence is strong, never guessed for an object."""
+"""Up from the floor of a place: used where the evidence is strong, never guessed for an object."""
 
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def turned(splats, up, lean_deg=0.0):
 
 
 @pytest.mark.parametrize("up", ["+y", "-y", "+z"])
-def test_a_garden_with_surroundings_tells_its_up(up):
+def test_a_garden_with_surroundings_shows_its_up(up):
     found = ground_of(turned(garden(), up))
     np.testing.assert_array_equal(found.up, AXES[up])
     assert found.reason.endswith(f"degrees from {up}") and found.reason.startswith("the floor")
@@ -119,7 +119,7 @@ def test_objects_have_no_floor():
     assert ground_of(dots(rng.normal(size=(20, 3)))).up is None and largest_plane(dots(np.zeros((100, 3)))) is None
 
 
-def test_things_on_both_sides_tell_nothing():
+def test_things_on_both_sides_show_nothing():
     both = garden()
     mirrored = placed(things_alone(), similarity(rotation=np.diag([1.0, -1.0, -1.0])))
     found = ground_of(joined([both, mirrored]))
@@ -156,7 +156,7 @@ def test_auto_asks_cameras_then_the_floor_then_assumes():
     assert reason == "asked for"
 
 
-def test_nothing_is_looked_for_where_cameras_tell(monkeypatch):
+def test_nothing_is_searched_where_cameras_decide(monkeypatch):
     from splat2mesh.render.view import View
     from splat2mesh.views import upright as module
 

@@ -31,7 +31,7 @@ def test_the_bytes_are_the_same_again():
     assert sog_files(make_splats(500, 0)) == sog_files(make_splats(500, 0))
 
 
-def test_what_it_cannot_hold_is_told(tmp_path):
+def test_what_it_cannot_hold_is_reported(tmp_path):
     with pytest.warns(DataWarning, match="harmonics of 20 splats"):
         sog_files(make_splats(20, 2))
     splats = make_splats(20, 0)

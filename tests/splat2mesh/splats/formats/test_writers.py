@@ -58,7 +58,7 @@ def test_compressed_ply_is_right_to_half_a_step(tmp_path, degree):
             # Beside half a step: float32 of the bounds, of the reader's sum and of the logarithm.
             assert (np.abs(back[rows] - value[rows]) <= 0.5 * step + 2e-6).all()
     np.testing.assert_allclose(found.opacities, splats.opacities, atol=0.5001 / 255)
-    # Half a step of sqrt(2)/1023 on three components is at most 2.4e-3 of a radian all told.
+    # Half a step of sqrt(2)/1023 on three components is at most 2.4e-3 of a radian in total.
     assert_shapes_agree(found, splats, 0.005)
     np.testing.assert_allclose(found.sh[:, 1:], splats.sh[:, 1:], atol=0.5001 / 32)
     assert found.degree == degree
@@ -230,7 +230,7 @@ def test_a_chunk_without_extent(tmp_path):
     np.testing.assert_allclose(found.colors_diffuse, splats.colors_diffuse, atol=1e-6)
 
 
-def test_every_kind_is_told_by_its_content(tmp_path):
+def test_every_kind_is_recognised_by_its_content(tmp_path):
     for kind in WRITERS:
         assert kind_of(written(tmp_path, tame_splats(20, 0), kind).rename(tmp_path / f"{kind}.bin")) == kind
     record = struct.pack("<6f", *[1.0] * 6) + bytes([200] * 4) + bytes([255, 128, 128, 128])
