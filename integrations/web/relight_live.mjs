@@ -5,7 +5,7 @@
 
 export const FORMAT = "relight-live";
 export const VERSION = 2;
-const LEAST = 2 ** -20;  // change that is told to shaders: no display shows it
+const LEAST = 2 ** -20;  // least change that is passed to shaders: invisible on any display
 const SKY = 2;  // kind of far background, which shows the light itself; 1 is lit, 0 stays as captured
 
 // A bundle: { meta, count, clusters, weights, rows (Uint32Array, words a splat), words, basis, terms, splat: { file, bytes } }.
