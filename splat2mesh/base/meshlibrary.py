@@ -1,17 +1,18 @@
-"""open3d, in commands without its web viewer, which takes half of its import time."""
+"""open3d, in commands without its web viewer, which takes half of its import time and may be uninstalled."""
 
 import sys
+from importlib.util import find_spec
 from types import ModuleType
 from typing import Any
 
 from .console import owns_process
 
 PAGES = ("plotly", "plotly.graph_objects", "dash")
-"""The imports of `open3d.visualization` for them."""
+"""Imports of `open3d.visualization` for its web pages."""
 
 
 class _Absent(ModuleType):
-    """Stands for a package of which nothing is used."""
+    """Replaces a package that open3d imports and nothing uses."""
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -25,13 +26,14 @@ def open3d() -> ModuleType:
     Returns
     -------
     module
-        A command never shows a page, so that in its process what draws them is not imported along.
+        A command never shows a page, so its process does not import the packages that draw pages. Neither does a
+        library process if they are not installed.
     """
-    if "open3d" in sys.modules or not owns_process():
-        import open3d as whole
-
-        return whole
-    absent = [name for name in PAGES if name not in sys.modules]
+    if "open3d" not in sys.modules:
+        own = owns_process()
+        absent = [each for each in PAGES if each not in sys.modules and (own or find_spec(each.split(".")[0]) is None)]
+    else:
+        absent = []
     try:
         for name in absent:
             sys.modules[name] = _Absent(name)

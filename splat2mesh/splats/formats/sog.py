@@ -5,6 +5,7 @@ Version 2 looks values up in codebooks of 256; version 1 (no `version` field) sp
 Source: developer.playcanvas.com, "The SOG format".
 """
 
+import io
 import lzma
 import os
 import struct
@@ -133,8 +134,6 @@ class _Images:
 
     def image(self, part: str, index: int = 0) -> NDArray[np.uint8]:
         """(H, W, 4) uint8."""
-        import imagecodecs
-
         name = self.meta[part]["files"][index]
         data = self._loaded.get(name) or self.load(name)
         width, height = _size(self.path, name, data)
@@ -142,8 +141,8 @@ class _Images:
         if width * height > most:
             raise InputError(f"{self.path}: {name} has {width} x {height} pixels, for {self.count} splats: damaged")
         try:
-            return imagecodecs.webp_decode(data, hasalpha=True)
-        except imagecodecs.WebpError as error:
+            return _pixels(data)
+        except (OSError, EOFError, SyntaxError, ValueError) as error:
             raise InputError(f"{self.path}: {name} is not a readable WebP image ({error})") from error
 
     def texels(self, part: str, index: int = 0) -> NDArray[np.uint8]:
@@ -155,6 +154,17 @@ class _Images:
                 f"{self.path}: {name} has {len(pixels)} pixels, expected one for each of {self.count} splats"
             )
         return pixels[: self.count]
+
+
+def _pixels(data: bytes) -> NDArray[np.uint8]:
+    """(H, W, 4) uint8 of a WebP image, unchanged where alpha is 0. Raises the errors that Pillow does."""
+    from PIL.WebPImagePlugin import WebPImageFile
+
+    # The class, not Image.open, which warns of images that are large but expected here: `image` has checked the size.
+    with WebPImageFile(io.BytesIO(data)) as image:
+        if getattr(image, "n_frames", 1) != 1:
+            raise ValueError("an animation")
+        return np.array(image.convert("RGBA"))
 
 
 def _size(path: AnyPath, name: str, data: bytes) -> tuple[int, int]:

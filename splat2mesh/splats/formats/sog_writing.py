@@ -3,6 +3,7 @@
 Source: developer.playcanvas.com, "The SOG format".
 """
 
+import io
 import json
 import math
 import warnings
@@ -96,10 +97,12 @@ def _coded(values: NDArray[np.float64]) -> tuple[list[float], NDArray[np.uint8]]
 
 def _webp(values: NDArray[Any]) -> bytes:
     """(N, 3 or 4) integers to 255 as an image without loss, a row of pixels after the other; the rest is black."""
-    import imagecodecs
+    from PIL import Image
 
     width = 4 * math.ceil(math.sqrt(len(values)) / 4)
     image = np.zeros((4 * math.ceil(len(values) / width / 4) * width, 4), np.uint8)
     image[:, 3] = 255
     image[: len(values), : values.shape[1]] = values
-    return bytes(imagecodecs.webp_encode(image.reshape(-1, width, 4), lossless=True))
+    file = io.BytesIO()
+    Image.fromarray(image.reshape(-1, width, 4)).save(file, "WEBP", lossless=True, exact=True)
+    return file.getvalue()

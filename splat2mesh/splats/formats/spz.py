@@ -8,6 +8,7 @@ Source: github.com/nianticlabs/spz, load-spz.cc.
 import itertools
 import os
 import struct
+import sys
 import zlib
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -168,9 +169,29 @@ def _open_gzip(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
     return header, [body[a:b] for a, b in itertools.pairwise(ends)]
 
 
-def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
-    import imagecodecs
+def _unpacked(packed: bytes, most: int) -> bytes:
+    """The content of zstd frames, at most this many bytes. Raises ValueError for damage and for more."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
 
+    content = bytearray()
+    while packed:
+        frame = zstd.ZstdDecompressor()
+        try:
+            content += frame.decompress(packed, most + 1 - len(content))
+        except zstd.ZstdError as error:
+            raise ValueError(str(error)) from error
+        if len(content) > most:
+            raise ValueError("it holds more than its header announces")
+        if not frame.eof:
+            raise ValueError("it lacks its end")
+        packed = frame.unused_data
+    return bytes(content)
+
+
+def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
     header = _Header(path, data, (4,))
     check_count(path, header.count, len(data))
     widths = [width for width in header.widths if width]
@@ -185,8 +206,8 @@ def _open_v4(path: AnyPath, data: bytes) -> tuple[_Header, list[bytes]]:
         packed = data[start : start + packed_size]
         _check_size(path, f"stream {i}", len(packed), packed_size)
         try:
-            sections.append(bytes(imagecodecs.zstd_decode(packed, out=size)))
-        except imagecodecs.ZstdError as error:
+            sections.append(_unpacked(packed, size))
+        except ValueError as error:
             raise InputError(f"{path}: an SPZ stream is damaged ({error}): copy or export it again") from error
         _check_size(path, f"stream {i}", len(sections[-1]), size)
         start += packed_size

@@ -23,3 +23,20 @@ def test_a_command_imports_no_web_pages(owned):
         [sys.executable, "-c", SCRIPT.format(owned=owned)], capture_output=True, text=True, check=True, timeout=120
     )
     assert finished.stdout.split() == [str(not owned)] * 3
+
+
+MISSING = """
+import sys
+import importlib.util
+found = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name in ("plotly", "dash") else found(name, *rest)
+from splat2mesh.base.meshlibrary import PAGES, open3d
+package = open3d()
+package.t.geometry.RaycastingScene()
+print(*(name in sys.modules for name in PAGES))
+"""
+
+
+def test_a_library_process_works_without_the_packages_of_web_pages():
+    finished = subprocess.run([sys.executable, "-c", MISSING], capture_output=True, text=True, check=True, timeout=120)
+    assert finished.stdout.split() == ["False"] * 3

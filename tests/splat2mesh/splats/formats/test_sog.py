@@ -1,15 +1,19 @@
 """PlayCanvas SOG, both versions, from images encoded here."""
 
+import io
 import json
 import zipfile
 
+import imagecodecs
 import numpy as np
 import pytest
+from PIL import Image
 from sog_samples import palette_splats, sog_parts, store_folder, webp
 from splat_samples import assert_same
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.formats.sog import _pixels
 
 
 @pytest.mark.parametrize("degree", range(4))
@@ -85,3 +89,18 @@ def test_damaged_sogs(tmp_path):
         bundle.writestr("readme.txt", "nothing")
     with pytest.raises(InputError, match=r"zip without meta\.json"):
         read_splats(tmp_path / "b.sog")
+
+
+def test_webp_images_keep_colours_under_no_alpha_and_animations_are_refused(tmp_path):
+    pixels = np.random.default_rng(0).integers(0, 256, (40, 60, 4), dtype=np.uint8)
+    pixels[::2, :, 3] = 0
+    for values in (pixels, np.ascontiguousarray(pixels[..., :3])):
+        data = imagecodecs.webp_encode(values, lossless=True)
+        np.testing.assert_array_equal(_pixels(data), imagecodecs.webp_decode(data, hasalpha=True))
+    np.testing.assert_array_equal(_pixels(imagecodecs.webp_encode(pixels, lossless=True)), pixels)
+    file = io.BytesIO()
+    frames = [Image.fromarray(each) for each in (pixels, 255 - pixels)]
+    frames[0].save(file, "WEBP", save_all=True, append_images=frames[1:], lossless=True)
+    parts = sog_parts(palette_splats(100, 0), 2)
+    with pytest.raises(InputError, match="not a readable WebP image"):
+        read_splats(store_folder(tmp_path, parts | {"sh0.webp": file.getvalue()}))

@@ -5,6 +5,7 @@ import struct
 from dataclasses import replace
 
 import gsply
+import imagecodecs
 import numpy as np
 import pytest
 from splat_samples import assert_same, make_splats, store
@@ -12,6 +13,7 @@ from turned_splats import turned_y_up
 
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.splats.formats import read_splats
+from splat2mesh.splats.formats.spz import _unpacked
 
 
 @pytest.fixture
@@ -98,6 +100,24 @@ def test_a_damaged_spz_is_refused(tmp_path, spz_writer, version):
     flipped[len(data) // 2 if version == 3 else 32 + 6 * 16] ^= 0xFF
     with pytest.raises(InputError, match="SPZ"):
         read_splats(store(tmp_path, "flipped.spz", bytes(flipped)))
+
+
+def test_zstd_frames_are_unpacked_up_to_the_announced_size():
+    data = np.random.default_rng(0).integers(0, 4, 100_000, dtype=np.uint8).tobytes()
+    packed = imagecodecs.zstd_encode(data)
+    assert _unpacked(packed, len(data)) == data == _unpacked(packed + imagecodecs.zstd_encode(b""), len(data))
+    assert _unpacked(packed + packed, 2 * len(data)) == data + data
+    assert _unpacked(b"", 5) == b""
+    bomb = imagecodecs.zstd_encode(bytes(1 << 26))
+    for damaged, most, message in (
+        (bomb, 1000, "more than its header announces"),
+        (packed + packed, len(data), "more than its header announces"),
+        (packed[:-5], len(data), "lacks its end"),
+        (packed + b"junk", len(data), "."),
+        (b"junk", 5, "."),
+    ):
+        with pytest.raises(ValueError, match=message):
+            _unpacked(damaged, most)
 
 
 def splat_bytes(splats):
