@@ -294,8 +294,7 @@ class Session(LampEditing, Answers):
         return self.scene.colors_srgb if radiance is None else display_bytes(radiance, self.exposure())
 
     def quick_radiance(self, angle_deg: float | None = None) -> NDArray:
-        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one, from present
-        results."""
+        """Radiance (V, 3) by spherical harmonics alone at an angle, by default the present one."""
         began = time.perf_counter()
         shadowed = SHADOWS in self.effects and "transfer" in self._found
         transfer = self._found["transfer" if shadowed else "unshadowed"][1]
