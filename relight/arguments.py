@@ -4,12 +4,13 @@ import argparse
 from typing import Any
 
 from splat2mesh.base.commandline import Parser
-from splat2mesh.base.manual import add_manuals
+from splat2mesh.base.manual import add_manuals, offer
 from splat2mesh.base.version import VERSION
-from splat2mesh.cli import add_display, add_meshing, add_tiling
+from splat2mesh.cli import MESHING_WORDS, add_display, add_meshing, add_tiling
 
+from .light import CAPTURED, SKIES
 from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import FILES
+from .output.kinds import BAKED, CITY_FILES, COLOR_SPACES, FILES, HARMONICS
 from .request import RelightRequest
 from .transfer import METHODS
 from .transfer.settings import EFFECTS, GLOSS
@@ -29,6 +30,26 @@ EXAMPLES = """examples:
   relight garden --env sunset --format web         relit.html: a page that relights in any browser
 
 Every result folder holds report.json: inputs, settings, times, warnings. A mesh file gets the folder ./NAME_relit/."""
+
+
+BUILTIN = ("studio", "overcast", "noon", "sunset")
+"""Names of `light.skies.BUILTIN`, whose module is too heavy to import here."""
+
+WORDS = {
+    "--env": (*BUILTIN, CAPTURED),
+    "--lights": BUILTIN,
+    "--on": ("floor",),
+    "--lamps": ("keep", "off"),
+    "--albedo": ("estimated", "captured", "white"),
+    "--method": METHODS,
+    "--effects": ("auto", "none", *EFFECTS, GLOSS),
+    "--format": dict.fromkeys((*FILES, *CITY_FILES)),
+    "--color-space": COLOR_SPACES,
+    "--harmonics": HARMONICS,
+    "--bake": BAKED,
+    "--sky": SKIES,
+}
+"""Words that shells offer as values of options."""
 
 
 class OfInsert(argparse.Action):
@@ -62,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument("scene", metavar="SCENE", help=scene)
 
     add = parser.add_argument_group("light").add_argument
-    names = "studio, overcast, noon, sunset"
+    names = ", ".join(BUILTIN)
     add(
         "--env",
         metavar="FILE|NAME|FOLDER",
@@ -191,4 +212,5 @@ def parser() -> argparse.ArgumentParser:
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
+    offer(parser, MESHING_WORDS | WORDS)
     return parser

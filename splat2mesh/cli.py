@@ -21,7 +21,7 @@ from .base.collecting import compile_without_collector
 from .base.commandline import Parser, chosen, count
 from .base.console import Display, peak_mb, run
 from .base.errors import InputError
-from .base.manual import add_manuals
+from .base.manual import add_manuals, offer
 from .base.requests import given, option_names
 from .base.version import VERSION
 from .options import ConvertOptions, TilingOptions
@@ -81,6 +81,7 @@ def parser() -> argparse.ArgumentParser:
     add_display(add)
     add("--version", action="version", version=f"%(prog)s {VERSION}")
     add_manuals(parser)
+    offer(parser, MESHING_WORDS)
     return parser
 
 
@@ -111,6 +112,20 @@ def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOpt
     add("--texture", metavar="N", help=f"{texture}(default: {default_texture})")
     proxy = "also write proxy.glb for collisions: closed (one surface around the mesh) or convex (parts)"
     add("--proxy", metavar="KIND", help=proxy)
+
+
+MESHING_WORDS = {
+    "--up": UP_CHOICES,
+    "--detail": DETAIL_CHOICES,
+    "--surface": SURFACE_CHOICES,
+    "--background": BACKGROUND_CHOICES,
+    "--from": STAND_CHOICES,
+    "--proxy": PROXY_CHOICES,
+    "--vertices": ("auto",),
+    "--texture": ("auto", "none"),
+    "--lod": ("auto",),
+}
+"""Words that shells offer for the options of `add_meshing`."""
 
 
 def add_tiling(parser: argparse.ArgumentParser) -> None:

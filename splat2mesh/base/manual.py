@@ -3,7 +3,7 @@
 import argparse
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 SHELLS = ("bash", "zsh", "fish")
@@ -19,6 +19,20 @@ def add_manuals(parser: argparse.ArgumentParser) -> None:
     completion = f"print a completion script for a shell: {', '.join(SHELLS)}"
     parser.add_argument("--completion", action=_Printed, choices=SHELLS, metavar="SHELL", help=completion)
     parser.add_argument("--man", action=_Printed, nargs=0, help="print the manual page; `man -l -` shows it")
+
+
+def offer(parser: argparse.ArgumentParser, words: Mapping[str, Iterable[str]]) -> None:
+    """Name words that completions offer as values of options; other values stay allowed.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+    words : mapping of str to iterable of str
+        By option, such as "--detail".
+    """
+    for action in parser._actions:
+        for option in {*action.option_strings} & {*words}:
+            action.offered = tuple(words[option])  # type: ignore[attr-defined]
 
 
 class _Printed(argparse.Action):
@@ -37,7 +51,9 @@ class _Printed(argparse.Action):
 
 
 def completion(parser: argparse.ArgumentParser, shell: str) -> str:
-    """Make the script that teaches a shell the options of a command and their choices; files complete everything else.
+    """Make the script that teaches a shell the options of a command and their values.
+
+    Bash offers files where no word fits. The other shells offer words alone, or files alone for options that take some.
 
     Parameters
     ----------
@@ -53,6 +69,10 @@ def completion(parser: argparse.ArgumentParser, shell: str) -> str:
     """
     import shtab
 
+    for action in parser._actions:
+        takes_files = re.search("FILE|PATH", str(action.metavar))
+        if (shell == "bash" or not takes_files) and hasattr(action, "offered"):
+            action.choices = action.offered  # the parser prints this script and ends
     if shell == "bash":
         # Values marked as files would hide, after an option that takes several, all other options: bash's own default
         # offers files where nothing else fits.
@@ -89,7 +109,8 @@ def manual(parser: argparse.ArgumentParser) -> str:
             lines.append(f".SH {(group.title or 'options').upper()}")
         for action in group._group_actions:
             names = ", ".join(f"\\fB{_troff(text)}\\fR" for text in action.option_strings)
-            metavar = "" if action.nargs == 0 else f" \\fI{_troff(str(action.metavar or action.dest))}\\fR"
+            value = action.metavar or "|".join(map(str, action.choices or [action.dest]))
+            metavar = "" if action.nargs == 0 else f" \\fI{_troff(str(value))}\\fR"
             lines += [".TP", f"{names}{metavar}".strip(), _troff(_help(parser, action))]
     lines += [".SH EXAMPLES", ".nf", _troff((parser.epilog or "").removeprefix("examples:\n")), ".fi"]
     return "\n".join(lines) + "\n"

@@ -8,6 +8,8 @@ import pytest
 
 import relight.cli
 import splat2mesh.cli
+from relight.arguments import BUILTIN as NAMED
+from relight.light.skies import BUILTIN
 from splat2mesh.base.manual import SHELLS, completion, manual
 
 PARSERS = {"relight": relight.cli.parser, "splat2mesh": splat2mesh.cli.parser}
@@ -54,6 +56,38 @@ def test_bash_completes_options_after_one_that_takes_several_and_files_elsewhere
     script += "COMP_WORDS=(relight a); COMP_CWORD=1; _shtab_relight; echo ${#COMPREPLY[@]}; complete -p relight"
     done = subprocess.run([bash, "-c", script], capture_output=True, text=True, timeout=60)
     assert done.stdout.splitlines() == ["--rotate", "0", "complete -o default -F _shtab_relight relight"]
+
+
+VALUES = {
+    "--env s": ["studio", "sunset"],
+    "--format glb sp": ["splat", "splat-glb"],
+    "--method neu": ["neural", "neural-gash"],
+    "--detail d": ["draft"],
+    "--open c": ["ceiling"],
+    "--env x": [],
+}
+"""Words typed after a splat, and the values that bash offers for the last one; without any it offers files."""
+
+
+def test_bash_offers_the_words_that_options_take():
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("there is no bash")
+    script = completion(PARSERS["relight"](), "bash")
+    for line in VALUES:
+        words = ["relight", "a.ply", *line.split()]
+        script += f"COMPREPLY=(); COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_relight\n"
+        script += 'echo "${COMPREPLY[@]}"\n'
+    done = subprocess.run([bash, "-c", script], capture_output=True, text=True, timeout=60)
+    assert [line.split() for line in done.stdout.splitlines()] == list(VALUES.values())
+
+
+def test_words_that_are_offered_are_those_of_the_library():
+    assert NAMED == tuple(BUILTIN)
+    for name, parser in PARSERS.items():
+        for action in parser()._actions:
+            assert not hasattr(action, "offered") or all(action.offered), (name, action.dest)
+    assert "\\fIceiling\\fR" in manual(PARSERS["relight"]())
 
 
 def test_fish_completes_what_was_begun(tmp_path):
