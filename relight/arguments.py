@@ -1,6 +1,7 @@
 """The options of the relight command, in the groups of its help. Imports nothing heavy."""
 
 import argparse
+from collections.abc import Iterable
 from typing import Any
 
 from splat2mesh.base.commandline import Parser
@@ -35,7 +36,7 @@ Every result folder holds report.json: inputs, settings, times, warnings. A mesh
 BUILTIN = ("studio", "overcast", "noon", "sunset")
 """Names of `light.skies.BUILTIN`, whose module is too heavy to import here."""
 
-WORDS = {
+WORDS: dict[str, Iterable[str]] = {
     "--env": (*BUILTIN, CAPTURED),
     "--lights": BUILTIN,
     "--on": ("floor",),

@@ -5,7 +5,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +114,7 @@ def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOpt
     add("--proxy", metavar="KIND", help=proxy)
 
 
-MESHING_WORDS = {
+MESHING_WORDS: dict[str, Iterable[str]] = {
     "--up": UP_CHOICES,
     "--detail": DETAIL_CHOICES,
     "--surface": SURFACE_CHOICES,

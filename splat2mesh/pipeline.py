@@ -305,4 +305,7 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
         "from": standing.kind,
         "views": views,
         "view_pixels": effort.pixels,
+        "vertices": f"{asked.vertices or DEFAULT_VERTICES:,} or fewer"
+        if asked.vertices or not standing.eyes
+        else "as many as the surface needs",
     }

@@ -2,11 +2,16 @@
 
 from pathlib import Path
 
+from .pipeline import DEFAULT_VERTICES
 from .scene.folder import PICTURE, PROXY, TEXTURED
 from .scene.scene import Scene
 
 PROXY_ERROR = 2.5
 """Distance between a closed proxy and the mesh, in voxels of the proxy, at most."""
+
+
+FEWER = 1.1
+"""Requested vertices per vertex of the mesh from which on the summary says that the surface has no more."""
 
 
 def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list[str]:
@@ -17,6 +22,10 @@ def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list
         f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
         f"from {counts['splats']:,} splats{level}{took}"
     ]
+    wanted = scene.settings.get("vertices")
+    if isinstance(wanted, int) and wanted > max(DEFAULT_VERTICES, FEWER * counts["vertices"]):
+        finer = "" if scene.settings.get("detail") == "fine" else "; a finer --detail finds more"
+        lines.append(f"  --vertices {wanted:,}: the surface has fewer{finer}")
     objects = scene.settings.get("objects") or {"": scene.settings}
     for name, settings in objects.items():
         if settings.get("up_from", "asked for") != "asked for":

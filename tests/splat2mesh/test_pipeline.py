@@ -232,6 +232,8 @@ def test_the_plan_says_what_convert_does(files, converted):
     assert planned["splats"] == converted.statistics["splats"] and planned["views"] == "32 virtual"
     assert planned["scene_from_splat"] == converted.scene_from_splat.tolist()
     assert planned["view_pixels"] == asdict(EFFORTS["draft"])["pixels"] and planned["sh_degree"] == 0
+    assert planned["vertices"] == "50,000 or fewer"
+    assert plan(files / "object.ply", vertices=10**8)["vertices"] == "100,000,000 or fewer"
     with_cameras = plan(files / "object.ply", detail="draft", cameras=files / "sparse")
     assert with_cameras["views"] == "32 of 48 trained"
 
