@@ -26,7 +26,7 @@ from .patches import ColorPatches, patches_of
 from .seen import SeenPoints, looks_over
 
 BANDS, RAYS, BOUNCE_RAYS = 8, 64, 32
-"""Of the transfer and the bounces where none are given; half the rays that relight takes by default."""
+"""Default settings of transfer and bounces; half the default rays of relight."""
 
 USUAL_ALBEDO = 0.4
 """Median albedo, in luminance, where nothing says more."""
@@ -45,7 +45,7 @@ DARK = 0.002
 """Linear colour of little meaning: below the seventh step of an sRGB byte."""
 
 HEIGHT, WIDTH = 128, 256
-"""Of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
+"""Rows and columns of the estimated light's image: texels of 1.4 degrees hold the narrowest sun."""
 
 
 class Estimate(NamedTuple):
@@ -154,7 +154,7 @@ class CapturedScene:
         return self.bounce[self.places.vertices].astype(np.float64)
 
     def patches(self, volume: Floats | None) -> ColorPatches | None:
-        """The ColorPatches of what was looked at, or None where they are too few."""
+        """The ColorPatches of the surfaces in view, or None if they are too few."""
         looks = looks_over(self.occluder, self.areas, self.seed) if self.looks is None else self.looks
         content = self.captured, self.usable, self.transport.transfer, self.bounce
         return patches_of(looks, self.occluder, *content, volume)

@@ -28,7 +28,7 @@ DISTRUSTED = 0.5
 """Trust below which a vertex counts as left nearly as captured."""
 
 REGION_RINGS = 3
-"""Times that doubts are averaged over neighbours: a region is some rings of vertices."""
+"""Rounds in which doubts are averaged over neighbours: a region is some rings of vertices."""
 
 _LEAST = 1e-3
 """Linear light below which differences are not seen."""
@@ -46,10 +46,10 @@ def self_relight(
     """The error of the capture relit by its own estimated light: a dict of arrays.
 
     found: Estimate. interreflection: that it was made with. seen: (V,) what each vertex counts, its
-    area without. self_relight_db: PSNR of sRGB colours over what was neither black nor clipped, of captured colours
+    area without. self_relight_db: PSNR of sRGB colours over vertices neither black nor clipped, of captured colours
     times their change of light, as splats and textures are relit: only bounces are off. mesh_self_relight_db:
-    the same of albedo times light, as meshes are lit: what is off as well is what no albedo explains.
-    trust: (V,) float32. distrusted_share: part of what is seen.
+    the same of albedo times light, as meshes are lit; its error includes light that no albedo explains.
+    trust: (V,) float32. distrusted_share: part of the visible surface.
     """
     from ..transfer.bounces import with_bounces
 

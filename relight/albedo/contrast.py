@@ -78,7 +78,7 @@ CONTRAST = ContrastCalibration()
 
 
 class SkyBrightness(NamedTuple):
-    """What exceeds 1 where a sky was clipped is excess * exp(lean . direction), in all colours alike; lean: (3,).
+    """Where a sky clipped, its radiance above 1 is excess * exp(lean . direction), equal in all colours; lean: (3,).
 
     beyond: whether as much comes from above where nothing was seen. sun: (3,) unit direction or None. irradiance: of
     the sun, at right angles.
@@ -237,7 +237,7 @@ def _strengths(
 
 
 def _evidence(patches: ColorPatches, received: NDArray[np.float64]) -> float:
-    """Evidence for an irradiance (N,), in nats: what it explains, and how usual the albedo is that it leaves."""
+    """Evidence for an irradiance (N,), in nats: its fit, and how usual the resulting albedo is."""
     logs = np.log(np.maximum(received, 1e-9))
     usual = weighted_median(patches.log_captured - logs, patches.weight) - np.log(CONTRAST.albedo)
     return (

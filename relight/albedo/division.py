@@ -9,10 +9,10 @@ from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import InputError
 
 DARKEST, LIGHTEST = 0.02, 0.95
-"""Range of the albedo: soot to fresh snow. What is outside is an error of the light, and above 1 light would grow."""
+"""Range of the albedo: soot to fresh snow. Values outside are errors of the light, and above 1 light would grow."""
 
 SOFTNESS = 0.1
-"""Of the median irradiance: where less than this arrives, the usual albedo weighs more than the division."""
+"""Share of the median irradiance below which the usual albedo weighs more than the division."""
 
 
 class Prior(NamedTuple):
@@ -33,7 +33,7 @@ def albedo_of(
     """Albedo (N, 3) float32 in [0.02, 0.95]: (C S + e^2 A0) / (S^2 + e^2), clipped.
 
     That is the least square of C - a S + noise with a Gaussian prior of mean A0: C / S where S is well above e, A0
-    where S is well below. A row depends on its own values and the prior alone. What is not finite counts as 0.
+    where S is well below. A row depends on its own values and the prior alone. Non-finite values count as 0.
     Raises InputError for arrays that do not fit and for a prior that is not positive.
     """
     captured, irradiance = checked(captured, "captured colours"), checked(irradiance, "irradiance")
@@ -88,7 +88,7 @@ def weighted_quantile(values: Floats, weights: Floats, part: float) -> float:
 
 
 def checked(colors: ArrayLike, name: str) -> NDArray[np.float32]:
-    """(N, 3) float32, finite and not negative: what is not finite, or below 0, is 0. Raises InputError for a shape."""
+    """(N, 3) float32; non-finite and negative values become 0. Raises InputError for another shape."""
     colors = np.asarray(colors)
     if colors.ndim != 2 or colors.shape[1] != 3:
         raise InputError(f"{name} must have shape (N, 3), found {colors.shape}")

@@ -44,8 +44,8 @@ def estimate(
     captured: ArrayLike,  # (V, 3) linear exit radiance as captured, any unit
     seed: int = 0,
     advance: Advance = lambda count: None,  # called with the number of vertices done, twice for each
-    transport: Transport | None = None,  # what is computed of the white scene already
-    evidence: CaptureEvidence | None = None,  # what is known of the capture beside its colours
+    transport: Transport | None = None,  # existing results for the white scene
+    evidence: CaptureEvidence | None = None,  # facts of the capture beside its colours
 ) -> Estimate:
     """Albedo and light of a scene captured in unknown light: an Estimate.
 

@@ -24,7 +24,7 @@ STEPS = 8
 """Gauss-Newton steps at each scale, at most."""
 
 STRENGTH = 2e-4
-"""Of the prior, against a mean over pairs: it decides only what the scene does not."""
+"""Weight of the prior against a mean over pairs: it decides only where the scene does not."""
 
 BRIGHTNESS, COLOR = 2.0, 0.25
 """Spread of the light's log brightness and log colour in the prior. Scenes in lights of strong colour like 0.4 better
@@ -152,7 +152,7 @@ def prior_of(bands: int) -> NDArray[np.float64]:
 def evidence(
     found: Fit,
     prior: NDArray[np.float64],  # (3 M, 3 M) as in `solve`
-    directions: NDArray[np.float64],  # (3 M, D) orthonormal columns: what is asked about
+    directions: NDArray[np.float64],  # (3 M, D) orthonormal columns: the directions of interest
 ) -> float:
     """How much the data say, in [0, 1]: 1 less what they leave of the prior's variance along the least known of
     these directions. 0: all is prior. Other parameters are free, and uncertain with them."""

@@ -36,7 +36,8 @@ def closed_part(
     occluder: Occluder,
     visible: Floats,  # (V,) visible fraction of the vertices' cosine lobes
 ) -> float | None:
-    """Mean part of the sky that reaches what was seen from within, in [0, 1]; None unless a closed room was captured.
+    """Mean visible part of the sky over the surfaces seen from inside, in [0, 1]; None unless the capture is a closed
+    room.
 
     A closed room: the capture stood inside, and that part is at most MOST_CLOSED.
     """
@@ -52,7 +53,7 @@ BESIDE = "`placed` adds lamps, `captured` dims the captured light"
 
 
 def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) -> float:
-    """Mean visible fraction (V,) over what is seen from the eyes (E, 3), scene frame; 1 where there is nothing to see.
+    """Mean visible fraction (V,) over the surfaces seen from the eyes (E, 3), scene frame; 1 without any.
 
     Backs of faces, which are not meant to be seen, do not count.
     """
@@ -68,7 +69,7 @@ def sky_seen(scene: Scene, occluder: Occluder, visible: Floats, eyes: Points) ->
 
 
 def room_notice(part: float, found: dict[str, Any] | None, problem: str = "") -> str:
-    """The line on a closed room: what enters it, what was found in it or why nothing was, and what to do.
+    """The line on a closed room: its sky, the lamps and windows found or the reason for none, and what to do.
 
     found: the report of a `rooms.Room`; None where the light of the room could not be estimated.
     """

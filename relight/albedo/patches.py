@@ -1,4 +1,4 @@
-"""Patches of surfaces as the capture saw them, and what a light explains of their colours within each material.
+"""Patches of surfaces in the capture, and how well a light explains their colours within each material.
 
 Noise in the irradiance of a place does not change which light its colours correlate with.
 """
@@ -32,7 +32,7 @@ class PatchCalibration:
     level, beneath: height of a normal from which a surface counts as level, and below which it hangs. A material counts
     once for each: floors and walls of one hue are not of one paint.
     least_patches: fewer show nothing.
-    outlier: of log colour within a material; what is further off counts less than half.
+    outlier: of log colour within a material; larger deviations count less than half.
     """
 
     provenance: ClassVar = Provenance(
@@ -91,7 +91,7 @@ def patches_of(
     bounce: NDArray[np.float32],  # (V, 3)
     volume: Floats | None = None,  # (V,) in [0, 1]
 ) -> ColorPatches | None:
-    """The ColorPatches of what is looked at, or None where they are too few."""
+    """The ColorPatches of the surfaces in view, or None if they are too few."""
     normal = looks.at(occluder.normals)
     good = usable[looks.corners].all(axis=1) & (np.linalg.norm(normal, axis=1) > PATCHES.smooth)
     good &= looks.at(visible_fraction(transfer)[:, None])[:, 0] > PATCHES.least_visible
@@ -128,7 +128,7 @@ def explained(patches: ColorPatches, log_received: NDArray[np.float64]) -> float
 
 
 def slope(patches: ColorPatches, received: NDArray[np.float64]) -> float:
-    """By how much log colour follows the logarithm of an irradiance (N,) within materials; at least next to nothing."""
+    """Slope of log colour against the logarithm of an irradiance (N,) within materials; at least a small number."""
     across, _, light = _moments(patches, np.log(np.maximum(received, 1e-9)))
     return max(float(across / light), 1e-3) if light > 0.0 else 1.0
 

@@ -14,14 +14,14 @@ CONTRASTS = (0.5, 1.0, 1.5, 2.0)
 """Root mean square of the light about its mean, relative to that: reflections determine it up to a factor."""
 
 STIFFNESS = 10.0
-"""Of the prior about a light that reflections show, against one about a uniform light, which shading must leave."""
+"""Weight of the prior about a light from reflections, against the prior about a uniform light."""
 
 LEAST_GAIN = 0.01
 """Of the cost, relative: how much better the shading must agree with the reflections than with a uniform light. A table
 of glazed objects gained .04."""
 
 DARKEST = 0.25
-"""Of the mean radiance: below it a shape runs out towards 0 and stays positive."""
+"""Share of the mean radiance below which a shape fades towards 0 and stays positive."""
 
 
 def guided(

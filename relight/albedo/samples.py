@@ -17,16 +17,16 @@ SAMPLES = 2500
 """Places. Other numbers were not tried; the time of the fit is proportional to it."""
 
 DIRECTIONS = 1024
-"""Of the sky, shared by all places."""
+"""Directions of the sky, shared by all sample points."""
 
 MIN_VISIBLE = 0.15
-"""Of the cosine-weighted sky: places that see less say more about errors of the mesh than about the light."""
+"""Least visible part of the cosine-weighted sky: with less, errors of the mesh outweigh the light."""
 
 MAX_BEHIND = 0.3
-"""Of a place's hits may meet a surface from behind; with more it is inside a body, or under a floor."""
+"""Largest share of a point's hits on back faces; with more, the point is inside a body or under a floor."""
 
 SPARE = 1.2
-"""Times the places wanted that are tried, since not all will do."""
+"""Factor of tried points per wanted point, since not all are usable."""
 
 NEIGHBORS = 8
 SPACINGS = (1, 4, 16)

@@ -35,7 +35,7 @@ class SeenPoints(NamedTuple):
         return SeenPoints(self.corners[rows], self.shares[rows], self.distance[rows])
 
     def at(self, values: Floats) -> Floats:
-        """Values (V, C) of vertices as values (L, C) of what is seen."""
+        """Values (V, C) of vertices as values (L, C) of the looks."""
         return np.einsum("lk,lkc->lc", self.shares, values[self.corners])
 
     def sizes(self, count: int) -> NDArray[np.float64]:

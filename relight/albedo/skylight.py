@@ -24,10 +24,10 @@ from . import fit
 from .division import weighted_median
 
 UNSEEN_BANDS = 4
-"""Of the logarithm of the light that was not seen; it is smooth for all that anyone knows."""
+"""Bands of the logarithm of the invisible light, which is assumed to be smooth."""
 
 EXCESS_BANDS = 4
-"""Of the logarithm of what exceeds 1 where the sky was clipped."""
+"""Bands of the logarithm of the excess over 1 where the sky clipped."""
 
 BANDS = UNSEEN_BANDS, EXCESS_BANDS
 
@@ -39,7 +39,7 @@ LEAST_EXCESS, MOST_EXCESS = 0.02, 300.0
 """Range of that: what exceeds 1 by less is not worth its colour, and by more it is a sun, for which see `sun`."""
 
 UNSEEN_WEIGHT, LEVEL_WEIGHT = 1000.0, 30.0
-"""How much stiffer the prior is for what was not seen, and for the mean excess, than for how the excess is spread."""
+"""Factor on the prior of the invisible light and of the mean excess, against that of the excess's distribution."""
 
 STRENGTH = 1e-2
 """Of the prior, against a mean over pairs of places. Under soft light, pairs of a garden's places show the errors of
@@ -47,7 +47,7 @@ its mesh more than the light: with 2e-4 everywhere, as without a sky, the patio'
 splat 3 dB worse than with the sky alone."""
 
 GROUND = 0.2
-"""What was not seen below the horizon has of what was not seen above: the albedo of the ground around."""
+"""Ratio of invisible light below the horizon to that above: the albedo of the ground around."""
 
 LEAST_SUN_GAIN = 0.02
 """Relative fall of the cost for which a sun among the clipped is believed; without any, errors of a garden's mesh gave
@@ -65,7 +65,7 @@ LEAST_OPEN = 0.3
 those of a room no more than its windows and the holes of its mesh let in."""
 
 LEAST_BOUND = 0.02
-"""Of the upper hemisphere must be seen for its mean to stand for what was not."""
+"""Least visible part of the upper hemisphere for its mean to represent the invisible part."""
 
 
 MOSTLY, LEAST_HEIGHT, LEAST_COMPARED = 0.5, 0.05, 0.03
@@ -200,7 +200,7 @@ def radiance(
 
 
 def without_excess(parts: SkyParts, theta: NDArray[np.float64], directions: Directions) -> NDArray[np.float64]:
-    """(D, 3) radiance at directions with these parts, as `radiance` gives it, but that what was clipped is 1."""
+    """(D, 3) radiance at directions with these parts, as from `radiance`, but 1 where the sky clipped."""
     unseen = _exponential(harmonics.evaluate(directions, UNSEEN_BANDS), theta[: UNSEEN_BANDS**2])
     return parts.known + parts.unseen * unseen
 

@@ -170,7 +170,7 @@ def _gains(
     pairs: NDArray[np.int64],
     free: Floats,
 ) -> NDArray[np.float64]:
-    """(S,) what the cost would fall by, to second order, with the best irradiance of each sun, not negative.
+    """(S,) reduction of the cost, to second order, by the best irradiance of each sun, not negative.
 
     shading: (N, S). received, slope: of the light alone. free: (3 M, 3 M), inverse of its Gauss-Newton matrix: the
     light makes room for the sun (Schur complement).

@@ -30,7 +30,7 @@ TRUST = 0.8
 """In that hue, where all of the light is free: it spreads by .1 between places, the light of captures by .2."""
 
 LEAST_SHARE = 0.1
-"""Of what is seen that must not be green."""
+"""Least share of the visible surface that is not green."""
 
 MOST_TINT = 1.6
 """Largest factor on a colour, and one over the least."""
@@ -40,7 +40,7 @@ STEPS = 40
 
 
 class _Received(NamedTuple):
-    """What places receive, (N, 3): fixed is from other surfaces and from what of the sky is known, free the rest."""
+    """Irradiance of sample points, (N, 3): fixed is from other surfaces and the known sky, free is the rest."""
 
     fixed: NDArray[np.float64]
     free: NDArray[np.float64]
@@ -49,7 +49,7 @@ class _Received(NamedTuple):
 def balanced(
     scene: CapturedScene, sky: CapturedSky, environment: Environment, volume: Floats | None = None
 ) -> Environment:
-    """The light of a CapturedScene with the colour of its free part as usual surfaces call for.
+    """The light of a CapturedScene, with the colour of its free part that makes surfaces usual.
 
     environment: as estimated, in captured units and the frame of the scene, all of it not turned. volume: (V,) how far
     each vertex is of leaves. What of the CapturedSky binds stays, and so does the luminance of the rest.
@@ -70,7 +70,7 @@ def balanced(
 
 
 def _factor(captured: NDArray[np.float64], received: _Received, volume: Floats | None) -> NDArray[np.float64]:
-    """(3,) what the free light is multiplied by, of places in these colours (N, 3)."""
+    """(3,) factor on the free light, from sample points in these colours (N, 3)."""
     whole = received.fixed + received.free
     lit = (whole.min(axis=1) > 0.0) & (captured.min(axis=1) > 0.0)
     albedo = captured / np.maximum(whole, 1e-9)

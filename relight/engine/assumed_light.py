@@ -46,7 +46,7 @@ def assumed_change(environment: Environment, scale: float = 1.0) -> NDArray[np.f
 
 
 def assumed_exposure(environment: Environment, scale: float = 1.0) -> float:
-    """Return what the mean radiance of an environment is multiplied by to give `assumed_change`; 0 for a black one."""
+    """Return the factor on the mean radiance of an environment that gives `assumed_change`; 0 for a black one."""
     _, bright = _mean(environment)
     return _brightness(environment, bright) * scale / bright if bright > 0.0 else 0.0
 

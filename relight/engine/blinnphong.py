@@ -18,7 +18,7 @@ LAMPS = 16
 def lamps(environment: Environment, limit: int = LAMPS) -> tuple[NDArray[np.float64], Suns]:
     """(ambient (3,) radiance, Suns): an environment as a shader knows it, at most `limit` lamps in constant light.
 
-    All its energy: where the light has one band, what the suns leave is constant.
+    All its energy: if the light has one band, the rest beside the suns is constant.
     """
     rest, suns = split(environment, bands=1, limit=limit)
     return rest.sh(1)[0] / np.sqrt(4.0 * np.pi), suns

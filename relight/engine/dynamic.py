@@ -69,7 +69,7 @@ class DynamicGeometry:
         return self._renewed(self._traced.update_all(changes, seconds))
 
     def catch_up(self) -> tuple[Indices, Indices]:
-        """Compute what was left out: sorted rows that may have changed, of the transfer and of the light."""
+        """Compute the postponed part: sorted rows that may have changed, of the transfer and of the light."""
         return self._renewed(self._traced.catch_up())
 
     def scene(self, like: Scene) -> Scene:

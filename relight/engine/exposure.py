@@ -19,7 +19,7 @@ def level_of(brightness: float | None, light: Environment) -> float:
 
 def exposure_as_captured(
     brightness: float | None,  # as in `level_of`
-    captured: Radiance,  # (V, 3) linear, what the vertices showed in the capture
+    captured: Radiance,  # (V, 3) linear, captured colours of the vertices
     light: Environment,
     exposure: float,  # of `auto_exposure`, which it is where no light of a capture is known
 ) -> float:

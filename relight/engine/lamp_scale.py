@@ -10,7 +10,7 @@ from ..transfer.occluder import Frame, Occluder
 from .appearance import Appearance
 
 EYE_M = 1.25
-"""Height of cameras above what is below them, the floor or a table: two trained places whose unit is a metre have 1.04
+"""Height of cameras above the floor or table below them: two trained places whose unit is a metre have 1.04
 and 1.52 in the median."""
 
 OBJECT_M = 1.0
@@ -40,7 +40,7 @@ def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
 
 
 def _eye_height(scene: Scene, occluder: Occluder) -> float | None:
-    """Median height of the capture's standpoints above what is below them, scene units; None without standpoints."""
+    """Median height of the capture's standpoints above the surface below, scene units; None without standpoints."""
     eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
     if not len(eyes):
         return None

@@ -32,7 +32,7 @@ def mixed(
     ----------
     look : Appearance
     environment : Shading
-        In the light of the environment alone; black where there is none.
+        Under the environment alone; black without one.
     env_scale : float
         Factor on it.
     captured : CapturedPart
@@ -47,7 +47,7 @@ def mixed(
     c keeps its gloss and its detail, and only the new light needs the albedo a.
     """
     kept = np.float32(captured.factor) * captured.colors
-    # What the captured light became at each vertex: all of it where nothing was switched off, to the bit.
+    # The captured light at each vertex after switching: unchanged to the bit if nothing was switched off.
     change = np.divide(captured.colors, look.captured, out=np.ones_like(look.captured), where=look.captured > 0.0)
     share = np.float32(captured.factor) * change * look.irradiance
     if placed is not None:

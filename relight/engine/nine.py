@@ -13,7 +13,7 @@ from .relighter import Relighter
 BANDS = 3
 
 RAYS, BOUNCE_RAYS = 64, 32
-"""Those from which the light of the capture is estimated: what was traced for that serves here."""
+"""Settings of the estimate of the captured light, whose traced results serve here."""
 
 
 def nine_coefficients(

@@ -131,7 +131,7 @@ class LampLight:
         return other
 
     def prepare(self) -> None:
-        """Do now what no lamp changes."""
+        """Compute everything that does not depend on the lamps."""
         for name in ("_ordered", "_albedo", *(("_interreflection",) if self._bounces else ())):
             getattr(self, name)
 
@@ -181,7 +181,7 @@ class LampLight:
 
     @cached_property
     def _evenness(self) -> Evenness | None:
-        """Of a closed room: scans of rooms have dented walls, whose normals are noise that lamps would show."""
+        """Smoothing in a closed room: scanned walls are dented, and lamps would show the noise of their normals."""
         closed = self._look.capture is not None and "room" in self._look.capture
         return Evenness(self._relighter.occluder) if closed else None
 

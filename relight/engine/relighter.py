@@ -32,7 +32,7 @@ PLANNED = ("auto", "raytraced", "neural", "analytic")
 """Methods whose settings can be planned; the others guess, and no setting makes the error of that smaller."""
 
 DYNAMIC_BANDS, DYNAMIC_RAYS = 5, 64
-"""Of a scene that needed no rays before something moved in it."""
+"""Settings of a scene that needed no rays before something moved in it."""
 
 
 CAPTURE_DIRECTIONS = 512
@@ -179,7 +179,7 @@ class Relighter:
     def plan_for(
         self, environment: "Environment", albedo_linear: NDArray[np.floating] | None = None, angles: int = 1
     ) -> "Plan | None":
-        """The Plan for a light in all its rotations, or None where nothing is planned; made once for each image.
+        """The Plan for a light in all its rotations, or None without one; made once per image.
 
         albedo_linear: (V, 3) in [0, 1], white without. angles: the number of lights that share its cost. Until the
         light has been shaded its error is a prediction.
@@ -248,9 +248,9 @@ class Relighter:
         """Move chunks: the sorted rows, (M,), of vertices whose light may change.
 
         changes: chunk -> (vertices, normals), (V, 3) both, as many of either as it had, scene frame.
-        Only what the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer along,
-        until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a plan's
-        bands and rays stay what they were, with shadows everywhere. The Scene itself is not changed.
+        Only the region that the motion can reach is traced again. A chunk faster than `max_speed` carries its transfer
+        along, until it slows down or `catch_up` is called. Bounces keep the matrix from before the motion until then; a
+        plan's bands and rays stay, with shadows everywhere. The Scene itself is not changed.
         Raises InputError for arrays that do not fit and for methods other than "raytraced".
         """
         from .dynamic import DynamicGeometry, check_changes
@@ -271,7 +271,7 @@ class Relighter:
             return self._renewed(*self._dynamic.update(changes, seconds))
 
     def catch_up(self) -> NDArray[np.int64]:
-        """After motion, compute what it left out, bounces included: the sorted rows whose light may change."""
+        """After motion, compute the postponed part, bounces included: the sorted rows whose light may change."""
         if self._dynamic is None:
             return np.zeros(0, np.int64)
         with self.stages.stage("motion"):

@@ -1,4 +1,4 @@
-"""A closed room in new light: its captured colours times what the light on its surfaces changes by.
+"""A closed room in new light: its captured colours times the change of light on its surfaces.
 
 The change is that of the model, new over captured, both by the same rays: where nothing changes, no bit does, and what
 the model gets wrong in one light it mostly gets wrong in the other.
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..rooms.evenness import Evenness
 
 SOFTNESS = 0.05
-"""Of the median light of the model: where less was modelled, the mean change weighs more than the place's own."""
+"""Share of the model's median light below which the mean change weighs more than the vertex's own."""
 
 ROUNDS = 16
 """Times that light is averaged over rings of neighbours: what few rays and the dents of a scanned wall make of the
@@ -153,7 +153,7 @@ class RelitRoom:
             with_bounces(np.einsum("l,lvc->vc", weights, room.lamp_light), room.albedo, interreflection)[0]
             for weights in (np.ones_like(factors), factors)
         )
-        # By its model's change: where no window is, what is captured takes the place of what is modelled.
+        # By its model's change: without a window, captured colours replace the model.
         return room.by_lamps * np.divide(after, before, out=np.zeros_like(after), where=before > 0.0)
 
     def changes(
@@ -180,7 +180,7 @@ class RelitRoom:
 
     @property
     def _known(self) -> Room:
-        """The Room, where it is known: what is live has no other."""
+        """The Room, which live rooms always have."""
         assert self._look.room is not None
         return self._look.room
 
@@ -234,7 +234,7 @@ class RelitRoom:
         return Evenness(self._relighter.occluder)
 
     def _model(self, settings: Settings) -> NDArray[np.float32]:
-        """(V, 3) what the model says that was captured, by these settings, as even as what is compared with it."""
+        """(V, 3) captured light according to the model, by these settings, as smooth as the light compared with it."""
         room = self._known
         if self._before is None or self._before[0] != settings:
             before = room.by_lamps

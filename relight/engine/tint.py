@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from .appearance import Appearance
 
 LEAST_COLOR = 0.02
-"""Of each colour of the light, at luminance 1: a light without one of the colours does not show the albedo in it."""
+"""Least value of each colour of the light, at luminance 1: a light without a colour does not show the albedo in it."""
 
 WHITE_RADIUS = 0.01
-"""Of the scene's diagonal: what lies within it of a place that was white is averaged."""
+"""Radius, in diagonals of the scene, over which colours around a white position are averaged."""
 
 LEAST_RECEIVED = 1e-4
-"""Of the median irradiance: where less arrives, a colour does not show the light."""
+"""Least share of the median irradiance for a colour to show the light."""
 
 AT_A_PLACE, AS_GIVEN = "`white_at`", "`capture_tint`"
 

@@ -77,7 +77,7 @@ class PatchFits(NamedTuple):
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]]) -> "PatchFits":
-        """Those that `_asdict` gave. Raises InputError or KeyError for what does not fit."""
+        """Restore from `_asdict`. Raises InputError or KeyError for arrays that do not fit."""
         found = cls(*(np.asarray(arrays[name]) for name in cls._fields))
         patches, size = len(found.pixels), BANDS**2 - 1
         shapes: list[tuple[int, ...]] = [(len(found.patch),), (patches, 2, KINDS, size, size)]
@@ -95,7 +95,7 @@ def observed(
     scene_from_splat: Matrix3,  # rotation
     colors: Floats,  # (V, 3) captured display colours of the vertices, in [0, 1]
     seed: int = 0,
-    advance: Callable[[int], None] = lambda count: None,  # called with the number of views looked at
+    advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
 ) -> PatchFits | None:
     """The PatchFits of a splat whose harmonics show more than one colour; None where nothing depends on the view."""
     splats = binding.drawn

@@ -18,8 +18,8 @@ class GlossPlan(NamedTuple):
     """The gloss of a scene.
 
     surface: share of the surface's nodes that is glossy. light: share of what pictures show of the captured light that
-    is reflected. reflectance, alpha: medians over what is glossy, of luminance at normal incidence and of roughness.
-    seconds: for the first light, once it is known what is glossy.
+    is reflected. reflectance, alpha: medians over glossy surfaces, of luminance at normal incidence and of roughness.
+    seconds: for the first light, after gloss is measured.
     """
 
     surface: float

@@ -31,7 +31,7 @@ def fitted(
     errors: Sequence[NDArray[np.float32]],  # of each view, (P, 3), what its pixels lack; 0 where they do not count
     degree: int,
 ) -> NDArray[np.float32]:
-    """Changes (G, K, 3) float32 of the coefficients, that bring pictures nearest to what they lack."""
+    """Changes (G, K, 3) float32 of the coefficients that best fit the missing light of pictures."""
     count, size = len(means), (degree + 1) ** 2
     bases = [_basis(means[rows], eye, degree) for _, _, eye in views]
     hold = np.full((1, size, 1), RIDGE, np.float32)

@@ -16,10 +16,10 @@ from .material import Gloss
 from .pixels import SurfacePixels
 
 RAYS = 8
-"""Of each pixel's lobe: neighbours have others, and harmonics of degree 3 show their mean."""
+"""Rays of each pixel's lobe: neighbours have others, and harmonics of degree 3 show their mean."""
 
 BANDS = harmonics.MAX_BANDS
-"""Of the light that lobes blur."""
+"""Bands of the light that lobes blur."""
 
 LEAST_ALPHA = 0.15
 """Sharper lobes are blurred to this one: more than degree 3 shows, and 10 bands of a light still do not ring."""
@@ -48,7 +48,7 @@ class MirroredPixels(NamedTuple):
 
     @classmethod
     def of(cls, seen: SurfacePixels, surface: Surface, gloss: Gloss, scene: Matrix3) -> "MirroredPixels":
-        """Those of the pixels that a view has on glossy patches."""
+        """The pixels of a view on glossy patches."""
         pixels = seen.take(gloss.glossy[seen.nodes])
         nodes = pixels.nodes
         alpha = np.maximum(gloss.alpha[nodes], np.float32(LEAST_ALPHA))

@@ -11,14 +11,15 @@ from ..splats.attachment import Surface
 from .pixels import LIFT
 
 BANDS = 2
-"""Of what is visible: four numbers. Nine made no difference on a trained glossy table, whose lobes blur all edges."""
+"""Bands of the visibility: four numbers. Nine made no difference on a trained glossy table, whose lobes blur all
+edges."""
 
 DIRECTIONS = 192
 """Over the whole sphere, of which half is above a surface."""
 
 RIDGE = 0.02
 """Of the directions above a surface, on all coefficients but the constant one: half a sphere separates them badly.
-Where nothing is hidden the fit stays exact."""
+Without occlusion the fit stays exact."""
 
 _BATCH = 1 << 12
 

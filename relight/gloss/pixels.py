@@ -13,10 +13,10 @@ from ..splats.blending import Blending
 from ..splats.looks import Looks
 
 LEAST_COSINE = 0.05
-"""Of a normal towards the eye: a mesh's normal may turn away where its face does not."""
+"""Least cosine of a normal towards the eye: a mesh's normal may turn away where its face does not."""
 
 LIFT = 4e-3
-"""Of the diagonal: where reflected rays start above the mesh, whose noise they must not hit."""
+"""Offset of reflected rays above the mesh, in diagonals, to avoid its noise."""
 
 
 class SurfacePixels(NamedTuple):
@@ -37,7 +37,7 @@ class SurfacePixels(NamedTuple):
 
     @classmethod
     def of_view(cls, looks: Looks, surface: Surface, number: int) -> "SurfacePixels":
-        """Those of one of the views of Looks at a Surface."""
+        """The pixels of one of the views of Looks at a Surface."""
         one = looks.of_view(number)
         second, third = one.uv.T
         weights = np.stack([1.0 - second - third, second, third], axis=1)

@@ -24,13 +24,13 @@ from .mirrored import MirroredPixels
 from .pixels import SurfacePixels
 
 DEGREE = 3
-"""Of what is written: viewers draw no more."""
+"""Largest degree of written harmonics, as viewers draw no more."""
 
 LEAST_LEFT = 0.02
-"""Of a pixel's colour without gloss that is left, however much gloss is removed from it."""
+"""Least share of a pixel's colour that remains when gloss is removed."""
 
 MOSTLY = 0.5
-"""Of what a Gaussian is attached to that must be glossy for it to take part."""
+"""Least glossy share of a Gaussian's nodes for it to take part."""
 
 
 class Reflections:

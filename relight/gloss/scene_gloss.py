@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..splats.looks import Looks
 
 LEAST_DEGREE = 2
-"""Of the harmonics of a splat: degree 1 shows from which side it is brighter, and no lobe."""
+"""Least degree of a splat's harmonics: degree 1 shows its brighter side, but no lobe."""
 
 
 class SceneGloss:
@@ -51,7 +51,7 @@ class SceneGloss:
         self._scene, self._splats, self._binding = scene, splats, binding
         self._cache, self._seed, self._stages, self._lamps = cache, seed, stages, lamps
         self._reflections: Reflections | None = None
-        self._glance: Looks | None = None  # what was looked at first, until the other pictures join it
+        self._glance: Looks | None = None  # the first pictures, until the others join them
 
     @cached_property
     def fits(self) -> PatchFits | None:
@@ -89,7 +89,7 @@ class SceneGloss:
         return reflected_light(self.fits)
 
     def of(self, look: "Appearance") -> Gloss | None:
-        """The Gloss of the scene under the light that it was captured in, or None where nothing is glossy."""
+        """The Gloss of the scene under its captured light, or None without gloss."""
         separable = look.capture is None or bool(look.capture["separable"])
         if look.environment is None or look.room is not None or look.kept or not separable or self.fits is None:
             return None
@@ -154,7 +154,7 @@ class SceneGloss:
         return np.stack([rough, metal], axis=1).astype(np.float32)[node]
 
     def plan(self, look: "Appearance") -> GlossPlan | None:
-        """Contribution and cost of gloss; None where nothing is glossy. It traces what a light needs next."""
+        """Contribution and cost of gloss; None without gloss. It traces the rays that a light needs next."""
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:
@@ -166,7 +166,7 @@ class SceneGloss:
         return found
 
     def as_dict(self, look: "Appearance") -> dict[str, Any] | None:
-        """The entry of the report, JSON-clean; None where nothing is glossy."""
+        """The entry of the report, JSON-clean; None without gloss."""
         gloss = self.of(look)
         if gloss is None:
             return None

@@ -14,13 +14,13 @@ GLANCE = 16
 """Views that are examined first and show whether anything may be glossy."""
 
 VIEWS, PIXELS = 40, 256
-"""Of an object, and their side: 64 views or 384 pixels show no more of the light."""
+"""Number of views of an object, and their side: 64 views or 384 pixels show no more of the light."""
 
 LOWEST = 0.1
 """Sine of the elevation of the lowest: from -.15 on, the estimate of a table's captured light was a third worse."""
 
 DISTANCE = 1.15
-"""Of the eyes, over that at which the whole just fits in."""
+"""Distance of the eyes, over the distance at which the whole just fits in."""
 
 
 def outer_looks(binding: Binding, scene: Scene, part: slice = slice(None)) -> Looks | None:
