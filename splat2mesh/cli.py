@@ -38,7 +38,7 @@ EXAMPLES = """examples:
 then: relight garden --env stpeters.exr --rotate 45"""
 
 DEFAULT_TEXTURE = "auto"
-"""Of the command, whose output people look at; the library makes a texture only on request."""
+"""Default texture of the command, for people who look at its output; the library makes one only on request."""
 
 _CHOSEN = (
     ("detail", "--detail", DETAIL_CHOICES),

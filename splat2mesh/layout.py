@@ -37,7 +37,7 @@ _KEYS = ("splat", "name", "position", "rotation_deg", "quat_wxyz", "scale", "up"
 _OWN_SETTINGS = ("vertices", "up", "cameras", "lod", "up_from")
 MOST_OBJECTS = 10_000
 _LARGEST = 1e6
-"""Of positions and scales: float32 vertices that far out are still right to a tenth of a unit."""
+"""Largest positions and scales: float32 vertices that far out are still exact to a tenth of a unit."""
 
 
 @dataclass(frozen=True, eq=False)

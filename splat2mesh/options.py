@@ -22,7 +22,7 @@ from .base.choices import (
 from .base.errors import InputError
 
 LEAST_VERTICES = 4
-"""Of a closed mesh: a tetrahedron."""
+"""Least vertices of a closed mesh: a tetrahedron."""
 
 LEAST_CHUNK = 3
 """Vertices of a chunk: a triangle."""

@@ -16,7 +16,7 @@ from ..insert.refine import carried, unit
 from .animation import Animation
 
 SAMPLED = 8
-"""Poses that are looked at before the first frame: where they change the light, the surface is made finer."""
+"""Poses sampled before the first frame: the surface is refined where they change the light."""
 
 
 class Acting:

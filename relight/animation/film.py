@@ -48,8 +48,8 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True)
 class FilmRequest:
-    """Where a film goes. folder: of its pictures. fps: of them a second. overwrite: replace the film that is there.
-    encoded: make a FILM of the pictures too."""
+    """The destination of a film. folder: of its pictures. fps: pictures per second. overwrite: replace an existing
+    film. encoded: make a FILM of the pictures too."""
 
     folder: str | os.PathLike[str]
     fps: float = 24.0

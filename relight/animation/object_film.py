@@ -1,4 +1,4 @@
-"""The film of animated objects in a static place: each frame retraces only what they reach."""
+"""The film of animated objects in a static place: each frame retraces only their reach."""
 
 from collections.abc import Callable
 from pathlib import Path

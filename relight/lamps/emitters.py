@@ -24,7 +24,7 @@ however small, gives a number that is not finite."""
 NO_PROFILE = -1
 
 PROFILE_STEP_DEG = 2.0
-"""Of the tables that measured profiles are resampled to: most are measured every 2.5 degrees."""
+"""Step of the tables of resampled profiles: most are measured every 2.5 degrees."""
 
 
 class Emitters(NamedTuple):
@@ -58,7 +58,7 @@ class Emitters(NamedTuple):
     profiles: NDArray[np.float32]
 
     def of_lamp(self, *lamps: int) -> "Emitters":
-        """Those of one lamp, or of several."""
+        """The Emitters of one lamp, or of several."""
         chosen = np.isin(self.lamp, lamps)
         kept = {name: array[chosen] for name, array in self._asdict().items() if name != "profiles"}
         return Emitters(**kept, profiles=self.profiles)

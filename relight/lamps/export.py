@@ -20,7 +20,7 @@ WIDEST_DEG = 90.0
 """Half angle of a cone in glTF."""
 
 NARROWEST = 1.0 - 1e-6
-"""Of a cone, the beam: glTF wants it to be within."""
+"""Factor that keeps the beam within its cone, as glTF requires."""
 
 BEAM, FIELD = 0.5, 0.1
 """Shares of the brightest intensity at which the beam and the cone of a profile end, as makers of lamps state them."""

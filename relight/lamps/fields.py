@@ -300,7 +300,7 @@ def _profile(fields: Mapping[str, Any], folder: Path | None) -> AskedLamp:
 
 
 def changed(asked: AskedLamp, fields: Mapping[str, Any]) -> AskedLamp:
-    """A lamp of a file with requested values in place of its own: color, brightness, name."""
+    """A lamp of a file with requested values instead of its own: color, brightness, name."""
     shape, color, brightness = asked.shape, asked.color, asked.brightness
     if "color" in fields:
         color = parse_color(fields["color"])

@@ -25,7 +25,7 @@ from .shapes import Lamp, MeshLamp, SphereLamp, SpotLamp
 PUNCTUAL = "KHR_lights_punctual"
 
 MOST_TEXELS = 1 << 26
-"""Of all pictures of a file together: four times the largest that a sign has."""
+"""Most texels of all pictures of a file: four times the largest of a sign."""
 
 _PARTS = 6
 """Into which each side of a face is cut, to look it up in its texture in the middle of each of the 36 triangles."""

@@ -91,7 +91,7 @@ def _around(lamp: ProfileLamp) -> NDArray[np.float64]:
 
 
 def _brightest(lamp: MeshLamp) -> NDArray[np.float64]:
-    """Of the directions that are tried, the intensity in the one with most luminance."""
+    """The intensity in the sampled direction with the highest luminance."""
     normals, radiance = _normals(lamp), np.broadcast_to(lamp.radiance, (len(lamp.faces), 3))
     mean = luminance(radiance) @ normals
     length = float(np.linalg.norm(mean))
@@ -106,7 +106,7 @@ def _brightest(lamp: MeshLamp) -> NDArray[np.float64]:
 
 
 def _normals(lamp: MeshLamp) -> NDArray[np.float64]:
-    """Of the faces (M, 3), as long as their areas."""
+    """Normals of the faces (M, 3), as long as their areas."""
     corners = lamp.vertices[lamp.faces]
     return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 

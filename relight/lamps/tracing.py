@@ -39,7 +39,7 @@ bright as each other, the worst case, the error is .03 with 32 rays, with 2 in p
 BATCH_VERTICES, BATCH_PAIRS = 2**14, 2**20
 
 REACHED = 0.9999
-"""Of the way to an emitter that must be free: what glows is often part of the mesh."""
+"""Part of the path to an emitter that must be free, since emitters are often part of the mesh."""
 
 
 class LitVertices(NamedTuple):

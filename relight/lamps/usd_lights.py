@@ -28,10 +28,10 @@ MOST_PRIMS = 1_000_000
 """Which take half a minute to visit."""
 
 POINT_RADIUS = 1e-3
-"""Of the sphere that stands for a point: with `normalize` any gives the same light."""
+"""Radius of the sphere for a point light: with `normalize`, any radius gives the same light."""
 
 DISC_SIDES = 32
-"""Of the polygon that stands for a disc, with its area."""
+"""Corners of the polygon for a disc, which has the disc's area."""
 
 _POINTLESS = "DistantLight", "DomeLight", "DomeLight_1", "PortalLight"
 

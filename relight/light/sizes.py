@@ -10,7 +10,7 @@ FREE_PIXELS = 1 << 25
 the file has a byte for each: large pictures of real light are noise to every packer."""
 
 MOST_CHANNELS = 8
-"""Times as many values in all channels and parts of a file: light needs three, renderers write a few beside them."""
+"""Factor on the values of all channels and parts of a file: light needs three channels, renderers write some more."""
 
 _DEEP = b"deepscanline", b"deeptile"
 _LONGEST_HEADER = 1 << 20

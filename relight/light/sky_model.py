@@ -80,7 +80,7 @@ class ClearSky:
         the same, Adding a Solar-Radiance Function to the Hosek-Wilkie Skylight Model, 2013, its spectra taken through
         the CIE 1931 curves.
 
-        The model ends where the sun sets. Twilight is what it gives for a sun on the horizon, dimmed to the illuminance
+        The model ends at sunset. Twilight is its sky for a sun on the horizon, dimmed to the illuminance
         of the almanac (from -6 degrees on; before, along a smooth way there) and turned to one blue. The night, from
         -18 degrees on, is the last of it: 0.0006 lux of air and stars, without moon and lamps.
         """

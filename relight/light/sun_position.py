@@ -1,4 +1,4 @@
-"""Where the sun stands: from a date with its zone and a place on the Earth to azimuth and elevation.
+"""The position of the sun: from a date with its zone and a place on the Earth to azimuth and elevation.
 
 The sun's declination and the equation of time are those of astral, which has them from NOAA. All else is geometry.
 """

@@ -47,10 +47,10 @@ AVERAGING_ROUNDS = 6
 """Rounds in which the light of a lamp is averaged over neighbours: scans of rooms have noisy normals."""
 
 DOUBT = 0.7
-"""As `albedo.check.DOUBT`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
+"""Like `albedo.check.DOUBT`, for rooms: with 0.35 a trained parlour lost 0.6 dB, with 0.9 a lounge 0.2."""
 
 HEIGHT, WIDTH = 64, 128
-"""Of the capture light's image; what is known of it came from a picture of that size."""
+"""Size of the captured light's image, that of the picture behind it."""
 
 
 class Room(NamedTuple):

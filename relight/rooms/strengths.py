@@ -48,7 +48,7 @@ LOG_STRENGTHS = -8.0, 8.0
 """Range, about the start, in which the logarithm of the strength common to all emitters is sought."""
 
 SOLVER_ROUNDS = 3
-"""Rounds of solving for how emitters differ and for what they have in common."""
+"""Rounds that alternate between the differences of emitters and their common part."""
 
 
 class Strengths(NamedTuple):

@@ -28,7 +28,7 @@ EUCLIDEAN = slice(1, 4)
 """The coefficients of e1, e2, e3: of a plane its normal."""
 
 ROTOR = [BLADES.index(blade) for blade in ((), (1, 2), (1, 3), (2, 3))]
-"""Where the four numbers of a rotor stand."""
+"""Indices of the four numbers of a rotor."""
 
 _MOMENT = [BLADES.index(blade) for blade in ((1, 4), (2, 4), (3, 4), (1, 2, 3, 4))]
 _MOMENT_TWIN = [BLADES.index(blade) for blade in ((1, 5), (2, 5), (3, 5), (1, 2, 3, 5))]

@@ -24,7 +24,8 @@ NEAREST = 6
 of the mesh, and 32 lose 0.5 to 0.9."""
 
 NEAR = 2e-3
-"""Of the diagonal: nearer points weigh the same. Centres of Gaussians scatter about the surface by 0.3 to 0.7%."""
+"""Distance, in diagonals, below which all points weigh the same. Centres of Gaussians scatter about the surface by 0.3
+to 0.7%."""
 
 ROUND = 0.5
 """Ratio of shortest to middle axis from which a Gaussian has no normal. The flatter, the more its normal counts."""
@@ -34,7 +35,7 @@ LEAST_AGREEMENT = 0.02
 surface is a neighbour's side, such as the foot of an object on a table, points that agree come first."""
 
 FAR = 0.05
-"""Of the diagonal: the distance at which half of a Gaussian's light is a mean over the scene. Trained Gaussians of a
+"""Distance, in diagonals, at which half of a Gaussian's light is a mean over the scene. Trained Gaussians of a
 surface are nearer: 99% within 0.024 to 0.031."""
 
 PATCHES = 8

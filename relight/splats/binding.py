@@ -30,7 +30,7 @@ LEAST_USE = 0.01
 """Sum of the weights that splats give a vertex, up to which its light is not found for its own sake."""
 
 ROUNDS = 2
-"""Of the fit. One gains 0.3 dB on an object and 0.5 to 0.9 on a tabletop, the second less than 0.1."""
+"""Rounds of the fit. One gains 0.3 dB on an object and 0.5 to 0.9 on a tabletop, the second less than 0.1."""
 
 EYES, EYE_PIXELS = 8, 256
 """Of a place: the places to stand from which the fit looks all around, and the side of its views, six from each."""
@@ -49,7 +49,7 @@ class Binding:
         scene: Scene,  # Scene made of them; its vertex colours are the captured ones
         views: Sequence[View] | None = None,  # for the fit, frame of the splats; chosen by default, () for none
         seed: int = 0,  # of the choice
-        advance: Callable[[int], None] = lambda count: None,  # called with the number of views looked at
+        advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
         cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given
         diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
     ) -> None:
@@ -109,7 +109,7 @@ class Binding:
 
     @property
     def looks(self) -> Looks | None:
-        """The Looks of the fit, at `drawn`; None where nothing is looked at."""
+        """The Looks of the fit, at `drawn`; None without views."""
         return self._looks
 
     def looks_at(self, views: Sequence[View]) -> Looks:

@@ -15,10 +15,10 @@ from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
 LEAST_SHARE = np.float32(1 / 512)
-"""Of a pixel: what a Gaussian gives less of it is left out, on both sides of a comparison of pictures."""
+"""Least contribution of a Gaussian to a pixel; smaller ones are left out, on both sides of a comparison of pictures."""
 
 MOST_ITEMS = round(AREA / float(LEAST_SHARE))
-"""Of a tile: no pixel has more shares than go into one."""
+"""Most shares of a tile; no pixel has more."""
 
 UNIT = np.float32(65535)
 """Shares are kept as whole parts of it."""
@@ -31,7 +31,7 @@ _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 _serial = numba.njit(cache=True, nogil=True)
 
 Lists: TypeAlias = tuple[Integers, ...]
-"""Of a view's tiles: how many runs and items each has, then `splats`, `counts`, `pixels` and `shares` of a Blending."""
+"""Of a view's tiles: number of runs and items of each, then `splats`, `counts`, `pixels` and `shares` of a Blending."""
 
 
 def in_tiles(image: NDArray[Any]) -> NDArray[Any]:

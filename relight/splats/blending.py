@@ -75,7 +75,7 @@ class Blending(NamedTuple):
         return Blending(tiles, runs - runs[0], items - items[0], *lists)
 
     def of_pixels(self, wanted: Mask) -> "Blending":
-        """What it has of some pixels, (P,) bool, alone; the others stay black."""
+        """The picture of the pixels (P,) bool alone; the others stay black."""
         lists = (each.copy() for each in (self.splats, self.counts, self.pixels, self.shares))
         left, held, *kept = within((np.diff(self.runs), np.diff(self.items), *lists), wanted)
         starts = [np.append(0, np.cumsum(counts, dtype=np.int64)) for counts in (left, held)]

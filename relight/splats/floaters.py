@@ -36,7 +36,7 @@ NEIGHBORS = 4
 """The number of other splats within that reach that make one no floater: floaters come alone or in small clouds."""
 
 COVERED = 0.9
-"""Opacity of all that stays, in a pixel of the splat, from which nothing is missed there."""
+"""Opacity of the remaining splats, in a pixel, from which on removal leaves no gap."""
 
 AGREED = 0.5
 """Part of the pictures of a splat in which it must be so."""
@@ -52,7 +52,7 @@ OUTSIDE, AWAY, FIELD_DEG = 24, 1.2, 60.0
 field of view."""
 
 SHORT = 0.98
-"""Of the way to a splat that must be free for an eye to see it."""
+"""Part of the path to a splat that must be free for an eye to see it."""
 
 
 class Eyes(NamedTuple):
@@ -66,7 +66,7 @@ class Eyes(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene) -> "Eyes":
-        """Those of a Scene: where its capture stood, or else all around it."""
+        """The eyes of a Scene: its camera positions, or else all around it."""
         matrix = np.asarray(scene.scene_from_splat, np.float64)
         back = np.linalg.inv(matrix)
         up = matrix[1, :3] / np.linalg.norm(matrix[1, :3])

@@ -34,12 +34,12 @@ BURNING = 0.926
 """Linear value above which the colour of a Gaussian itself is rolled off: to that the light ratio brings what calls for
 1, so that nothing is compressed twice."""
 
-_DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte tells nothing of what exceeds diffuse light
+_DARKEST = 1e-4  # a captured linear colour below a third of an sRGB byte carries no information on non-diffuse light
 _LEAST_ROOM = 1e-3  # what was captured white stays white
 
 
 class Usual(NamedTuple):
-    """What is usual in a scene.
+    """Typical values of a scene.
 
     soft: (3,) float64, the square of an irradiance that is dim in the light of the capture. ratio: (3,) float64, the
     light ratio of the whole scene. gain: (3,), its mean log gain, where it was found.
@@ -136,7 +136,7 @@ def without_clipping(
     relit: NDArray[np.float32],  # (N, 3) float32 constant coefficients in the new light
     captured: NDArray[np.float32],  # (N, 3) float32 the same as captured
 ) -> NDArray[np.float32]:
-    """Constant coefficients of which none shows what would clip: (N, 3) float32, the same array where none does.
+    """Constant coefficients without clipping colours: (N, 3) float32, the same array if none clips.
 
     The light ratio rolls off what the mesh shows. A Gaussian that is brighter than the mesh at its place, as a stripe
     of pale wood is, or that the fit made so, would still clip. Its colour runs into 1 from BURNING on, by a hyperbola

@@ -19,14 +19,15 @@ from .blending import Blending, blending_of
 from .light_ratio import CURVE_OFFSET
 
 DEPTH_TOLERANCE = 0.03
-"""Of the diagonal: where mesh and splats are further apart in a view, the picture does not show the mesh's light."""
+"""Largest distance, in diagonals, between mesh and splats in a view; beyond it, the pixel does not show the mesh's
+light."""
 
 OBJECT_DISTANCE = 0.5
 """Diagonals from which a view sees a scene at least: what is nearer lets mesh and splats be apart by as much less, so
 that within a place nothing bleeds over jumps of depth."""
 
 MIN_ALPHA = 0.5
-"""Of a pixel that takes part in the fit."""
+"""Least opacity of a pixel in the fit."""
 
 CAUTION = 0.5
 """Pixels added to those that a Gaussian's correction is a mean of: who is hardly seen is hardly corrected."""
@@ -71,7 +72,8 @@ class Looks(NamedTuple):
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], splats: int, nodes: int) -> "Looks":
-        """Those of so many splats and nodes, from `arrays`. Raises InputError or KeyError for what does not fit."""
+        """Restore from `arrays`, for a number of splats and nodes. Raises InputError or KeyError for arrays that do not
+        fit."""
         blending = Blending(*(arrays[name] for name in Blending._fields)).checked(splats)
         known, corners, uv, eyes = (arrays[name] for name in ("known", "corners", "uv", "eyes"))
         if eyes.shape != (len(blending.tiles) - 1, 3) or not np.isfinite(eyes).all():

@@ -40,7 +40,8 @@ GREEN, GREEN_PART, WARM, WARM_PART = 0.06, 0.8, 0.12, 0.6
 luminance below which they are that, and not a sky at evening."""
 
 NEAR_PART = 0.4
-"""Of the sky's usual distance: what is nearer is a surface. A sky has no parallax, so it is trained to be far."""
+"""Share of the sky's usual distance below which a splat is a surface. A sky has no parallax, so training puts it
+far."""
 
 STRAY = 0.05
 """Of the mesh's diagonal: from how far of it a splat that looks like sky is sky, though nearer than the background."""
@@ -99,7 +100,7 @@ def backdrop_of(some: Splats, middle: Vector, up: Vector) -> Backdrop:
     """The Backdrop of far Splats, or of a sample of them. middle, up: of a Backdrop."""
     _, distance, height, color = _seen(some, middle, up)
     bright = luminance(linear_from_srgb(color))
-    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2) + 1e-30  # about what it covers
+    size = np.nan_to_num(some.opacities * (some.scales.max(axis=1) / distance) ** 2) + 1e-30  # about its area
     high = height > min(HIGH, height.max() - 1e-9)
     level = weighted_quantile(bright[high], size[high], LEVEL)
     free = ~_surface(height, color, level)

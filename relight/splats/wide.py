@@ -1,7 +1,7 @@
 """Leaves and grass: the change of light of a neighbourhood, since the normal of a single vertex is meaningless.
 
 If every blade took the light of its noisy normal, grass would turn into a patchwork. In a volume the normals of a
-neighbourhood face every way, and together they receive what a wide phase function would.
+neighbourhood face every way, and together they receive the light of a wide phase function.
 """
 
 import numpy as np

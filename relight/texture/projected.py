@@ -32,7 +32,7 @@ MIN_COSINE = 0.05
 few views from within outweigh all others, which costs 1.0 dB on an object and 1.7 dB on a guitar."""
 
 DEPTH_TOLERANCE = 0.02
-"""Of the diagonal: where a picture shows something further before or behind the texel, it shows another surface."""
+"""Largest depth difference, in diagonals, between picture and texel; beyond it, the picture shows another surface."""
 
 _STEP = 1e-3  # of the diagonal: rays to the eye begin off their own face
 _BATCH = 1 << 20

@@ -1,4 +1,4 @@
-"""Where the rays of bounces meet surfaces: traced once and kept; the matrix of bounces follows from it.
+"""Hits of the bounce rays: traced once and cached; the matrix of bounces follows from them.
 
 A place is one number: the face, and the position on it to a fraction of its edge. It takes four bytes; computing the
 corners and weights of a row from it takes less time than reading them would.
@@ -71,7 +71,7 @@ class BouncePlaces(NamedTuple):
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], rays: int, faces: int, traced: Mask) -> "BouncePlaces":
-        """Those that were kept of the vertices `traced`, (V,), in a mesh of so many faces.
+        """Restore from cached arrays, for the vertices `traced`, (V,), in a mesh of a number of faces.
 
         Raises InputError or KeyError for what does not fit: loops trust it.
         """

@@ -22,7 +22,7 @@ def unpack(
     corners: NDArray[np.uint32],
     parts: NDArray[np.uint8],
 ) -> None:
-    """Of places (P,) the corners (P, 3) of their faces, and the weights (P, 2) of the second and the third.
+    """The corners (P, 3) of the faces of hits (P,), and the weights (P, 2) of the second and the third corner.
 
     A place is (face * SIDE + second) * SIDE + third, with weights in whole parts of 1 / FINENESS.
     """

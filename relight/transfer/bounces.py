@@ -68,7 +68,7 @@ class Interreflection:
 
         `visible` makes rows complement the direct light they are used with: row sums are scaled to 1 - visible,
         so that light is neither lost nor made by two estimates that disagree, and noise falls by a third.
-        Without it, a row sums to the fraction of its own rays that hit. Either way less what they hit from behind.
+        Without it, a row sums to the fraction of its own rays that hit. Either way, hits on back faces do not count.
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
         places = BouncePlaces.shot(occluder, rays, seed, advance, receivers)

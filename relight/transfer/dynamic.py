@@ -96,7 +96,7 @@ class DynamicTransfer:
 
     @property
     def anchor(self) -> Anchor:
-        """By which another transfer has the same rays."""
+        """The Anchor that identifies transfers with the same rays."""
         return Anchor(self.frame, self.ranks)
 
     @property

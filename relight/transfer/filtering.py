@@ -160,7 +160,7 @@ def _weigh(
     own: NDArray[np.float32],
     new_spread: NDArray[np.float32],
 ) -> None:
-    """Weights of the neighbours and of the node itself, which sum to 1, and the variance of what they make."""
+    """Weights of the neighbours and of the node itself, which sum to 1, and the variance of their mean."""
     for i in range(begin, end):
         total = np.float32(1)
         for at in range(starts[i], starts[i + 1]):

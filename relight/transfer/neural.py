@@ -2,7 +2,7 @@
 
 The network takes rotation-invariant numbers and returns weights, degree by degree (`features`), so its transfer turns
 with the scene; it also returns the error that it expects. One network serves all numbers of bands and rays. Where
-nothing is hidden all averages agree, and the result is that of `raytraced_scene`: exact.
+nothing is occluded, all averages agree, and the result equals that of `raytraced_scene`: exact.
 """
 
 from functools import lru_cache

@@ -1,6 +1,6 @@
 """Transfer in twelve numbers a vertex: nine grey coefficients of three bands, and a tint.
 
-What a shader of any engine holds in three vec4. Exit radiance c = albedo_c * tint_c * sum over j of grey_j L_jc.
+A shader of any engine holds it in three vec4. Exit radiance c = albedo_c * tint_c * sum over j of grey_j L_jc.
 """
 
 import numpy as np

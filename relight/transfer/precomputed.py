@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 KEPT_IN_MEMORY = 2  # transfers of different settings: of a million vertices in 8 bands each takes 256 MB
 
 ALIKE = 2
-"""Bounces of up to so many times as many rays take the place of others: to use them takes little longer."""
+"""Largest factor of rays up to which existing bounces serve a request for fewer rays: they take little longer."""
 
 
 class Precomputed:
@@ -69,7 +69,7 @@ class Precomputed:
         self._shown = shown
         self.foliage = Foliage.of_scene(scene)
         self._transfers: dict[Key, Transfer] = {}
-        self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and what it was scaled to
+        self._interreflections: dict[int, tuple[Interreflection, Transfer | None]] = {}  # and its scale
 
     @property
     def occluder(self) -> "Occluder":
@@ -127,7 +127,7 @@ class Precomputed:
         return found
 
     def _matrices(self) -> list[int]:
-        """Of how many rays there are interreflections, in memory or kept."""
+        """Numbers of rays of the interreflections, in memory or cached."""
         kept, name = self.cache.settings_of("bounces"), (self.seed, self.receivers.key)
         return sorted(
             {*self._interreflections, *(each[0] for each in kept if each[1:] == name and type(each[0]) is int)}
@@ -188,7 +188,7 @@ class Precomputed:
         return found is not None
 
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:
-        """The Interreflection, traced, and kept in place of those of few rays less."""
+        """The Interreflection, traced, and cached instead of those with slightly fewer rays."""
         occluder, receivers = self.occluder, self.receivers
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
@@ -250,7 +250,7 @@ class Precomputed:
         return key, transfer
 
     def _keys(self) -> list[Key]:
-        """Of the transfers that are kept."""
+        """Keys of the cached transfers."""
         return [key for key in map(key_of, self.cache.settings_of("transfer")) if key is not None]
 
     def _with_leaves(self, settings: Settings) -> Settings:
@@ -266,7 +266,7 @@ class Precomputed:
         return self.receivers if rays else Receivers.every(int(self.sizes.sum()))
 
     def _seen(self, settings: Settings) -> "Visibility":
-        """The Visibility with so many rays: what there is, grown if it can be."""
+        """The Visibility with a number of rays, grown from the existing one if possible."""
         from .visibility import Visibility
 
         mask = None if settings.shadowed is None else np.repeat(settings.shadowed, self.sizes)
@@ -320,6 +320,6 @@ class Precomputed:
         return text if self.receivers.all else f"{self.receivers.key}x{text}"
 
     def _key(self, settings: Settings, rays: int) -> Key:
-        """What identifies a transfer, as in its file."""
+        """The key of a transfer, as in its file."""
         method, chunks = settings.method.replace("-", "_"), chunks_text(settings.shadowed)
         return method, settings.bands, rays, chunks, self.seed, self._leaves(settings)

@@ -47,7 +47,7 @@ def raytraced(
     Cosine-distributed rays about the vertex normal, with a linear model of the visibility as control variate
     (`sampling.gather`): exact for what nothing hides, exactly 0 for what sees no sky. Surfaces hide light from both
     sides, so a vertex whose normal points into a closed body is black. Its own faces count like any others: they
-    hide what a fold hides, and nothing at a convex vertex, above whose normal plane no face rises.
+    occlude the same directions as the fold, and none at a convex vertex, above whose normal plane no face rises.
     A vertex's row depends on its position, its normal, the seed and the occluder, and on nothing else.
     Raises InputError for bands outside 1..10 and rays outside 1..65536.
     """

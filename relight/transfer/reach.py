@@ -240,7 +240,7 @@ def _beams_through(
     index: NDArray[np.int32],
     used: NDArray[np.int64],
 ) -> None:
-    """As `_hemisphere_through`, towards given directions above the horizon."""
+    """Like `_hemisphere_through`, towards given directions above the horizon."""
     count, at = len(directions), begin * len(directions)
     dx, dy, dz = directions[:, 0].copy(), directions[:, 1].copy(), directions[:, 2].copy()
     near = np.zeros(count, np.bool_)

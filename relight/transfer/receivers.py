@@ -21,7 +21,7 @@ from .occluder import Occluder
 from .store import array_key
 
 SPARSE = 6
-"""Of the vertices that nothing shows, one in so many is traced: along a curve through space, so that they are even."""
+"""One in this many invisible vertices is traced, evenly along a curve through space."""
 
 RINGS = 4
 """Steps from a vertex that is traced within which others take over its light; what lies further is traced itself."""
@@ -88,7 +88,8 @@ class Receivers:
 
     @classmethod
     def restored(cls, arrays: Mapping[str, NDArray[Any]], shown: Mask) -> "Receivers":
-        """Those that were kept of vertices `shown`, (V,). Raises InputError or KeyError for what does not fit."""
+        """Restore from cached arrays, for vertices `shown`, (V,). Raises InputError or KeyError for arrays that do not
+        fit."""
         traced, count = arrays["traced"], len(shown)
         if traced.shape != (count,) or traced.dtype != bool or (shown & ~traced).any():
             raise InputError("kept receivers are of another scene")

@@ -30,7 +30,8 @@ class Rings(Neighbors):
     def __init__(
         self, origins: NDArray[np.float32], normals: NDArray[np.float32], faces: Integers, ranks: Integers | None = None
     ) -> None:
-        """As Neighbors; the nodes in the order of their ranks, (V,) integers, or along a curve through the pose."""
+        """Like Neighbors, with the nodes in the order of their ranks, (V,) integers, or along a curve through the
+        pose."""
         super().__init__(origins, normals, faces)
         if ranks is not None:
             self._sort(np.argsort(ranks[self.vertices], kind="stable"))
@@ -127,7 +128,7 @@ def _weights(
     normals: NDArray[np.float32],
     weights: NDArray[np.float32],
 ) -> None:
-    """As `neighbors._node_rows` weighs them."""
+    """Weighted as in `neighbors._node_rows`."""
     for i in range(begin, end):
         for at in range(starts[i], starts[i + 1]):
             j = columns[at]

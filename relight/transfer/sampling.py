@@ -76,7 +76,7 @@ def shoot_at(
     offsets: NDArray[np.float32],
     rays: NDArray[np.float32],
 ) -> None:
-    """As `shoot`, with the given offsets (V, 2): part of a stratum, part of a full turn."""
+    """Like `shoot`, with the given offsets (V, 2): part of a stratum, part of a full turn."""
     in_slices(_shoot, len(origins), origins, normals, azimuths, offsets, rays)
 
 
@@ -87,7 +87,7 @@ def gather(
     model: NDArray[np.float32],  # (V, 4) float32, written: a, b
     rest: NDArray[np.float32],  # (V, K) float32, written
 ) -> None:
-    """Fit V(d) = a + b . d to the visibility of the rays, and project what it leaves: sum (V - a - b . d) Y / R.
+    """Fit V(d) = a + b . d to the visibility of the rays, and project the residual: sum (V - a - b . d) Y / R.
 
     a and b come from the visible fraction f = mean V and the moment t = mean V d (less what the set itself
     leans, f (mean d - 2/3 n)) by the normal equations under the cosine lobe, with a ridge on b. Where all rays agree

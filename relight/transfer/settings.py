@@ -8,7 +8,7 @@ directions, traced again for every light and angle. bounces: light that surfaces
 volume: leaves and grass have no normal, and light reaches them through one another (`volume.Foliage`)."""
 
 BOUNCE_RAYS, VOLUME_DIRECTIONS = 64, 512
-"""Where nothing is planned: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
+"""Settings without a plan: the defaults of `bounces.Interreflection` and `volume.Foliage`."""
 
 BOUNCE_TOLERANCE = 1e-3
 """Contribution below which further bounces are dropped where nothing is planned: well below the error of the rays. A

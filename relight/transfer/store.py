@@ -42,16 +42,16 @@ LONGEST = 1 << 16
 """Bytes of the key and the settings of a file."""
 
 MOST_BYTES = 2 * 2**30
-"""Of all files of a folder together, except the one that was kept last: 160 MB is the transfer of a large place."""
+"""Most bytes of a folder's files, except the newest: 160 MB is the transfer of a large place."""
 
 
 Made = TypeVar("Made")
 
 
 class Cache:
-    """Named arrays of one geometry in a folder. Without a folder nothing is kept and nothing found.
+    """Named arrays of one geometry in a folder. Without a folder it stores nothing and finds nothing.
 
-    read_only: what is there is found, and nothing is written, not even when it was last used.
+    read_only: existing files are read, and nothing is written, not even the time of last use.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Cache:
 
     @property
     def size_bytes(self) -> int:
-        """Of all that is kept in the folder."""
+        """Size of all files in the folder."""
         return sum(path.stat().st_size for path in self._files())
 
     def clear(self) -> None:

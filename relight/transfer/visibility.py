@@ -138,7 +138,7 @@ class Visibility:
         return model, rest
 
     def _next_sets(self) -> list[tuple[float, float]]:
-        """What doubles the sets: each half a stratum on, and turned so that the azimuths lie between as evenly.
+        """The offsets that double the sets: each half a stratum further, and turned so that azimuths interleave evenly.
 
         The azimuths of n points ranked by radius are multiples of a turn g; of 2 n points they are multiples of
         g / 2, or g / 2 + 1/2, which is as far from every simple fraction.

@@ -248,7 +248,7 @@ def transmittance(
     """The part of the light of each direction that gets to each point, exp(-tau): (M, D) float32.
 
     A march takes the depth of the cell in the middle of each step, a cell long, of wider cells the farther it gets.
-    Nothing is outside of the grids.
+    Space outside the grids is empty.
     """
     found = np.zeros((len(points), len(directions)), np.float32)
     in_slices(_march, len(points), *_as_float64(points, directions), *depth, found)

@@ -38,7 +38,7 @@ MOST_COPIES = 16
 """Faces that may lie exactly on one another: leaves have two, and no mesh that was made with care more than a few."""
 
 LOOKED_AT, INVERTED = 4096, 0.9
-"""Faces that are looked at, and the share whose normals point the other way, from which that is said."""
+"""Faces in the sample, and the share of reversed normals from which on a warning follows."""
 
 
 def read_mesh(path: str | os.PathLike[str]) -> Mesh:
@@ -122,7 +122,7 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
 
 
 def _normals(given: NDArray | None, vertices: NDArray, faces: NDArray, path: str | os.PathLike[str]) -> NDArray:
-    """Those of the file, and those of the faces where it has none."""
+    """Normals of the file, or those of the faces if it has none."""
     if given is None:
         return vertex_normals(vertices, faces)
     normals = np.asarray(given, np.float32)

@@ -93,7 +93,7 @@ def _assembled(
 
 
 class _Parsed:
-    """Lines of an OBJ, by what they say.
+    """Lines of an OBJ, by keyword.
 
     places, texels, normals: lists of lists of float. corners: three numbers for each, from 0: place, texel, normal, -1
     for none. counts: corners of each face. pieces: number of the piece that each face belongs to; pieces begin at

@@ -145,7 +145,7 @@ def _binary_lists(
 
 
 def _spread(places: NDArray[np.int64], counts: NDArray[np.int64], step: int = 1) -> NDArray[np.int64]:
-    """Where each item of lists stands that begin at `places`: (sum of counts,) int64."""
+    """Index of each item of lists that begin at `places`: (sum of counts,) int64."""
     ends = np.cumsum(counts)
     within = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts)
     return np.repeat(places, counts) + step * within

@@ -21,7 +21,7 @@ def proxy_glb(
     bodies : sequence of (ndarray, ndarray)
         Vertices (V, 3) in the scene frame, faces (F, 3).
     suffix : str
-        Of the nodes' names, proxy_000 and so on, by which Godot knows what they are for.
+        Suffix of the nodes' names, proxy_000 and so on, from which Godot infers their purpose.
 
     Returns
     -------

@@ -113,7 +113,7 @@ def source_parts(scene: Scene, path: str | os.PathLike[str] | None = None) -> li
 
 
 def describe(path: str | os.PathLike[str], lod: int | str = "auto") -> dict[str, Any]:
-    """Return what a scene keeps of its source, so that it can be found again.
+    """Return the record of a scene's source, by which it can be found again.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def _usual_places(entry: dict[str, Any], scene: Scene) -> list[Path]:
 
 
 def _in_folder(entry: dict[str, Any], folder: Path, layout: dict[str, Any]) -> list[Path]:
-    """Where the file of an object may be below a folder that takes the place of the layout's, best first."""
+    """Candidate paths of an object's file below a folder that replaces the layout's, best first."""
     from_layout = os.path.relpath(entry["path"], Path(layout["path"]).parent)
     return [Path(os.path.normpath(folder / from_layout)), folder / _own_name(entry)]
 

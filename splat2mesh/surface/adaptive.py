@@ -1,6 +1,6 @@
 """Depth maps of a place fused into a signed distance field whose cells are as large as the pixels that saw the surface.
 
-Like `fusion` for objects, with an octree in place of equal voxels: the band kept on either side of a surface is as
+Like `fusion` for objects, with an octree instead of equal voxels: the band kept on either side of a surface is as
 thick as the surface looks in each pixel, and cells that a view cannot see are skipped.
 """
 

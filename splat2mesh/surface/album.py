@@ -1,4 +1,4 @@
-"""The pictures of a place, all in one, and what they show of points on its surface: colour, thickness, pixel.
+"""The pictures of a place, all in one, and their values at points on its surface: colour, thickness, pixel.
 
 Like `color` for objects; but the tolerance between a point and the rendered surface depends on its distance and on the
 thickness of that surface, and near views count far more than distant ones.

@@ -22,7 +22,7 @@ FACE_FOV_DEG = 92.0
 """A little over a cube's, so that no direction falls between two pictures."""
 
 SUBSAMPLES = 4
-"""A side of each texel, which is looked up in so many places."""
+"""Samples along a side of each texel."""
 
 SEEN = 0.5
 """Alpha from which a direction counts as seen: below it is the fringe of a splat that no photograph showed alone."""
@@ -31,7 +31,7 @@ CLIPPED_SRGB = 0.97
 """Display value from which a photograph may have been clipped: splats ring about 1 by a few steps of a byte."""
 
 MIN_COVERAGE = 0.01
-"""Of the sphere: a smaller sky says nothing about the light."""
+"""Least part of the sphere: a smaller sky carries no information on the light."""
 
 
 def captured_sky(

@@ -50,7 +50,7 @@ def unpack(key: int) -> tuple[int, int, int, int]:
 
 @_function
 def slot(table: Indices, key: int) -> np.int64:
-    """Where a key is in the table, or the empty slot where it belongs."""
+    """The slot of a key in the table, or the empty slot for it."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     at = np.int64(h >> np.uint64(20)) & (len(table) - 1)
     while table[at] != EMPTY and table[at] != key:

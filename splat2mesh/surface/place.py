@@ -123,7 +123,7 @@ def reconstruct_place(
     with stages.stage("decimate"):
         longest = HOLE_CELLS * float(np.median(cells))
         points, faces, *_ = simplify(points, faces, cells, wanted)
-        points, faces = decimate(points, faces, len(points))  # cleans only: nothing is left to remove
+        points, faces = decimate(points, faces, len(points))  # only cleans: there is nothing left to remove
     with stages.stage("fair"):
         points, faces, filled = fill_holes(points, faces, longest)
         statistics["holes_filled"] += filled

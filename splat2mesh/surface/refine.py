@@ -14,7 +14,7 @@ SHORTEST_PIXELS = 2.0
 """Edges of less pixels of the best view are not split: there is nothing between them."""
 
 SPLIT_ROUNDS = 3
-"""Times that edges are split."""
+"""Rounds in which edges are split."""
 
 
 def refine_by_color(

@@ -20,7 +20,7 @@ from .fair import fair
 from .refine import refine_by_color
 
 BACKGROUND_SHARE = 0.15
-"""Of the vertices, for a background that is kept: it is far away from everyone who looks."""
+"""Share of the vertices for a kept background, which is far from every viewer."""
 
 LONGEST_HOLE = 0.5
 """Border of the largest hole that is closed, in units of the scene's diagonal."""

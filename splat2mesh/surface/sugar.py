@@ -57,7 +57,7 @@ class DensityField:
         self._opacities = splats.opacities.astype(np.float32)
 
     def crossings(self, points: Points, directions: Directions) -> SurfacePoints:
-        """Where rays first enter the level set near given points.
+        """First entries of rays into the level set near given points.
 
         points: (P, 3), on the rays, at the rendered depth. directions: (P, 3) unit, away from the eye.
         Returns SurfacePoints of the rays that enter it within SEARCH_SIGMAS; normals are those of the field's gradient.

@@ -27,7 +27,7 @@ AGREED, SPREAD = 0.12, 0.4
 on they do not. Axes without any order have 2/3."""
 
 MARGIN = 2.0
-"""Times the distance between neighbours, within which a vertex takes the values of splats."""
+"""Radius, in distances between neighbours, within which a vertex takes the values of splats."""
 
 
 def splat_volume(splats: Splats) -> NDArray[np.float32]:

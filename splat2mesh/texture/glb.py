@@ -15,7 +15,7 @@ from .texture import Texture
 CLAMP, LINEAR, LINEAR_MIPMAP = 33071, 9729, 9987
 
 QUALITY = 95
-"""Of the JPEG, with colours as fine as brightness. A PNG of the same picture is four times as large."""
+"""Quality of the JPEG, with colours as fine as brightness. A PNG of the same picture is four times as large."""
 
 
 def textured_glb(

@@ -23,7 +23,7 @@ LEAST_ALPHA = 0.5
 """Opacity below which a pixel shows no surface."""
 
 DEEPEST = 1.05
-"""Of the depth of the deepest pixel of a picture: nothing behind that is in it."""
+"""Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
 
 _function = numba.njit(cache=True, nogil=True, error_model="numpy")
 

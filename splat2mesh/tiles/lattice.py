@@ -41,7 +41,7 @@ class Raw(NamedTuple):
 def raw_surface(sights: list[FusionSight], plan: CityPlan, tile: int, carve: float) -> Raw:
     """Fuse sights within the core of a tile and RING blocks around it. Vertices stand in the order of their cells.
 
-    The list of sights is empty afterwards: what they show is a large part of a process's memory.
+    The list of sights is empty afterwards, since their data are a large part of a process's memory.
     """
     empty = Raw(np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0, np.int64))
     sights[:] = [sight for sight in sights if (sight.weight > 0).any()]

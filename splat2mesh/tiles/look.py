@@ -36,7 +36,7 @@ UP = np.array([0.0, 1.0, 0.0])
 
 
 class Face(NamedTuple):
-    """One view of a station and what it sees of the surface. H, W are its size."""
+    """One view of a station and its visible surface. H, W are its size."""
 
     view: View
     seen: FieldDepth
@@ -128,12 +128,12 @@ def faces_around(store: Store, plan: CityPlan, tile: int) -> Iterator[Face]:
 
 
 def _ground_of(view: View, depth: DepthMap) -> Floats:
-    """(H, W, 2) x and z of what a view sees."""
+    """(H, W, 2) x and z of a view's surface points."""
     return (view.center + view.ray_directions() * depth[..., None])[..., [0, 2]]
 
 
 def _bounds_of(view: View, depth: DepthMap) -> Floats:
-    """(2, 2) lowest and highest x and z of what a view sees."""
+    """(2, 2) lowest and highest x and z of a view's surface points."""
     points = _ground_of(view, depth).reshape(-1, 2)
     return np.stack([np.nanmin(points, axis=0), np.nanmax(points, axis=0)])
 

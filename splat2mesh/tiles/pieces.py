@@ -111,7 +111,7 @@ def size_of(piece: CityPiece) -> int:
 
 @contextmanager
 def _here(path: str) -> Iterator[str]:
-    """A path on this machine of what a path or URL names; a copy is gone afterwards."""
+    """A local path for a path or URL; a copy is removed afterwards."""
     if not is_url(path):
         yield path
         return

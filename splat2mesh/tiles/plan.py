@@ -20,13 +20,13 @@ from .memory import BASE_GB, check_memory
 from .store import Store
 
 FILE = "plan.json"
-"""Of a city's folder: what was requested, and the plan."""
+"""File of a city's folder with the request and the plan."""
 
 FAR, DISTANT = "far.ply", "distant.ply"
-"""Of a tile's folder: what others see of it, and what all the city holds of it where that is less."""
+"""Files of a tile's folder: its coarse mesh for other tiles, and a coarser one for the whole city."""
 
 CELL_LEVELS = 3
-"""Times that the finest cell doubles up to the largest one, which is the block."""
+"""Doublings from the finest cell to the largest one, the block."""
 
 FINEST_CELL = 0.7
 """Side of the finest cell in training pixels, as places have it."""
@@ -40,7 +40,7 @@ PER_CUBE, LEAST_PER_CUBE, CUBE_ROUNDS = 30, 3, 5
 the cubes is found."""
 
 MOST_CUBES = 2**20
-"""Along each axis of what is looked at in cubes."""
+"""Most cubes along each axis."""
 
 STATION_REACH, STATION_SPACING = 1.3, 0.8
 """Range of a station and spacing of stations, in units of the distance at which two training pixels fill
@@ -126,7 +126,7 @@ class CityPlan:
         return np.flatnonzero(touching).tolist()
 
     def seers(self, tile: int) -> list[int]:
-        """The tiles whose stations may see what a tile's ring holds."""
+        """The tiles whose stations may see a tile's ring."""
         return self.near(tile, self.reach + (RING + INFLUENCE) * self.block)
 
     @cached_property

@@ -22,7 +22,7 @@ SAMPLE = 1_000_000
 """Sample of splats for the plan of a city, over all pieces."""
 
 LEAST_SAMPLE = 200
-"""Of a piece, however many there are."""
+"""Least samples of a piece, for any number of pieces."""
 
 PIXELS = {"draft": 128, "normal": REFERENCE_PIXELS, "fine": 256}
 """Side of the views by detail."""

@@ -56,7 +56,7 @@ class Done(NamedTuple):
 
 
 def costs(took: Iterable[Done]) -> dict[str, Any]:
-    """Of tasks, for a report: the seconds, the MiB of peak memory and the bytes written that each took, by its name."""
+    """Costs of tasks for a report: seconds, MiB of peak memory and bytes written, by name."""
     done = {each.name: each for each in took}
     results = {name: each.result for name, each in done.items() if isinstance(each.result, dict)}
     files = {name: result["files"].values() for name, result in results.items() if "files" in result}

@@ -9,7 +9,7 @@ from .memory import keep_memory
 
 
 class Prepared(WorkerPlugin):
-    """Prepares each worker as it comes, those that take the place of others too, before it gets a task."""
+    """Prepares each new worker, replacements included, before it gets a task."""
 
     name = "splat2mesh"
 

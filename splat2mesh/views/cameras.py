@@ -129,7 +129,7 @@ def cameras_beside(splat_path: str | os.PathLike[str]) -> Path | None:
 
 
 def spread_out(views: Sequence[View], count: int) -> list[View]:
-    """Of many views, `count` that differ most in place and direction (farthest-point choice, first view first)."""
+    """Choose the `count` views that differ most in position and direction (farthest-point choice, first view first)."""
     if len(views) <= count:
         return list(views)
     centers = np.stack([view.center for view in views])

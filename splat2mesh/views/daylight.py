@@ -14,7 +14,7 @@ SIDES, ELEVATION_DEG = 6, 40.0
 PIXELS = 64
 
 SURROUNDINGS_FROM = 3.0
-"""Distances from the middle, over the median one, beyond which splats are surroundings and not looked at."""
+"""Distance from the middle, over the median one, beyond which splats are surroundings and ignored."""
 
 CLEAR = 1.08
 """Brightness of one side over the other that says something: 1.13 to 1.91 in six captures and 32 generated objects, all

@@ -17,7 +17,7 @@ GOLDEN = np.pi * (3 - np.sqrt(5))
 
 
 class Eye(NamedTuple):
-    """A place to look around from. center: (3,) float64. near: camera z nearer than which nothing is drawn."""
+    """A place to look around from. center: (3,) float64. near: camera z of the near plane."""
 
     center: NDArray[np.float64]
     near: float

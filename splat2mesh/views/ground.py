@@ -29,7 +29,7 @@ CELLS = 40
 small splats outweighs no floor of few large ones."""
 
 DIRECTIONS, SAMPLE = 2400, 25_000
-"""Directions (3.7 degrees apart) in which planes are looked for, and the cells that are looked at."""
+"""Directions (3.7 degrees apart) of the search for planes, and the cells searched."""
 
 
 LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
@@ -115,7 +115,7 @@ def ground_of(splats: Splats) -> Ground:
     open_above, place = floor.opposite < FLOOR.ceiling, floor.far >= FLOOR.surroundings
     up, assumed = floor.normal, False
     if not open_above or (axis == 1 and up[1] > 0 and not place):
-        # Either side could be up: the usual one, where the plane lies so; else nothing is known.
+        # Either side could be up: the usual one, if the plane agrees; otherwise up is unknown.
         assumed = axis == 1 and up[1] > 0 and not (open_above and _sharper(splats, up) > FLOOR.least_sharper)
         up = -up if assumed else up
         if axis != 1:
@@ -247,7 +247,7 @@ def _outline(points: Points, normal: Vector) -> int:
 
 
 def _along(points: Points, direction: Vector) -> Floats:
-    """Dot products, (N,): term by term, for what a matrix product rounds depends on how threads share it."""
+    """Dot products, (N,), term by term: the rounding of a matrix product depends on its threads."""
     return points[:, 0] * direction[0] + points[:, 1] * direction[1] + points[:, 2] * direction[2]
 
 

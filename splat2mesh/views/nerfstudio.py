@@ -37,7 +37,7 @@ def candidates_of_transforms(
     """Views of a transforms.json in every frame that the splat may be in, the likeliest first: a list of lists.
 
     path: Path, for messages and for what lies beside it. content: as json reads it. splat_path: Path of the splat.
-    In place of a view whose pose is not finite there is None. Raises InputError where the file is damaged.
+    A view without a finite pose is None. Raises InputError where the file is damaged.
     """
     try:
         frames = [{**content, **frame} for frame in content["frames"]]

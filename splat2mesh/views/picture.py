@@ -29,7 +29,7 @@ SEEN = 1.02
 
 
 def place_view(vertices: Points, faces: Faces, eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> View:
-    """The View that shows most of what a place holds, from afar enough.
+    """The View that shows most of a place, from a sufficient distance.
 
     vertices, faces: (V, 3) and (F, 3) of its mesh, in the splat's frame. eyes: list of standpoints.Eye. trained: list
     of View, the cameras of the capture, if there are any. up: (3,) unit. A candidate's worth is the share of vertices
@@ -58,7 +58,7 @@ def _candidates(eyes: Sequence[Eye], trained: Sequence[View], up: Vector) -> lis
 
 
 def _depths(caster: RayCaster, view: View) -> Floats:
-    """Camera z of the first surface in each pixel, (ROWS, COLUMNS) float32; infinite where there is none."""
+    """Camera z of the first surface in each pixel, (ROWS, COLUMNS) float32; infinite without one."""
     directions = view.ray_directions()
     origins = np.broadcast_to(view.center, directions.shape)
     return caster.first_hits(np.concatenate([origins, directions], axis=-1)).distance

@@ -63,7 +63,7 @@ class StandpointCalibration:
 STANDPOINTS = StandpointCalibration()
 
 ROOM_SHARE = STANDPOINTS.room_share
-"""Of the free places, from which on a capture is one of a room."""
+"""Share of enclosed free positions from which on a capture shows a room."""
 
 ROOM_EYES, GARDEN_EYES = 24, 24
 """Eyes at most: in the open, views from around join them."""
@@ -168,7 +168,7 @@ class _RayFans(NamedTuple):
 
 
 def _kind(grid: OpacityGrid, bounds: Bounds, enclosed: float, surrounded: float) -> str:
-    """What the shares of free places that are enclosed, and surrounded, say."""
+    """The conclusion from the shares of free positions that are enclosed, and surrounded."""
     if enclosed >= STANDPOINTS.room_share:
         return "inside"
     across = float(np.linalg.norm(np.ptp(bounds, axis=0))) / grid.finest_pixel()

@@ -19,7 +19,7 @@ from ..splats.splats import Splats
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
-"""Side of a candidate's picture: enough to show what it sees, a fraction of the cost of a real view."""
+"""Side of a candidate's picture: enough to judge it, at a fraction of the cost of a real view."""
 
 PICTURE_ASPECT = 4 / 3
 """Shape of the picture that a scene is shown with."""
@@ -32,7 +32,7 @@ PICTURE_FOV_DEG = 75.0
 """Angle of a picture from inside."""
 
 SKETCH_SPLATS = 40_000
-"""Gaussians that candidates are judged by: what a view shows does not depend on every one of millions."""
+"""Gaussians in the sample that judges candidates: a view does not depend on every one of millions."""
 
 COVER_GRID = 48
 """Cells along the longest side of the box in which coverage is counted."""
@@ -41,7 +41,7 @@ CLEARANCE = 2
 """Cells that an eye inside the box keeps away from all splats."""
 
 FREE_GRID = 32
-"""Cells along that side in which free space is looked for: coarse, so that the gaps between Gaussians are none."""
+"""Cells along that side in the search for free space: coarse enough to close the gaps between Gaussians."""
 
 SEALED_ROOM_SHARE = 0.6
 """Share of the box above which sealed space counts as a room; the inside of a sphere is half of its box."""
@@ -75,7 +75,7 @@ def bounds_of(splats: Splats) -> NDArray[np.float64]:
 
 
 def near_plane(bounds: Bounds) -> float:
-    """Camera z nearer than which nothing is drawn, for a scene of this box: floaters at the eye block no view."""
+    """Camera z of the near plane for a scene of this box, so that floaters at the eye block no view."""
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
@@ -163,7 +163,7 @@ def picture_elevation(points: Points, up: Vector) -> float:
 
 
 def _judge(sketch: Splats, view: View, near: float, bounds: Bounds) -> tuple[float, float]:
-    """How fuzzy what a view shows is, and how much there is to see: its edges."""
+    """Blur of a view, and the amount of its edges."""
     surface = field_depth(sketch, view, near)
     _, fuzz = _what_is_seen(surface, view, bounds)
     edges = np.abs(np.diff(np.where(surface.alpha[..., None] > 0.5, surface.color, 0.5), axis=1)).sum()

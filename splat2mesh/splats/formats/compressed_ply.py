@@ -139,7 +139,7 @@ def _chunk_bounds(values: NDArray[Any], usable: NDArray[np.bool_]) -> tuple[NDAr
 
 
 def _shares(values: NDArray[Any], low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Where rows lie between the corners of their chunks: (N, 3) float64, 0 where a chunk has no extent."""
+    """Positions of rows between the corners of their chunks: (N, 3) float64, 0 for a chunk without extent."""
     chunk = np.arange(len(values)) // CHUNK_SPLATS
     low, high = low.astype(np.float64), high.astype(np.float64)
     extent = np.where(high > low, high - low, np.inf)

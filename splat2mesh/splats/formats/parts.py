@@ -105,6 +105,6 @@ def _tiles_in(folder: Path) -> tuple[Path, ...]:
         instead = f"give one of them, such as {finest[0]}" if len(finest) == 1 else "copy the whole folder"
         raise InputError(
             f"{folder} holds the tiles of {len(levels)} levels of detail but no {streamed.META}, "
-            f"which tells them apart: {instead}"
+            f"which distinguishes them: {instead}"
         )
     return tuple(sorted(tiles + bundles, key=lambda entry: entry.name))

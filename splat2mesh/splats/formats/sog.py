@@ -31,7 +31,7 @@ LARGEST_IMAGE = 1 << 30
 SMALL_PIXELS = 1 << 20
 """Pixels that any image may have, however few splats there are."""
 PALETTE_PIXELS = 1 << 24
-"""Of the palette of harmonics: 65536 entries of 15 are a million."""
+"""Most pixels of the palette of harmonics: 65536 entries of 15 are a million."""
 _PALETTE_WIDTH = 64  # palette entries in one row of the centroid image
 _FIRST_QUAT_TAG = 252  # alpha of the quaternion image: this plus the index of the largest component, wxyz
 

@@ -18,7 +18,7 @@ from ..splats import Splats
 from .encoding import hide_unusable, levels, smallest_three
 
 ENTRIES, BINS, ROUNDS = 256, 1 << 16, 12
-"""Of a codebook; of the histogram that it is fitted to; and rounds of Lloyd's method, after which steps are small."""
+"""Entries of a codebook, bins of the histogram behind it, and rounds of Lloyd's method, after which steps are small."""
 
 LEAST_SCALE_LOG = -30.0
 """A scale of 0 counts as this: a tenth of a million-millionth."""

@@ -13,7 +13,7 @@ WRITERS: dict[str, Callable[[str | os.PathLike[str], Splats], None]] = {
     "spz": spz.write,
     "compressed.ply": compressed_ply.write,
 }
-"""By kind, which is also the suffix of the file; they take a path and Splats."""
+"""Writers by kind, which is also the suffix of the file; they take a path and Splats."""
 
 
 def kind_of_name(path: str | os.PathLike[str]) -> str:
