@@ -47,13 +47,12 @@ def estimate(
     transport: Transport | None = None,  # existing results for the white scene
     evidence: CaptureEvidence | None = None,  # facts of the capture beside its colours
 ) -> Estimate:
-    """Albedo and light of a scene captured in unknown light: an Estimate.
+    """Estimate albedo and light of a scene captured in unknown light.
 
-    Of a captured sky, what was not clipped is taken as it is, and what was is at least 1; where it was looked at from
-    within, the contrast of colours shows how much more. Where the sky shows little and no sun, the light is the mean of
-    the estimate with the sky and the estimate from the scene alone. Deterministic; depends on no order of vertices or
-    chunks but in the last bits. Colours that are not finite count as black. Raises InputError unless `captured` is
-    (V, 3).
+    The unclipped part of a captured sky counts as measured, the clipped part as at least 1; if views from inside exist,
+    the contrast of colours determines the excess. If little of the sky and no sun is visible, the light is the mean of
+    the estimates with the sky and from the scene alone. Deterministic; the order of vertices and chunks affects only
+    the last bits. Non-finite colours count as black. Raises InputError unless `captured` is (V, 3).
     """
     given = evidence or CaptureEvidence()
     scene, sky, volume = CapturedScene(occluder, captured, seed, advance, transport, given), given.sky, given.volume

@@ -26,8 +26,8 @@ class PatchCalibration:
     """Thresholds for patches of a surface, and for patches of one material.
 
     cell: side of a patch over the median distance from which patches are seen.
-    most_volume, least_visible, smooth: of what is looked at, how far it may be leaves or grass, the least part of its
-    sky that it sees, and the least length of a normal between those of a face's corners.
+    most_volume, least_visible, smooth: of surfaces in view, the largest share of leaves or grass, the least visible
+    part of the sky, and the least length of a normal between those of a face's corners.
     alike, material: log chroma that a patch, and a material, spans.
     level, beneath: height of a normal from which a surface counts as level, and below which it hangs. A material counts
     once for each: floors and walls of one hue are not of one paint.

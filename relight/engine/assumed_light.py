@@ -14,8 +14,8 @@ from splat2mesh.scene.color import luminance
 from ..light.environment import Environment
 
 OUTSIDE = 0.5
-"""Share of the captured light that is taken for light from outside, where lamps were found, but no window. Nothing
-tells it: the model gives the lamps all of the light that it knows no other origin of."""
+"""Share of the captured light assumed to come from outside, if lamps were found but no window. It cannot be estimated:
+the model attributes all light of unknown origin to the lamps."""
 
 BRIGHTNESS = {"sunset": 0.3}
 """Mean luminance of built-in skies beside that of a clear noon, where their files have 1: by the skies of a date (.44

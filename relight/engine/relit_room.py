@@ -103,8 +103,8 @@ class RelitRoom:
         return 1.0 if self._look.room is None else OUTSIDE
 
     def assumed(self, environment: Environment, scale: float = 1.0) -> NDArray[np.float32]:
-        """The captured colours, (V, 3) float32, under an environment times a scale of which nothing tells how it gets
-        in. Lamps shine as the options say."""
+        """The captured colours, (V, 3) float32, under an environment times a scale, without a known way in for it.
+        Lamps shine as the options say."""
         look, room, inside = self._look, self._look.room, np.float32(1.0 - self.outside)
         change = np.float32(self.outside) * assumed_change(environment, scale)
         if room is None:

@@ -33,7 +33,7 @@ POINT_ANGLE = 2e-3
 
 CHANCE_PART = 6
 """Emitters that it takes for all the others, per ray in half-shadows; one ray to each. Among 500 bulbs that are as
-bright as each other, the worst case, the error is .03 with 32 rays, with 2 in place of 6 it is .07."""
+bright as each other, the worst case, the error is .03 with 32 rays; with 2 instead of 6 it is .07."""
 
 
 BATCH_VERTICES, BATCH_PAIRS = 2**14, 2**20

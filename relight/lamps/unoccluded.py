@@ -218,8 +218,8 @@ def aimed(
 ) -> tuple[float, float, float, float]:
     """Ray number `sample` of `samples` to an emitter: the way to the point that it aims at, and its weight.
 
-    The weight is what the point gives where nothing hides it, as part of the whole when that of all samples is summed.
-    leaf: 0 of a surface, 1 of what light reaches alike from all sides; then a quarter takes the place of the cosine.
+    The weight is the unoccluded light of the point, so that the weights of all samples sum to the whole.
+    leaf: 0 for a surface, 1 for a volume that takes light equally from all sides, where a quarter replaces the cosine.
     shift, turn in [0, 1): of the vertex.
     """
     u = ((sample + shift) / samples) % 1.0

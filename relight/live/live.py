@@ -288,7 +288,7 @@ def _compressed(
     else:
         assert best is not None  # there is always a choice
         warnings.warn(
-            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was asked for",
+            f"the largest transfer leaves an error of {best[0]:.3f}, {tolerance:g} was requested",
             DataWarning,
             stacklevel=2,
         )

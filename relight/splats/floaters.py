@@ -86,8 +86,8 @@ class Eyes(NamedTuple):
 def floaters(splats: Splats, scene: Scene) -> Indices:
     """Rows (M,), in order, of the Splats of a Scene that are floaters.
 
-    splats: every row of the source, in its frame. Sky and far background are none, nor is what nobody sees: behind a
-    wall, invisible, or damaged. Of an object only splats in the box of its mesh are looked at: farther out nothing
+    splats: every row of the source, in its frame. Sky, far background and unseen splats (behind a wall, invisible,
+    damaged) are not floaters. Of an object, only splats in the box of its mesh are considered: farther out, nothing
     distinguishes floaters from a sky.
     """
     possible = sound(splats) & (splats.opacities >= INVISIBLE_OPACITY)

@@ -30,7 +30,7 @@ _NEAR = 1e-6  # of the scene's diagonal: nearer corners count as behind the eye
 class Raster:
     """The triangles of a scene before a camera.
 
-    size: width and height of the picture that was looked at last.
+    size: width and height of the last picture.
     """
 
     def __init__(self, vertices: NDArray, faces: NDArray, diagonal: float) -> None:

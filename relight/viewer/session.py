@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
 
 REST_SECONDS = 0.15
-"""Seconds without motion before the worker is asked for a new angle: long enough for a hand to have stopped."""
+"""Seconds without motion before a request for a new angle: long enough for the user to have stopped."""
 
 TURN_DEG_PER_SECOND = 36.0
 

@@ -23,7 +23,7 @@ def check_extent(splats: Splats) -> None:
     Parameters
     ----------
     splats : Splats
-        Cleaned; a sample of them is looked at.
+        Cleaned; a sample of them is checked.
 
     Raises
     ------

@@ -40,7 +40,7 @@ LOOKED_FROM, DETAIL_PIXELS, SOLID_PIXEL = 2.5, 192, 0.95
 class FloorCalibration:
     """Criteria that distinguish a floor from other planes. Radii hold half of the detail each.
 
-    radii: that are looked at. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
+    radii: searched. thickness: of a plane, in cells: floors are no flatter, trained over several metres.
     least_cover: share of its outline, seen along the normal, that a floor fills: .58 to 1 in nine captures, .47 in an
     object. least_lead: how much larger than any plane that leans away by 30 degrees: 2 to 35 in places, 1.25 in an
     object. least_sided: cells on its upper side for each one below: 6.8 and more in places; floaters are what lies
