@@ -98,7 +98,7 @@ def test_black_has_no_ratio():
 
 
 def test_it_needs_an_object():
-    with pytest.raises(InputError, match="`formats` catcher: it holds what objects change"):
+    with pytest.raises(InputError, match="`formats` catcher: it holds the change that objects make"):
         RelightRequest("garden", formats=("catcher",))
 
 
