@@ -87,7 +87,7 @@ def test_a_request_holds_the_colour_as_three_numbers():
         ({"capture_tint": "mauve-ish"}, "`capture_tint` mauve"),
         ({"capture_tint": ""}, "`capture_tint`"),
         ({"white_at": "1,2"}, "`white_at` 1,2"),
-        ({"white_at": (0, 0, 0), "capture_tint": "warm"}, "`white_at`: it takes"),
+        ({"white_at": (0, 0, 0), "capture_tint": "warm"}, "`white_at`: it replaces"),
     ):
         with pytest.raises(InputError, match=words):
             RelightRequest("a", **changes)
