@@ -169,8 +169,7 @@ def with_bounces(
     interreflection: Interreflection,
     tolerance: float = BOUNCE_TOLERANCE,
     max_bounces: int = DEFAULT_MAX_BOUNCES,
-    first: NDArray[np.float32]
-    | None = None,  # (V, 3) the first bounce on white, where more rays than the matrix's tell it
+    first: NDArray[np.float32] | None = None,  # (V, 3) the first bounce on white, by more rays than those of the matrix
 ) -> tuple[NDArray[np.float32], list[float]]:
     """Exit radiance with interreflection, (V, 3) float32, and what each bounce gave: a list of floats.
 
@@ -184,8 +183,8 @@ def with_bounces(
     radiance = increment.copy()
     contributions: list[float] = []
     while len(contributions) < max_bounces and not _converged(contributions, tolerance):
-        known = first is not None and not contributions
-        increment = albedo * (first if known else interreflection.bounce(increment))
+        bounced = first if first is not None and not contributions else interreflection.bounce(increment)
+        increment = albedo * bounced
         radiance += increment
         given, total = _norm(increment, interreflection.shares), _norm(radiance, interreflection.shares)
         contributions.append(given / max(total, np.finfo(np.float64).tiny))
