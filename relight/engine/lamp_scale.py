@@ -22,11 +22,12 @@ ROOM_LUX, OUTDOOR_LUX = 200.0, 10_000.0
 room has 100 to 500 lx, an overcast day 5,000 to 20,000. A photograph does not show it."""
 
 
-def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
+def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder, metre: float | None = None) -> LampScale:
     """Return the LampScale of a scene: splat units per metre, the median irradiance of the capture, and what a candela
     is beside it.
 
-    The height of the capture above the floor determines a metre. The size of an object is unknown.
+    The height of the capture above the floor determines a metre. Without one it is `metre`, in splat units; without
+    that either, the scene counts as an object, whose size is unknown.
     """
     light = luminance(look.irradiance)
     inside = bool(look.capture and "room" in look.capture)
@@ -35,8 +36,11 @@ def lamp_scale(scene: Scene, look: Appearance, occluder: Occluder) -> LampScale:
     motion = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
     scale = float(np.cbrt(abs(np.linalg.det(motion)))) or 1.0  # scene units per splat unit
     height = _eye_height(scene, occluder)
-    metre = scene.diagonal / OBJECT_M if height is None else height / EYE_M
-    return LampScale(metre / scale, irradiance, irradiance / (ROOM_LUX if inside else OUTDOOR_LUX))
+    if height is not None:
+        metre = height / EYE_M / scale
+    elif metre is None:
+        metre = scene.diagonal / OBJECT_M / scale
+    return LampScale(metre, irradiance, irradiance / (ROOM_LUX if inside else OUTDOOR_LUX))
 
 
 def _eye_height(scene: Scene, occluder: Occluder) -> float | None:

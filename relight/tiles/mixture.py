@@ -85,6 +85,10 @@ def is_mixed(options: LightingOptions, sky: Environment) -> bool:
     return others or isinstance(sky, CapturedLight)
 
 
+CITY_METRE = 1.0
+"""Splat units to a metre in a city: captures of that size are mostly placed by GPS, whose unit is a metre."""
+
+
 def mixture_of(
     options: LightingOptions,
     relighter: Relighter,
@@ -95,7 +99,7 @@ def mixture_of(
 ) -> CityMixture:
     """The CityMixture that options request beside a light, with sizes and brightness from the coarse city. asked:
     AskedLamps."""
-    scale: LampScale = lamp_scale(relighter.scene, look, relighter.occluder)
+    scale: LampScale = lamp_scale(relighter.scene, look, relighter.occluder, CITY_METRE)
     matrix: Matrix4 = np.asarray(relighter.scene.scene_from_splat, np.float64)
     lamps = tuple(moved(resolve(each, scale), matrix) for each in asked)
     alone = isinstance(sky, CapturedLight)

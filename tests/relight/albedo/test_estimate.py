@@ -228,7 +228,7 @@ def test_places_share_the_area_evenly():
     occluder = Occluder(vertices, normals, faces)
     areas = samples.vertex_areas(occluder)
     size = 2.0 * 0.4 / (2.0**2 + 0.4**2)  # in squared diagonals
-    assert areas.sum() == pytest.approx(size, rel=1e-5)
+    assert areas.sum() == pytest.approx(size, rel=1e-4)  # ray origins at the border stand 2e-6 inside it
     chosen = samples.places(occluder, areas, np.ones(len(vertices), bool), 400, 0)
     left = (occluder.origins[chosen, 0] < 0).mean()
     assert left == pytest.approx(0.5, abs=0.02) and len(chosen) == 400

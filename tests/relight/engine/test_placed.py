@@ -172,6 +172,7 @@ def test_a_metre_is_as_high_as_eyes_are_and_objects_are_a_metre():
     scale = lamp_scale(scene, look, relighter.occluder)
     assert scale.metre == pytest.approx(scene.diagonal)
     assert scale.irradiance == pytest.approx(math.pi * np.median(look.irradiance @ [0.2126, 0.7152, 0.0722]), rel=1e-5)
+    assert lamp_scale(scene, look, relighter.occluder, 3.0).metre == 3.0  # what is known takes precedence
     stood = Scene(scene.chunks, capture={"from": "inside", "eyes": [[0.0, 0.25, 0.0]]})
     assert lamp_scale(stood, look, relighter.occluder).metre == pytest.approx(1.0, rel=0.02)  # 1.25 above the bottom
 
