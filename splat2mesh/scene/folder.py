@@ -83,7 +83,7 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
     entries, fields, sums = _read_meta(path / META)
     kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
     for file, kind, *expected in entries:
-        mesh = read_mesh(file)
+        mesh = read_mesh(file, in_place=True)
         found = [len(mesh.vertices), len(mesh.faces)]
         if found != expected:
             raise InputError(

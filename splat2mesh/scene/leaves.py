@@ -18,7 +18,16 @@ PROBE = 2.0
 """Cells of the optical depth between the places that such means are taken at."""
 
 HALF = 0.5
-"""Mean share of a face's vertices from which the face is one of leaves: the middle of the ramp from FEW to MANY."""
+"""Mean share of a face's vertices from which the face may be one of leaves: the middle of the ramp from FEW to MANY."""
+
+CRUMPLED, CRUMPLE_CELLS = 0.4, 4.0
+"""One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh is
+crumpled as leaves make it. Volume alone is not enough to leave faces out: the splats of a brick wall, a teapot and the
+rim of a door lie without order too where training was short, but their mesh is smooth."""
+
+SMALLEST = 16.0
+"""Side, in cells of the optical depth, of the square whose area the faces of a plant have at least. Fewer leaves amid
+surfaces count as surface, and fewer surfaces amid leaves as leaves."""
 
 
 def throughout(
@@ -34,10 +43,47 @@ def throughout(
 
 
 def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDepth | None) -> Mask:
-    """(F,) bool: the faces of a mesh that are leaves or grass. volume: (V,) in [0, 1]. depth: None without any."""
+    """(F,) bool: the faces of a mesh that are leaves or grass, in whole plants.
+
+    They lie in a volume throughout, and are crumpled. volume: (V,) in [0, 1]. depth: None without any."""
     if depth is None or not len(faces) or not (volume > FEW).any():
         return np.zeros(len(faces), bool)
-    return np.asarray(throughout(vertices, volume, depth)[faces].mean(axis=1) >= HALF)
+    cell = float(depth.cells[0])
+    leaf = throughout(vertices, volume, depth)[faces].mean(axis=1) >= HALF
+    if not leaf.any():
+        return np.asarray(leaf)
+    a, b, c = vertices[faces.T].astype(np.float64)
+    across = np.cross(b - a, c - a) / 2.0
+    areas = np.linalg.norm(across, axis=1)
+    leaf &= _crumpled((a + b + c) / 3.0, across, areas, CRUMPLE_CELLS * cell) > CRUMPLED
+    _, welded = np.unique(vertices, axis=0, return_inverse=True)
+    corners, least = welded.reshape(-1)[faces], (SMALLEST * cell) ** 2
+    for among in (True, False):
+        rows = np.flatnonzero(leaf == among)
+        leaf[rows[_part_areas(corners[rows], areas[rows]) < least]] = not among
+    return np.asarray(leaf)
+
+
+def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Floats:
+    """How far the normals of faces within boxes of a side cancel, (F,) in [0, 1]: 0 in a plane, 1 in a closed body.
+
+    middles: (F, 3). across: (F, 3) normals as long as their areas, (F,)."""
+    lattice = Lattice(middles, side)
+    total = np.hstack([lattice.means(part) for part in (*across.T, areas)])
+    mean = lattice.interpolate(total.astype(np.float32)).astype(np.float64)
+    return np.asarray(1.0 - np.linalg.norm(mean[:, :3], axis=1) / np.maximum(mean[:, 3], 1e-30))
+
+
+def _part_areas(corners: Indices, areas: Floats) -> Floats:
+    """The area of the connected part that each face is in: (F,). corners: (F, 3) of welded vertices. areas: (F,)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    count = int(corners.max(initial=-1)) + 1
+    edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
+    _, part = connected_components(coo_matrix((np.ones(len(edges), np.int8), edges.T), (count, count)), directed=False)
+    of_faces = part[corners[:, 0]]
+    return np.asarray(np.bincount(of_faces, areas)[of_faces])
 
 
 class Lattice:
