@@ -193,10 +193,11 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     from .texture.glb import mesh_glb
     from .texture.texture import texture_of
 
-    made = texture_of(scene, looks, None if size == "auto" else int(size), stages)
+    surfaces = Drawn.surfaces(scene).scene
+    made = texture_of(surfaces, looks, None if size == "auto" else int(size), stages)
     with stages.stage("texture file"):
         matrix = np.asarray(scene.scene_from_splat).ravel().tolist()
-        scene.textured = mesh_glb(made, len(scene.chunks), {"scene_from_splat": matrix})
+        scene.textured = mesh_glb(made, len(surfaces.chunks), {"scene_from_splat": matrix}, scene.cards)
     scene.settings = scene.settings | {"texture": size}
     digest = hashlib.sha256(scene.textured).hexdigest()
     statistics: dict[str, Any] = {

@@ -33,6 +33,11 @@ class Drawn:
             chunks = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
             self.scene = replace(scene, chunks=[*chunks, *scene.cards], hull=(), cards=[], measured=None)
 
+    @classmethod
+    def surfaces(cls, scene: Scene) -> "Drawn":
+        """The same without cards, which have no texture."""
+        return cls(replace(scene, cards=[]) if scene.cards else scene)
+
     @property
     def mesh(self) -> Mesh:
         """All that is drawn as one Mesh, as captured."""
@@ -52,6 +57,14 @@ class Drawn:
         if self._lit.cards:
             found[len(self._rows) :] *= self._tint
         return found
+
+    def cards_in(self, of_vertices: Floats) -> list[tuple[Mesh, Floats]]:
+        """Each chunk of cards with those of its vertices among `colors`."""
+        if not self._lit.cards:
+            return []
+        found = self.colors(of_vertices)[len(self._rows) :]
+        ends = np.cumsum([len(mesh.vertices) for mesh in self._lit.cards])[:-1]
+        return list(zip(self._lit.cards, np.split(found, ends), strict=True))
 
     @cached_property
     def _rows(self) -> Indices:

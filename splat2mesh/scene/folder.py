@@ -175,16 +175,7 @@ def _written(folder: Path, meshes: list[Mesh]) -> list[dict[str, Any]]:
 
 
 def bounds_of(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the lowest and highest corner of points.
-
-    Parameters
-    ----------
-    vertices : ndarray of float32, (V, 3)
-
-    Returns
-    -------
-    ndarray of float64, (2, 3)
-    """
+    """Return the lowest and highest corner of points (V, 3) float32: (2, 3) float64."""
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
 
@@ -328,7 +319,8 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
     try:
         listed = [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in meta.get(HULL, [])]
-        entries, sums = [], {}
+        entries: list[Any] = []
+        sums: dict[Path, str] = {}
         for entry, folder in listed:
             file = inside(path.parent / folder, entry["file"], path)
             kind = next((name for name in ("background", "cards") if entry.get(name)), folder)

@@ -21,8 +21,8 @@ HALF = 0.5
 """Mean share of a face's vertices from which the face may be one of leaves: the middle of the ramp from FEW to MANY."""
 
 CRUMPLED, CRUMPLE_CELLS = 0.4, 4.0
-"""One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh is
-crumpled as leaves make it. Volume alone is not enough to leave faces out: the splats of a brick wall, a teapot and the
+"""One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh
+is crumpled as leaves make it. Volume alone is not enough to leave faces out: the splats of a brick wall, a teapot and the
 rim of a door lie without order too where training was short, but their mesh is smooth."""
 
 SMALLEST = 16.0
@@ -68,7 +68,7 @@ def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Fl
     """How far the normals of faces within boxes of a side cancel, (F,) in [0, 1]: 0 in a plane, 1 in a closed body.
 
     middles: (F, 3). across: (F, 3) normals as long as their areas, (F,)."""
-    lattice = Lattice(middles, side)
+    lattice = Lattice(middles.astype(np.float64), side)
     total = np.hstack([lattice.means(part) for part in (*across.T, areas)])
     mean = lattice.interpolate(total.astype(np.float32)).astype(np.float64)
     return np.asarray(1.0 - np.linalg.norm(mean[:, :3], axis=1) / np.maximum(mean[:, 3], 1e-30))

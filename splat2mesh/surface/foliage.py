@@ -34,14 +34,14 @@ def leaves_apart(scene: Scene, splats: Splats, kind: str, max_chunk_vertices: in
         warnings.warn(f"no leaves or grass were found: `foliage` {kind} changes nothing", DataWarning, stacklevel=3)
         scene.statistics = scene.statistics | {"faces_leaves": 0}
         return scene
-    if leaf.all() and kind == NONE:
-        raise InputError("`foliage` none: all of the mesh is leaves or grass, nothing is left; take cards or mesh")
+    if leaf.all():
+        raise InputError(f"`foliage` {kind}: all of the mesh is leaves or grass, no surface is left; take mesh")
     parts, rows, hull = _parted(scene, leaf)
     measured = scene.measured
     if measured is not None:
         measured = measured._replace(vertex_volume=measured.vertex_volume[rows])
     apart = replace(scene, chunks=parts, hull=hull, measured=measured)
-    statistics = {"faces": int((~leaf).sum()), "faces_leaves": int(leaf.sum())}
+    statistics: dict[str, float] = {"faces": int((~leaf).sum()), "faces_leaves": int(leaf.sum())}
     if kind == CARDS:
         leaves = Drawn(Scene([parts[number] for number in hull])).mesh
         surface = [chunk.vertices for number, chunk in enumerate(parts) if number not in hull]
@@ -71,8 +71,8 @@ def _parted(scene: Scene, leaf: Mask) -> tuple[list[Mesh], Indices, tuple[int, .
                 continue
             used, corners = np.unique(faces, return_inverse=True)
             hull += [len(parts)] * is_leaf
-            corners = corners.reshape(-1, 3).astype(np.int32)
-            parts.append(Mesh(chunk.vertices[used], chunk.normals[used], corners, chunk.colors_srgb[used]))
+            own = np.asarray(corners.reshape(-1, 3), np.int32)
+            parts.append(Mesh(chunk.vertices[used], chunk.normals[used], own, chunk.colors_srgb[used]))
             rows.append(start + used.astype(np.int64))
         start, first = start + len(chunk.vertices), first + len(chunk.faces)
     return parts, np.concatenate(rows), tuple(hull)
