@@ -22,12 +22,12 @@ HALF = 0.5
 
 CRUMPLED, CRUMPLE_CELLS = 0.4, 4.0
 """One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh
-is crumpled as leaves make it. Volume alone is not enough to leave faces out: the splats of a brick wall, a teapot and the
+is crumpled as leaves make it. Volume alone is not enough: splats of a brick wall, a teapot and the
 rim of a door lie without order too where training was short, but their mesh is smooth."""
 
 SMALLEST = 16.0
 """Side, in cells of the optical depth, of the square whose area the faces of a plant have at least. Fewer leaves amid
-surfaces count as surface, and fewer surfaces amid leaves as leaves."""
+surfaces count as surface, and fewer surfaces beside leaves, in one piece that touches them, as leaves."""
 
 
 def throughout(
@@ -58,9 +58,14 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
     leaf &= _crumpled((a + b + c) / 3.0, across, areas, CRUMPLE_CELLS * cell) > CRUMPLED
     _, welded = np.unique(vertices, axis=0, return_inverse=True)
     corners, least = welded.reshape(-1)[faces], (SMALLEST * cell) ** 2
-    for among in (True, False):
-        rows = np.flatnonzero(leaf == among)
-        leaf[rows[_part_areas(corners[rows], areas[rows]) < least]] = not among
+    rows = np.flatnonzero(leaf)
+    parts, sizes = _parts(corners[rows], areas[rows])
+    leaf[rows[sizes[parts] < least]] = False
+    rows = np.flatnonzero(~leaf)
+    parts, sizes = _parts(corners[rows], areas[rows])
+    beside = np.isin(corners[rows], corners[leaf]).any(axis=1)
+    amid = np.bincount(parts, beside, len(sizes)) > 0.0
+    leaf[rows[(amid & (sizes < least))[parts]]] = True
     return np.asarray(leaf)
 
 
@@ -74,16 +79,16 @@ def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Fl
     return np.asarray(1.0 - np.linalg.norm(mean[:, :3], axis=1) / np.maximum(mean[:, 3], 1e-30))
 
 
-def _part_areas(corners: Indices, areas: Floats) -> Floats:
-    """The area of the connected part that each face is in: (F,). corners: (F, 3) of welded vertices. areas: (F,)."""
+def _parts(corners: Indices, areas: Floats) -> tuple[Indices, Floats]:
+    """The connected part that each face is in, (F,), and the area of each part. corners: (F, 3) of welded vertices."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
     count = int(corners.max(initial=-1)) + 1
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
     _, part = connected_components(coo_matrix((np.ones(len(edges), np.int8), edges.T), (count, count)), directed=False)
-    of_faces = part[corners[:, 0]]
-    return np.asarray(np.bincount(of_faces, areas)[of_faces])
+    of_faces = part[corners[:, 0]].astype(np.int64)
+    return of_faces, np.bincount(of_faces, areas)
 
 
 class Lattice:
