@@ -6,6 +6,9 @@
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from ..base.arrays import Faces, Floats, Indices, Mask, Points
 from ..base.threads import in_slices
@@ -17,17 +20,17 @@ FEW, MANY = 0.2, 0.5
 PROBE = 2.0
 """Cells of the optical depth between the places that such means are taken at."""
 
-HALF = 0.5
-"""Mean share of a face's vertices from which the face may be one of leaves: the middle of the ramp from FEW to MANY."""
-
-CRUMPLED, CRUMPLE_CELLS = 0.4, 4.0
+CRUMPLED, BOX = 0.4, 4.0
 """One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh
-is crumpled as leaves make it. Volume alone is not enough: splats of a brick wall, a teapot and the
-rim of a door lie without order too where training was short, but their mesh is smooth."""
+is crumpled as leaves make it. Volume alone is not enough: splats of a brick wall, a teapot and the rim of a door lie
+without order too where training was short, but their mesh is smooth."""
 
-SMALLEST = 16.0
-"""Side, in cells of the optical depth, of the square whose area the faces of a plant have at least. Fewer leaves amid
-surfaces count as surface, and fewer surfaces beside leaves, in one piece that touches them, as leaves."""
+LEAFY = 0.4
+"""Mean share of a clump of crumpled faces from which it is a plant: chairs are crumpled as well, and no volume."""
+
+SMALLEST = 12.0
+"""Side, in cells of the optical depth, of the square whose area the faces of a plant have at least. What is smaller,
+once plants are out of the mesh, and hangs on one or lies amid it, belongs to it."""
 
 
 def throughout(
@@ -45,28 +48,36 @@ def throughout(
 def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDepth | None) -> Mask:
     """(F,) bool: the faces of a mesh that are leaves or grass, in whole plants.
 
-    They lie in a volume throughout, and are crumpled. volume: (V,) in [0, 1]. depth: None without any."""
+    Crumpled faces in boxes side by side are a clump. A clump is a plant where it stands in a volume throughout. volume:
+    (V,) in [0, 1]. depth: None without any. On the two gardens that the constants were set on, a generated and a
+    trained one, 92 and 87% of the area found is of leaves, which is 37 and 47% of their area (`docs/surface.md`)."""
+    found = np.zeros(len(faces), bool)
     if depth is None or not len(faces) or not (volume > FEW).any():
-        return np.zeros(len(faces), bool)
+        return found
     cell = float(depth.cells[0])
-    leaf = throughout(vertices, volume, depth)[faces].mean(axis=1) >= HALF
-    if not leaf.any():
-        return np.asarray(leaf)
+    side, least = BOX * cell, (SMALLEST * cell) ** 2
+    share = throughout(vertices, volume, depth)[faces].mean(axis=1)
     a, b, c = vertices[faces.T].astype(np.float64)
-    across = np.cross(b - a, c - a) / 2.0
+    across, middles = np.cross(b - a, c - a) / 2.0, (a + b + c) / 3.0
     areas = np.linalg.norm(across, axis=1)
-    leaf &= _crumpled((a + b + c) / 3.0, across, areas, CRUMPLE_CELLS * cell) > CRUMPLED
-    _, welded = np.unique(vertices, axis=0, return_inverse=True)
-    corners, least = welded.reshape(-1)[faces], (SMALLEST * cell) ** 2
-    rows = np.flatnonzero(leaf)
-    parts, sizes = _parts(corners[rows], areas[rows])
-    leaf[rows[sizes[parts] < least]] = False
-    rows = np.flatnonzero(~leaf)
-    parts, sizes = _parts(corners[rows], areas[rows])
-    beside = np.isin(corners[rows], corners[leaf]).any(axis=1)
-    amid = np.bincount(parts, beside, len(sizes)) > 0.0
-    leaf[rows[(amid & (sizes < least))[parts]]] = True
-    return np.asarray(leaf)
+    rows = np.flatnonzero(_crumpled(middles, across, areas, side) > CRUMPLED)
+    if not len(rows):
+        return found
+    boxes, box = np.unique(np.floor(middles / side).astype(np.int64), axis=0, return_inverse=True)
+    box = box.reshape(-1)
+    clump = _clumps(boxes, np.unique(box[rows]))[box[rows]]
+    sizes = np.bincount(clump, areas[rows])
+    mean = np.bincount(clump, areas[rows] * share[rows]) / np.maximum(sizes, 1e-30)
+    found[rows[((mean >= LEAFY) & (sizes >= least))[clump]]] = True
+    rest = np.flatnonzero(~found)
+    _, node = np.unique(vertices, axis=0, return_inverse=True)
+    corners = node.reshape(-1)[faces]
+    piece = _pieces(corners[rest])
+    wholes, amid = np.bincount(piece, areas[rest]), np.isin(box[rest], box[found])
+    inside = np.bincount(piece, areas[rest] * amid) > 0.5 * wholes
+    inside |= np.bincount(piece, np.isin(corners[rest], corners[found]).any(axis=1)) > 0.0
+    found[rest[(inside & (wholes < least))[piece]]] = True
+    return found
 
 
 def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Floats:
@@ -79,16 +90,25 @@ def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Fl
     return np.asarray(1.0 - np.linalg.norm(mean[:, :3], axis=1) / np.maximum(mean[:, 3], 1e-30))
 
 
-def _parts(corners: Indices, areas: Floats) -> tuple[Indices, Floats]:
-    """The connected part that each face is in, (F,), and the area of each part. corners: (F, 3) of welded vertices."""
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
+def _clumps(boxes: Indices, held: Indices) -> Indices:
+    """The clump of each box, (B,): those side by side among the boxes that are held. boxes: (B, 3) whole numbers."""
+    pairs = cKDTree(boxes[held]).query_pairs(1.8, output_type="ndarray")  # beyond the diagonal of a box, short of two
+    clumps = np.zeros(len(boxes), np.int64)
+    clumps[held] = _connected(pairs, len(held))
+    return clumps
 
-    count = int(corners.max(initial=-1)) + 1
+
+def _pieces(corners: Indices) -> Indices:
+    """The connected piece of the mesh that each face is in, (F,). corners: (F, 3)."""
     edges = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]]])
-    _, part = connected_components(coo_matrix((np.ones(len(edges), np.int8), edges.T), (count, count)), directed=False)
-    of_faces = part[corners[:, 0]].astype(np.int64)
-    return of_faces, np.bincount(of_faces, areas)
+    return _connected(edges, int(corners.max(initial=0)) + 1)[corners[:, 0]]
+
+
+def _connected(edges: Indices, count: int) -> Indices:
+    """The number of the connected part that each of `count` nodes is in. edges: (E, 2)."""
+    ones = np.ones(len(edges), np.int8)
+    _, part = connected_components(coo_matrix((ones, edges.T), (count, count)), directed=False)
+    return np.asarray(part, np.int64)
 
 
 class Lattice:
