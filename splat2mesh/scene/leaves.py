@@ -20,10 +20,15 @@ FEW, MANY = 0.2, 0.5
 PROBE = 2.0
 """Cells of the optical depth between the places that such means are taken at."""
 
-CRUMPLED, BOX = 0.4, 4.0
-"""One minus the length of the mean normal, by area, in a box of so many cells of the optical depth, from which a mesh
-is crumpled as leaves make it. Volume alone is not enough: splats of a brick wall, a teapot and the rim of a door lie
-without order too where training was short, but their mesh is smooth."""
+CANCELLED, BOX = 0.4, 4.0
+"""How far normals in a box of so many cells of the optical depth cancel, of 1, from which a mesh is crumpled as leaves
+make it. Volume alone is not enough: splats of a brick wall, a teapot and the rim of a door lie without order too where
+training was short, but their mesh is smooth."""
+
+ALL_WAYS = 0.06
+"""How far normals there face all ways, of 1/3, from which a face of a plant is a leaf: those of a trunk do not."""
+
+_UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 LEAFY = 0.4
 """Mean share of a clump of crumpled faces from which it is a plant: chairs are crumpled as well, and no volume."""
@@ -49,8 +54,7 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
     """(F,) bool: the faces of a mesh that are leaves or grass, in whole plants.
 
     Crumpled faces in boxes side by side are a clump. A clump is a plant where it stands in a volume throughout. volume:
-    (V,) in [0, 1]. depth: None without any. On the two gardens that the constants were set on, a generated and a
-    trained one, 92 and 87% of the area found is of leaves, which is 37 and 47% of their area (`docs/surface.md`)."""
+    (V,) in [0, 1]. depth: None without any. How right it is: docs/surface.md, Leaves."""
     found = np.zeros(len(faces), bool)
     if depth is None or not len(faces) or not (volume > FEW).any():
         return found
@@ -60,7 +64,8 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
     a, b, c = vertices[faces.T].astype(np.float64)
     across, middles = np.cross(b - a, c - a) / 2.0, (a + b + c) / 3.0
     areas = np.linalg.norm(across, axis=1)
-    rows = np.flatnonzero(_crumpled(middles, across, areas, side) > CRUMPLED)
+    cancelled, all_ways = _disorder(middles, across, areas, side)
+    rows = np.flatnonzero(cancelled > CANCELLED)
     if not len(rows):
         return found
     boxes, box = np.unique(np.floor(middles / side).astype(np.int64), axis=0, return_inverse=True)
@@ -69,6 +74,7 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
     sizes = np.bincount(clump, areas[rows])
     mean = np.bincount(clump, areas[rows] * share[rows]) / np.maximum(sizes, 1e-30)
     found[rows[((mean >= LEAFY) & (sizes >= least))[clump]]] = True
+    found &= all_ways > ALL_WAYS
     rest = np.flatnonzero(~found)
     _, node = np.unique(vertices, axis=0, return_inverse=True)
     corners = node.reshape(-1)[faces]
@@ -80,14 +86,21 @@ def leaf_faces(vertices: Points, faces: Faces, volume: Floats, depth: OpticalDep
     return found
 
 
-def _crumpled(middles: Floats, across: Floats, areas: Floats, side: float) -> Floats:
-    """How far the normals of faces within boxes of a side cancel, (F,) in [0, 1]: 0 in a plane, 1 in a closed body.
+def _disorder(middles: Floats, across: Floats, areas: Floats, side: float) -> tuple[Floats, Floats]:
+    """Of faces within boxes of a side: how far their normals cancel, (F,) in [0, 1], 1 in a closed body; and how far
+    they face all ways, (F,) in [0, 1/3], 0 in sheets and along a trunk: the least eigenvalue of the mean of n n^T.
 
     middles: (F, 3). across: (F, 3) normals as long as their areas, (F,)."""
     lattice = Lattice(middles.astype(np.float64), side)
-    total = np.hstack([lattice.means(part) for part in (*across.T, areas)])
-    mean = lattice.interpolate(total.astype(np.float32)).astype(np.float64)
-    return np.asarray(1.0 - np.linalg.norm(mean[:, :3], axis=1) / np.maximum(mean[:, 3], 1e-30))
+    weight = 1.0 / np.maximum(areas, 1e-30)
+    upper = [across[:, i] * across[:, j] * weight for i, j in _UPPER]
+    total = np.hstack([lattice.means(part) for part in (areas, *across.T, *upper)]).astype(np.float32)
+    mean = lattice.interpolate(total).astype(np.float64)
+    mean /= np.maximum(mean[:, :1], 1e-30)
+    tensor = np.zeros((len(mean), 3, 3))
+    for k, (i, j) in enumerate(_UPPER):
+        tensor[:, i, j] = tensor[:, j, i] = mean[:, 4 + k]
+    return 1.0 - np.linalg.norm(mean[:, 1:4], axis=1), np.linalg.eigvalsh(tensor)[:, 0]
 
 
 def _clumps(boxes: Indices, held: Indices) -> Indices:
