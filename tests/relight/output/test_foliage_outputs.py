@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from bush import GREEN, bush_scene, bush_splats
+from gltf_check import validator_issues
 
+from relight.cli import main
 from relight.engine.relighter import Relighter
 from relight.light.environment import Environment
 from relight.output.live_glb import write_live_glb
@@ -12,9 +14,15 @@ from relight.output.picture import RelitPicture
 from relight.splats.binding import Binding
 from relight.transfer.settings import Settings
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.progress import Stages
+from splat2mesh.pipeline import add_texture
 from splat2mesh.scene.drawn import MOST_TINT, Drawn
 from splat2mesh.scene.meshfile import read_mesh
+from splat2mesh.scene.sources import describe
+from splat2mesh.splats.formats import write_inria_ply
 from splat2mesh.surface.foliage import leaves_apart
+from splat2mesh.texture.projection import Look
+from splat2mesh.views.viewpoints import virtual_views
 
 KINDS = ["none", "cards"]
 
@@ -119,3 +127,25 @@ def test_the_picture_of_a_mesh_shows_the_ground_behind_leaves_left_out(splats):
         image = RelitPicture(scene, camera, 64, 48, 1).of_vertices(scene.colors_linear, None, 1.0).astype(int)
         green[kind] = (image[..., 1] > image[..., 0] + 30).sum()
     assert green["none"] == 0 and green["cards"] > 150
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_file_of_the_commands_is_of_what_is_drawn(tmp_path, capsys, splats, kind):
+    scene = leaves_apart(bush_scene(), splats, kind, 3000)
+    views = virtual_views(splats, 8, 128, np.array([0.0, 1.0, 0.0]), 0)
+    add_texture(scene, [Look(splats, views, np.full(len(views), 0.01))], 256, Stages())
+    write_inria_ply(tmp_path / "bush.ply", splats)
+    scene.source = describe(tmp_path / "bush.ply")
+    scene.save(tmp_path / "scene")
+    asked = ["--env", "studio", "--method", "analytic", "--albedo", "captured", "--format", "glb", "ply", "npy", "png"]
+    out = tmp_path / "out"
+    assert main([str(tmp_path / "scene"), *asked, "--bake", "texture", "--live", "-o", str(out), "-q"]) == 0
+    count = scene.statistics["faces"]
+    names = ["relit.glb", "relit.ply", "live.glb", "relit_texture.glb", "albedo_texture.glb"]
+    paths = [tmp_path / "scene/mesh.glb", *(out / name for name in names)]
+    for path in paths:
+        assert len(read_mesh(path).faces) == count, path
+    assert len(np.load(out / "radiance.npy")) == scene.vertex_count
+    for path in paths:
+        if path.suffix == ".glb":
+            assert validator_issues(path)["issues"]["numErrors"] == 0  # skips where the validator is missing
