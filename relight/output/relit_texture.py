@@ -78,17 +78,19 @@ class RelitTexture:
     def write(
         self,
         path: str | os.PathLike[str],
-        light: tuple[Radiance, Radiance],
+        received: Radiance,
         exposure: float,
         extras: dict,
         placed: PlacedLamps = NO_LAMPS,
+        radiance: Radiance | None = None,
     ) -> None:
-        """Write the scene in the new light as binary glTF. light: (V, 3) irradiance over pi, and the radiance that
-        vertices send out, for cards. extras: of the glTF scene, beside `exposure`."""
-        received, radiance = light
+        """Write the scene in the new light as binary glTF. received: (V, 3) irradiance over pi. extras: of the glTF
+        scene, beside `exposure`. radiance: (V, 3) that vertices send out, by which cards are lit; none are written
+        without."""
         image, surfaces = self.image(received, exposure), self._surfaces.scene
         file = textured_glb(surfaces, self._atlas, image, len(surfaces.chunks), "relit")
-        add_cards(file, self._drawn.cards_in(radiance * np.float32(exposure)))
+        if radiance is not None:
+            add_cards(file, self._drawn.cards_in(radiance * np.float32(exposure)))
         add_lamps(file, placed)
         file.save(path, {"exposure": float(exposure), **extras})
 

@@ -148,8 +148,8 @@ class Results:
             return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
         clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
         extras = {"clipped_vertices": clipped, **extras}
-        lit = self._relit.received(shaded.shading, exposure), radiance
-        self._own_texture.write(path, lit, exposure, extras, placed)
+        received = self._relit.received(shaded.shading, exposure)
+        self._own_texture.write(path, received, exposure, extras, placed, radiance)
         return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
