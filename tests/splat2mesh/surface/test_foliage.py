@@ -9,6 +9,8 @@ from ball_splats import solid_ball
 from bush import GREEN, GREY, bush_mesh, bush_scene, bush_splats
 
 from splat2mesh.base.errors import DataWarning, InputError
+from splat2mesh.layout import convert_layout
+from splat2mesh.options import ConvertOptions
 from splat2mesh.pipeline import convert
 from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.leaves import leaf_faces
@@ -161,3 +163,26 @@ def test_a_mesh_of_leaves_alone_is_refused(whole):
 def test_another_word_is_refused(tmp_path):
     with pytest.raises(InputError, match="`foliage` leafless: expected one of mesh cards none"):
         convert(tmp_path / "nothing.ply", foliage="leafless")
+
+
+def test_a_layout_places_hulls_and_cards_with_their_objects(tmp_path, monkeypatch):
+    splats = bush_splats()[0]
+    write_inria_ply(tmp_path / "bush.ply", splats)
+    entries = [{"splat": "bush.ply", "name": name, "position": at} for name, at in (("a", [0, 0, 0]), ("b", [9, 0, 0]))]
+    (tmp_path / "two.json").write_text(json.dumps({"objects": entries}))
+
+    def made(path, options, *, stages):
+        scene = leaves_apart(bush_scene(LIMIT), splats, options.foliage, LIMIT)
+        scene.settings = scene.settings | dict.fromkeys(("vertices", "up", "cameras", "lod", "up_from"))
+        return scene
+
+    monkeypatch.setattr("splat2mesh.layout.convert", made)
+    scene = convert_layout(tmp_path / "two.json", foliage="cards")
+    alone = made(None, ConvertOptions(foliage="cards"), stages=None)
+    assert len(scene.hull) == 2 * len(alone.hull) and len(scene.cards) == 2 * len(alone.cards)
+    assert all((scene.chunks[number].colors_srgb == GREEN).all() for number in scene.hull)
+    assert len(Drawn(scene).scene.faces) == 2 * alone.statistics["faces"] == scene.statistics["faces"]
+    scene.save(tmp_path / "scene")
+    assert Scene.load(tmp_path / "scene").hull == scene.hull
+    moved = scene.cards[-1].vertices - alone.cards[-1].vertices
+    np.testing.assert_allclose(moved, np.broadcast_to([9.0, 0.0, 0.0], moved.shape), atol=1e-5)
