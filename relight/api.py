@@ -19,6 +19,7 @@ from splat2mesh.base.outputs import check_output
 from splat2mesh.base.progress import Stages
 from splat2mesh.base.version import __version__ as __version__
 from splat2mesh.options import ConvertOptions
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.folder import META
 from splat2mesh.scene.foreign import AnyScene
 from splat2mesh.scene.scene import Scene
@@ -69,7 +70,10 @@ class RelitScene:
     @cached_property
     def colors_srgb(self) -> NDArray[np.uint8]:
         """(V, 3) as shown: exposed, highlights compressed, sRGB."""
-        return np.round(tone_map(self.radiance * np.float32(self.exposure)) * 255.0).astype(np.uint8)
+        return self._bytes(self.radiance)
+
+    def _bytes(self, radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+        return np.round(tone_map(radiance * np.float32(self.exposure)) * 255.0).astype(np.uint8)
 
     def save(self, folder: str | os.PathLike[str], overwrite: bool = False) -> dict[str, Any]:
         """Write the files of `formats`, and report.json: the report with files and times.
@@ -88,12 +92,14 @@ class RelitScene:
             import pyvista
         except ImportError:
             raise InputError('it needs PyVista: pip install "splat2mesh[view]"') from None
-        faces = np.empty((len(self.scene.faces), 4), np.int64)
-        faces[:, 0], faces[:, 1:] = 3, self.scene.faces
-        mesh = pyvista.PolyData(np.array(self.scene.vertices), faces.ravel())
-        mesh.point_data["Normals"] = np.array(self.scene.normals)
-        mesh.point_data["radiance"] = self.radiance
-        mesh.point_data["rgb"] = self.colors_srgb
+        drawn = Drawn(self.scene)
+        shown = drawn.scene
+        faces = np.empty((len(shown.faces), 4), np.int64)
+        faces[:, 0], faces[:, 1:] = 3, shown.faces
+        mesh = pyvista.PolyData(np.array(shown.vertices), faces.ravel())
+        mesh.point_data["Normals"] = np.array(shown.normals)
+        mesh.point_data["radiance"] = drawn.colors(self.radiance)
+        mesh.point_data["rgb"] = self._bytes(mesh.point_data["radiance"])
         return mesh
 
 

@@ -131,7 +131,8 @@ def mesh_files(
     scene = convert(path, asked, stages=stages)
     with stages.stage("write"):
         scene.save(target, overwrite=overwrite)
-    report = {"scene": target, "chunks": len(scene.chunks), **scene.statistics, "seconds": stages.seconds}
+    drawn = len(scene.chunks) - len(scene.hull) + len(scene.cards)
+    report = {"scene": target, "chunks": drawn, **scene.statistics, "seconds": stages.seconds}
     return MeshedFiles(target, scene, report)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 from .base.choices import (
     BACKGROUND_CHOICES,
     DETAIL_CHOICES,
+    FOLIAGE_CHOICES,
     PROXY_CHOICES,
     STAND_CHOICES,
     SURFACE_CHOICES,
@@ -45,6 +46,7 @@ _CHOSEN = (
     ("surface", "--surface", SURFACE_CHOICES),
     ("background", "--background", BACKGROUND_CHOICES),
     ("stand", "--from", STAND_CHOICES),
+    ("foliage", "--foliage", FOLIAGE_CHOICES),
     ("proxy", "--proxy", PROXY_CHOICES),
 )
 """Fields whose words ignore case, with the option of each."""
@@ -108,6 +110,8 @@ def add_meshing(add: Callable[..., Any], default_texture: int | str = ConvertOpt
     add("--from", dest="stand", metavar="WHERE", help=stand)
     eye = "a position of the capture, in the splat's own frame; repeatable"
     add("--eye", dest="eyes", action="append", metavar="X,Y,Z", help=eye)
+    foliage = "leaves and grass in the mesh: mesh (as surfaces), cards (small quads), none (left out) "
+    add("--foliage", metavar="WHAT", help=f"{foliage}(default: {ConvertOptions.foliage})")
     texture = "side of the texture of mesh.glb in texels; auto: as fine as the splats, up to 4,096; none: no mesh.glb "
     add("--texture", metavar="N", help=f"{texture}(default: {default_texture})")
     proxy = "also write proxy.glb for collisions: closed (one surface around the mesh) or convex (parts)"

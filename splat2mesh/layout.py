@@ -110,6 +110,8 @@ def convert_layout(
     stages = stages or Stages()
     made: dict[tuple[Path, ConvertOptions], Scene] = {}
     chunks: list[Mesh] = []
+    hull: list[int] = []
+    cards: list[Mesh] = []
     objects: list[dict[str, Any]] = []
     object_settings: dict[str, dict[str, Any]] = {}
     statistics: Counter[str] = Counter()
@@ -121,6 +123,8 @@ def convert_layout(
             made[key] = scene
         alone = made[key]
         first = len(chunks)
+        hull += [first + number for number in alone.hull]
+        cards += [placed_mesh(mesh, placement.scene_from_upright) for mesh in alone.cards]
         chunks += [placed_mesh(chunk, placement.scene_from_upright) for chunk in alone.chunks]
         matrix = placement.scene_from_upright @ alone.scene_from_splat
         place = {"scene_from_splat": matrix.tolist(), "chunks": [first, len(chunks)]}
@@ -133,6 +137,8 @@ def convert_layout(
         source={**describe(path), "objects": objects},
         settings={**common, "objects": object_settings},
         statistics=dict(statistics),
+        hull=tuple(hull),
+        cards=cards,
     )
     if shared.proxy:
         with stages.stage("proxy"):

@@ -10,6 +10,7 @@ from .base.choices import (
     BACKGROUND_CHOICES,
     DEFAULT_MAX_VERTICES,
     DETAIL_CHOICES,
+    FOLIAGE_CHOICES,
     PROXY_CHOICES,
     STAND_CHOICES,
     SURFACE_CHOICES,
@@ -57,6 +58,8 @@ class ConvertOptions:
         Known positions of the capture, in the splat's own frame.
     proxy : {"closed", "convex"}, optional
         Collision proxy to add to the scene.
+    foliage : {"mesh", "cards", "none"}
+        Leaves and grass in the mesh: faces like all else, small quads in their place, or left out.
     texture : int, "auto" or "none"
         Side of the texture of mesh.glb in texels; "auto" is as fine as the splats, up to 4,096; "none" leaves mesh.glb
         out.
@@ -80,6 +83,7 @@ class ConvertOptions:
     stand: str = "auto"
     eyes: tuple[tuple[float, float, float], ...] = ()
     proxy: str | None = None
+    foliage: str = "mesh"
     texture: int | str = "none"
     seed: int = 0
 
@@ -93,6 +97,7 @@ class ConvertOptions:
         check_choice("surface", self.surface, SURFACE_CHOICES)
         check_choice("background", self.background, BACKGROUND_CHOICES)
         check_choice("stand", self.stand, STAND_CHOICES)
+        check_choice("foliage", self.foliage, FOLIAGE_CHOICES)
         if self.proxy is not None:
             check_choice("proxy", self.proxy, PROXY_CHOICES)
         object.__setattr__(self, "lod", check_lod(self.lod))

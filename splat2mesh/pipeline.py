@@ -15,15 +15,19 @@ from .proxy import add_proxy, check_proxy
 from .render.beside import beside
 from .render.view import View
 from .scene.chunks import split
+from .scene.drawn import Drawn
 from .scene.mesh import Mesh
 from .scene.scene import Scene
 from .scene.sources import describe
 from .splats.cleaning import clean, usable
 from .splats.extent import check_extent
 from .splats.formats import read_splats
+from .splats.placing import placed_mesh
 from .splats.splats import Splats
 from .surface.background import far_background, foreground_ball, views_from_within
 from .surface.extract import EFFORTS, Effort, as_trained, dilated, training_pixel
+from .surface.foliage import MESH as LEAVES_IN_MESH
+from .surface.foliage import leaves_apart
 from .surface.measure import measured_of
 from .surface.place import PLACE, parted, reconstruct_place
 from .surface.solid import reconstruct_object
@@ -168,6 +172,11 @@ def convert(
         stood = scene.capture.get("eyes") or [rotation[:3, :3] @ view.center for view in trained]
         alone = standing.kind == "outside" and standing.share_surrounded < ROOM_SHARE and not far.any()
         scene.measured = measured_of(loaded, scene.background_splats, scene.vertices, rotation, stood, alone)
+    if asked.foliage != LEAVES_IN_MESH:
+        with stages.stage("foliage"):
+            scene = leaves_apart(scene, foreground, asked.foliage, asked.max_chunk_vertices)
+            drawn = placed_mesh(Drawn(scene).mesh, np.linalg.inv(rotation))
+            scene.picture = beside(splats, drawn, view, near_plane(bounds_of(foreground)))
     if asked.texture != "none":
         add_texture(scene, looks, asked.texture, stages)
     if asked.proxy:
@@ -184,10 +193,11 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     from .texture.glb import mesh_glb
     from .texture.texture import texture_of
 
-    made = texture_of(scene, looks, None if size == "auto" else int(size), stages)
+    surfaces = Drawn.surfaces(scene).scene
+    made = texture_of(surfaces, looks, None if size == "auto" else int(size), stages)
     with stages.stage("texture file"):
         matrix = np.asarray(scene.scene_from_splat).ravel().tolist()
-        scene.textured = mesh_glb(made, len(scene.chunks), {"scene_from_splat": matrix})
+        scene.textured = mesh_glb(made, len(surfaces.chunks), {"scene_from_splat": matrix}, scene.cards)
     scene.settings = scene.settings | {"texture": size}
     digest = hashlib.sha256(scene.textured).hexdigest()
     statistics: dict[str, Any] = {

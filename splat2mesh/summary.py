@@ -18,8 +18,9 @@ def summary_of(scene: Scene, output: Path, seconds: float | None = None) -> list
     """Return its size, and what decided which way is up."""
     counts, took = scene.statistics, "" if seconds is None else f", {seconds:.1f} s"
     level = f" of level {scene.source['lod']}" if "lod" in scene.source else ""
+    chunks = len(scene.chunks) - len(scene.hull) + len(scene.cards)
     lines = [
-        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {len(scene.chunks)} chunks, "
+        f"{output}: {counts['vertices']:,} vertices, {counts['faces']:,} faces in {chunks} chunks, "
         f"from {counts['splats']:,} splats{level}{took}"
     ]
     wanted = scene.settings.get("vertices")
@@ -39,6 +40,10 @@ def extras_of(scene: Scene, output: Path) -> list[str]:
     if scene.textured is not None:
         side, size = scene.statistics["texture_size"], len(scene.textured) / 1e6
         lines.append(f"  {output / TEXTURED}: the mesh in a texture of {side} x {side} texels, {size:.1f} MB")
+    if scene.hull:
+        counts = scene.statistics
+        instead = f"{counts['cards']:,} cards in their place" if scene.cards else "nothing in their place"
+        lines.append(f"  leaves: {counts['faces_leaves']:,} faces left out, {instead}")
     kind = scene.settings.get("proxy")
     if kind:
         counts = scene.statistics

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.glb import Glb, matt_white
 
 from ..transfer.nine import COUNT
@@ -49,8 +50,11 @@ def write_live_glb(
     Where something is glossy its roughness and metalness are a texture, for engines that light the mesh themselves.
     Placed lamps are KHR_lights_punctual, for what else is lit: the transfer knows the environment alone.
     """
-    count = len(scene.vertices)
-    albedo = np.ones((count, 3), np.float32) if albedo is None else np.clip(albedo, 0.0, 1.0).astype(np.float32)
+    drawn, count = Drawn(scene), len(scene.vertices)
+    albedo = drawn.colors(np.ones((count, 3), np.float32) if albedo is None else albedo)
+    albedo = np.clip(albedo, 0.0, 1.0).astype(np.float32)
+    scene, nine = drawn.scene, (drawn.values(nine[0]), drawn.values(nine[1]))
+    gloss = None if gloss is None else drawn.values(gloss)
     packed = np.rint(np.clip(np.hstack(nine), -1.0, 1.0) * SNORM).astype(np.int16)
     file, start = Glb(), 0
     file.document.materials = [matt_white() if gloss is None else glossy_white(file)]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.glb import Glb
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.meshfile import write_mesh_ply
@@ -31,7 +32,7 @@ def write_glb(
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
     placed: PlacedLamps = NO_LAMPS,  # whose light is in the colours, for what else is lit
 ) -> int:
-    """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per chunk.
+    """Write the relit scene as binary glTF 2.0: one unlit, double-sided mesh per drawn chunk.
 
     COLOR_0 is linear float32, clip(radiance * exposure, 0, 1), since glTF colours end at 1. 16-bit colours
     would save 8% of the file; floats give back every unclipped radiance as COLOR_0 / exposure. The scene's
@@ -39,7 +40,8 @@ def write_glb(
     Returns the number of clipped vertices, those brighter than 1. Raises InputError for radiance that does
     not fit the scene.
     """
-    exposed = check_radiance(scene, radiance) * np.float32(exposure)
+    drawn = Drawn(scene)
+    scene, exposed = drawn.scene, drawn.colors(check_radiance(scene, radiance)) * np.float32(exposure)
     clipped = int((exposed > 1.0).any(axis=1).sum())
     file, start = Glb(extensionsUsed=["KHR_materials_unlit"], materials=[_unlit_material()]), 0
     normals = unit_normals(scene.normals)
@@ -65,7 +67,9 @@ def write_ply(path: str | os.PathLike[str], scene: "Scene", radiance: NDArray, e
     what exceeds 1 is clipped.
     Raises InputError for radiance that does not fit the scene.
     """
-    exposed = np.clip(check_radiance(scene, radiance) * np.float32(exposure), 0.0, 1.0)
+    drawn = Drawn(scene)
+    scene, shown = drawn.scene, drawn.colors(check_radiance(scene, radiance))
+    exposed = np.clip(shown * np.float32(exposure), 0.0, 1.0)
     mesh = Mesh(scene.vertices, scene.normals, scene.faces, bytes_from_unit(srgb_from_linear(exposed)))
     with staged_file(path) as staging:
         write_mesh_ply(staging, mesh)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 
@@ -28,6 +29,7 @@ def mesh_with_objects(
     standing = inserted.standing
     colors = np.zeros(standing.vertices.shape, np.uint8)
     objects = Mesh(standing.vertices, standing.normals, standing.faces, colors)
-    both = np.concatenate([radiance * inserted.ratio, inserted.radiance])
-    shown = Scene([*scene.chunks, objects], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
+    drawn = Drawn(scene)
+    both = np.concatenate([drawn.colors(radiance * inserted.ratio), inserted.radiance])
+    shown = Scene([*drawn.scene.chunks, objects], scene_from_splat=scene.scene_from_splat, capture=scene.capture)
     return np.asarray(RelitPicture(shown, camera, *size).of_vertices(both, light, exposure, inset=False), np.uint8)

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from splat2mesh.render.rasterize import Rendering, rasterize
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.tonemap import compress_highlights
 from .backdrop import behind, is_soft
 from .catcher import Catcher
 from .inset import add_inset
+from .mesh_files import check_radiance
 from .preview import Preview
 
 if TYPE_CHECKING:
@@ -46,9 +48,11 @@ class RelitPicture:
     def __init__(
         self, scene: "Scene", camera: dict | None = None, width: int = 960, height: int = 720, samples: int = 4
     ) -> None:
-        self._scene = scene
+        self._scene, self._samples = scene, samples
         self.mesh = Preview(scene, camera, width, height, samples)
         self.camera, self.view = self.mesh.camera, self.mesh.view
+        self._drawn, self._surfaces = Drawn(scene), Drawn.surfaces(scene)
+        self._previews: dict[bool, Preview] = {}
         self._catcher: Catcher | None = None
         self._pixel = 1.0 / self.view.fx
 
@@ -76,11 +80,22 @@ class RelitPicture:
         self, radiance: NDArray, environment: "Environment | None", exposure: float, inset: bool = True
     ) -> NDArray:
         """The same of the mesh: radiance (V, 3), linear."""
-        return self._of_layer(*self.mesh.layer(radiance, exposure), environment, exposure, inset)
+        layer = self._preview(True).layer(self._drawn.colors(check_radiance(self._scene, radiance)), exposure)
+        return self._of_layer(*layer, environment, exposure, inset)
 
     def of_texture(self, atlas: "Atlas", image: NDArray, environment: "Environment", exposure: float) -> NDArray:
         """The same of the mesh in a texture: image (size, size, 3) uint8 sRGB, in the light of the environment."""
-        return self._of_layer(*self.mesh.texture_layer(atlas, image), environment, exposure, True)
+        return self._of_layer(*self._preview(False).texture_layer(atlas, image), environment, exposure, True)
+
+    def _preview(self, cards: bool) -> Preview:
+        """The Preview of what is drawn of the mesh, with or without cards."""
+        shown = (self._drawn if cards else self._surfaces).scene
+        if shown is self._scene:
+            return self.mesh
+        if cards not in self._previews:
+            view, samples = self.view, self._samples
+            self._previews[cards] = Preview(shown, self.camera, view.width, view.height, samples)
+        return self._previews[cards]
 
     def _of_layer(
         self, color: NDArray, alpha: NDArray, environment: "Environment | None", exposure: float, inset: bool

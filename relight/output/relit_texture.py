@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from splat2mesh.base.arrays import Radiance
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import bytes_from_unit, linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.folder import TEXTURED
 from splat2mesh.texture.atlas import Atlas, atlas_again
 from splat2mesh.texture.fill import filled
-from splat2mesh.texture.glb import textured_glb
+from splat2mesh.texture.glb import add_cards, textured_glb
 
 from .lamps_glb import NO_LAMPS, PlacedLamps, add_lamps
 
@@ -31,18 +32,20 @@ BATCH = 1 << 20
 class RelitTexture:
     """The texture of a scene under one light after another.
 
-    scene: Scene. atlas: Atlas of its chunks. albedo: (T, 3) float16 linear of its texels.
+    scene: Scene. atlas: Atlas of its drawn surfaces. albedo: (T, 3) float16 linear of its texels.
     """
 
     def __init__(self, scene: "Scene", atlas: Atlas, albedo: NDArray[np.float16]) -> None:
         self._scene, self._atlas, self._albedo = scene, atlas, albedo
+        self._surfaces, self._drawn = Drawn.surfaces(scene), Drawn(scene)
 
     @classmethod
     def of_scene(cls, scene: "Scene", appearance: "Appearance") -> "RelitTexture | None":
         """That of a Scene from a folder with mesh.glb; None without, and where albedo is known of vertices alone."""
         if appearance.prior is None and appearance.albedo is not appearance.captured:
             return None
-        kept = _kept(scene)
+        surfaces = Drawn.surfaces(scene)
+        kept = _kept(surfaces.scene)
         if kept is None:
             return None
         from ..albedo import albedo_of
@@ -53,7 +56,8 @@ class RelitTexture:
             rows = slice(start, start + BATCH)
             found = linear_from_srgb(colors[rows] / np.float32(255.0))
             if appearance.prior is not None and appearance.irradiance is not None:
-                found = albedo_of(found, atlas.interpolate(appearance.irradiance, rows), appearance.prior)
+                irradiance = surfaces.values(appearance.irradiance)
+                found = albedo_of(found, atlas.interpolate(irradiance, rows), appearance.prior)
             albedo[rows] = found
         return cls(scene, atlas, albedo)
 
@@ -64,7 +68,7 @@ class RelitTexture:
 
     def image(self, received: Radiance, exposure: float) -> NDArray[np.uint8]:
         """The picture, (size, size, 3) sRGB, under a light: (V, 3) irradiance over pi, display value per unit."""
-        colors = np.empty((len(self._albedo), 3), np.uint8)
+        colors, received = np.empty((len(self._albedo), 3), np.uint8), self._surfaces.values(received)
         for start in range(0, len(colors), BATCH):
             rows = slice(start, start + BATCH)
             light = self._atlas.interpolate(received, rows) * np.float32(exposure)
@@ -78,10 +82,15 @@ class RelitTexture:
         exposure: float,
         extras: dict,
         placed: PlacedLamps = NO_LAMPS,
+        radiance: Radiance | None = None,
     ) -> None:
-        """Write the scene in the new light as binary glTF. extras: of the glTF scene, beside `exposure`."""
-        image = self.image(received, exposure)
-        file = textured_glb(self._scene, self._atlas, image, len(self._scene.chunks), "relit")
+        """Write the scene in the new light as binary glTF. received: (V, 3) irradiance over pi. extras: of the glTF
+        scene, beside `exposure`. radiance: (V, 3) that vertices send out, by which cards are lit; none are written
+        without."""
+        image, surfaces = self.image(received, exposure), self._surfaces.scene
+        file = textured_glb(surfaces, self._atlas, image, len(surfaces.chunks), "relit")
+        if radiance is not None:
+            add_cards(file, self._drawn.cards_in(radiance * np.float32(exposure)))
         add_lamps(file, placed)
         file.save(path, {"exposure": float(exposure), **extras})
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.splats.splats import Splats
 
 from ..light.captured import CapturedLight
@@ -76,8 +77,10 @@ class Results:
         self._relit = RelitSource(written)
         self._texture_size, self._seed = texture_size, written.seed
         self._scene, self._stages = self._relighter.scene, self._relighter.stages
+        self._drawn = Drawn(self._scene)
+        self._skin = Drawn.surfaces(self._scene)
         self._picture: Any = None
-        self._drawn_last: NDArray[np.uint8] | None = None
+        self._last_picture: NDArray[np.uint8] | None = None
         self._on_sheet: list[tuple[str, NDArray[np.uint8]]] = []
         self._texture: Any = None
         self._own_texture: Any = None  # False where the scene has none
@@ -128,8 +131,8 @@ class Results:
             names += written
         if pictured:
             with self._stages.stage("preview"):
-                self._drawn_last = self._drawn(relit, shaded)
-                mesh_files.write_png(folder / FILES["png"], self._drawn_last)
+                self._last_picture = self._painted(relit, shaded)
+                mesh_files.write_png(folder / FILES["png"], self._last_picture)
             shown = "splat" if relit is not None else "mesh" if self._texture is None else "texture"
             facts["preview"] = {"shows": shown, "camera": self._picture.camera}
         return names, facts
@@ -145,7 +148,8 @@ class Results:
             return mesh_files.write_glb(path, self._scene, radiance, exposure, extras, placed)
         clipped = int((mesh_files.check_radiance(self._scene, radiance) * exposure > 1.0).any(axis=1).sum())
         extras = {"clipped_vertices": clipped, **extras}
-        self._own_texture.write(path, self._relit.received(shaded.shading, exposure), exposure, extras, placed)
+        received = self._relit.received(shaded.shading, exposure)
+        self._own_texture.write(path, received, exposure, extras, placed, radiance)
         return clipped
 
     def _write_inserted(self, folder: Path, relit: Splats | None, shaded: "Shaded") -> list[str]:
@@ -220,7 +224,7 @@ class Results:
             relit = with_objects(relit, shaded.inserted, shaded.exposure, picture.view, self._scene)
         return picture.of_splats(relit, light, shaded.exposure * shaded.backdrop)
 
-    def _drawn(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
+    def _painted(self, relit: Splats | None, shaded: "Shaded") -> NDArray[np.uint8]:
         """The picture, (H, W, 3) uint8: of the relit splats, else of the texture, else of the mesh, as there are."""
         from .picture import RelitPicture
 
@@ -236,11 +240,11 @@ class Results:
     def add_to_sheet(self, shaded: "Shaded") -> None:
         """Keep the picture of a light that was just written, in half its size, for the sheet."""
         with self._stages.stage("sheet"):
-            image = self._drawn_last
+            image = self._last_picture
             if image is None:
                 relit = None if self._splats is None else self._relit.relit(shaded)
-                image = self._drawn(relit, shaded)
-            self._drawn_last = None
+                image = self._painted(relit, shaded)
+            self._last_picture = None
             if not self._on_sheet:
                 self._on_sheet = [(name, _halved(each)) for name, each in self._before()]
             light = shaded.light
@@ -280,12 +284,12 @@ class Results:
         settings = repr((self._texture_size, self._seed, self._scene.source.get("sha256"), sorted(known)))
         text = np.frombuffer(settings.encode(), np.uint8)
         values = [np.asarray(known[name], np.float32) if known[name] is not None else None for name in sorted(known)]
-        key = array_key(text, self._scene.colors_srgb, *values)
+        key = array_key(text, self._skin.scene.colors_srgb, *values)
         kept = cache.get("texels", key)
         if kept is not None:
             return Baked.of_arrays(kept)
         more: dict[str, Any] = {"size": self._texture_size, "stages": self._stages, "seed": self._seed}
-        made = bake(self._scene, self._splats, KnownColors(**known), **more)
+        made = bake(self._skin.scene, self._splats, KnownColors(**known), **more)
         cache.put("texels", key, **made.arrays())
         return made
 
@@ -303,11 +307,12 @@ class Results:
         from .textured_files import write_textured_glb, write_transfer
 
         appearance = self._appearance
+        white = np.ones_like(appearance.captured)
         if self._texture is None:
-            known = {"irradiance": appearance.irradiance, "prior": appearance.prior}
+            before = appearance.irradiance
+            known = {"irradiance": None if before is None else self._skin.values(before), "prior": appearance.prior}
             if appearance.prior is None:  # nothing was estimated: the texels take the albedo of the vertices
-                white = np.ones_like(appearance.captured)
-                known = {"albedo": white if appearance.albedo is None else appearance.albedo}
+                known = {"albedo": self._skin.values(white if appearance.albedo is None else appearance.albedo)}
                 known = {} if appearance.albedo is appearance.captured else known
             self._texture = self._baked_or_kept(known)
         names = ["relit_texture.glb", "albedo_texture.glb"]
@@ -316,18 +321,21 @@ class Results:
             light = shaded.light
             extras = {"environment": light.name, "angle_deg": light.rotation_deg, "exposure": shaded.exposure}
             picture = self._relit_texture(shaded)
-            write_textured_glb(folder / names[0], self._scene, self._texture, picture, True, extras)
+            skin, cards = self._skin, self._drawn.cards_in(shaded.shading.radiance * np.float32(shaded.exposure))
+            write_textured_glb(folder / names[0], skin.scene, self._texture, picture, True, extras, cards=cards)
             albedo = self._texture.image(self._texture.albedo)
-            gloss = None if self._gloss is None else self._gloss.roughness(self._appearance)
-            write_textured_glb(folder / names[1], self._scene, self._texture, albedo, False, gloss=gloss)
+            gloss = None if self._gloss is None else self._gloss.roughness(appearance)
+            gloss = None if gloss is None else skin.values(gloss)
+            cards = self._drawn.cards_in(white if appearance.albedo is None else appearance.albedo)
+            write_textured_glb(folder / names[1], skin.scene, self._texture, albedo, False, gloss=gloss, cards=cards)
             if "transfer" in self._baked:
-                names += write_transfer(folder, self._texture, self._relighter.transfer)
+                names += write_transfer(folder, self._texture, skin.values(self._relighter.transfer))
         return names
 
     def _relit_texture(self, shaded: "Shaded") -> NDArray[np.uint8]:
         """The texture under a light, (size, size, 3) uint8 sRGB."""
         exposure = shaded.exposure
-        return self._texture.relit(self._relit.received(shaded.shading, exposure), exposure)
+        return self._texture.relit(self._skin.values(self._relit.received(shaded.shading, exposure)), exposure)
 
 
 def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

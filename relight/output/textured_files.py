@@ -1,6 +1,7 @@
 """Textured scenes as files: GLB with the picture inside, and transfer as images for shaders."""
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +12,12 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import staged_file
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.scene.glb import Glb
+from splat2mesh.texture.glb import add_cards
 
 from .mesh_files import unit_normals
 
 if TYPE_CHECKING:
+    from splat2mesh.scene.mesh import Mesh
     from splat2mesh.scene.scene import Scene
     from splat2mesh.texture.atlas import Atlas
 
@@ -35,6 +38,7 @@ def write_textured_glb(
     unlit: bool = True,  # shown unlit; False: lit by the viewer, as a matt surface
     extras: dict | None = None,  # dict of JSON values, kept in the glTF scene's `extras`
     gloss: NDArray[np.float32] | None = None,  # (V, 2) roughness and metalness of the vertices; matt without
+    cards: "Sequence[tuple[Mesh, NDArray[np.float32]]]" = (),  # of leaves, with (V, 3) linear colours; no texture
 ) -> None:
     """Write the scene as binary glTF 2.0: a mesh per chunk with TEXCOORD_0, one material, the picture as PNG inside.
 
@@ -69,6 +73,7 @@ def write_textured_glb(
     if gloss is not None:
         view = file.data(png_bytes(_gloss_image(atlas, gloss)))
         file.document.images.append(gltf.Image(bufferView=view, mimeType="image/png", name="gloss"))
+    add_cards(file, cards, unlit)
     file.save(path, extras)
 
 

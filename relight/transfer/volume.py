@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask, Points, Transfer
 from splat2mesh.base.threads import in_slices
+from splat2mesh.scene.leaves import FEW, PROBE, Lattice, throughout
 from splat2mesh.scene.optical_depth import OpticalDepth
 from splat2mesh.scene.scene import Scene
 
@@ -30,9 +31,6 @@ from .sunlight import shining
 
 LEAST = 0.02
 """Volume from which a vertex takes any part: less is a rounding of a surface."""
-
-FEW, MANY = 0.2, 0.5
-"""Mean volume about a vertex: up to the first a speck on a surface, from the second on leaves or grass throughout."""
 
 THROUGHOUT = 0.5
 """Share of a volume in leaves and grass throughout; the rest is the surface that the mesh has there, which shows which
@@ -51,9 +49,6 @@ CLEARANCE = 1.0
 NEAR = 12
 """Cells that a march stays in one grid: then it goes on in the next one, whose cells are twice as wide. What is far off
 is seen as a cone sees it, and a direction stands for many."""
-
-PROBE = 2.0
-"""Cells between probes."""
 
 OPAQUE = 8.0
 """Optical depth at which a march ends: 0.03% of the light is left."""
@@ -138,8 +133,8 @@ class Foliage:
         return gathered(self._depth, self._lattice.points, toward, harmonics.evaluate(toward, bands) / directions)
 
     @cached_property
-    def _lattice(self) -> "_Lattice":
-        return _Lattice(self._points, PROBE * float(self._depth.cells[0]))
+    def _lattice(self) -> "Lattice":
+        return Lattice(self._points, PROBE * float(self._depth.cells[0]))
 
 
 def settled(
@@ -149,95 +144,7 @@ def settled(
 ) -> NDArray[np.float32]:
     """The volume share of each vertex, (V,) float32 in [0, THROUGHOUT], averaged over its surroundings: one leaf
     decides nothing, and in grass no blade stays wholly a surface."""
-    lattice = _Lattice(vertices.astype(np.float64), PROBE * float(depth.cells[0]))
-    mean = lattice.interpolate(lattice.means(volume))[:, 0]
-    share = np.clip((mean - FEW) / (MANY - FEW), 0.0, 1.0)
-    return (THROUGHOUT * share * share * (3.0 - 2.0 * share)).astype(np.float32)
-
-
-class _Lattice:
-    """Points (R, 3) gathered in cells of a side: a probe for each cell, between which points interpolate.
-
-    points: (P, 3) float64, the mean of each cell's.
-    """
-
-    def __init__(self, points: NDArray[np.float64], side: float) -> None:
-        low = points.min(axis=0) - side
-        at = (points - low) / side
-        size = np.ceil(at.max(axis=0)).astype(np.int64) + 2
-        keys = np.ravel_multi_index(at.astype(np.int64).T, size)
-        self._keys, cell, count = np.unique(keys, return_inverse=True, return_counts=True)
-        self._cell, self._held = cell, count
-        self.points = np.stack([self.means(column)[:, 0] for column in points.T], axis=1)
-        self._columns = np.zeros((len(at), 8), np.int32)
-        self._weights = np.zeros((len(at), 8), np.float32)
-        in_slices(_surround, len(at), at, size, self._keys, cell, self._columns, self._weights)
-
-    def means(self, values: Floats) -> NDArray[np.float64]:
-        """Means of values (R,) of the points by their probes: (P, 1)."""
-        return (np.bincount(self._cell, values) / self._held)[:, None]
-
-    def around(self, rows: Indices) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-        """Probes (S, 8) about some of the points, (S,), and their weights."""
-        return self._columns[rows], self._weights[rows]
-
-    def interpolate(self, values: Floats, rows: slice | Indices = slice(None)) -> NDArray[np.float32]:
-        """(P, C) float32 of probes -> (R, C) float32 of the points, or of some rows of them."""
-        columns, weights = self._columns[rows], self._weights[rows]
-        result = np.zeros((len(columns), values.shape[1]), np.float32)
-        in_slices(_interpolate, len(columns), columns, weights, values, result)
-        return result
-
-
-@njit(cache=True, nogil=True)
-def _surround(
-    begin: int,
-    end: int,
-    at: NDArray[np.float64],
-    size: NDArray[np.int64],
-    keys: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-) -> None:
-    """The probes about each point, at its place in cells, and what they weigh; its own cell's, 0, where there is none.
-
-    keys: (P,) of the cells that have a probe, sorted. cell: (R,), the number of each point's own.
-    """
-    shares = np.zeros(8)
-    for r in range(begin, end):
-        x, y, z = at[r, 0] - 0.5, at[r, 1] - 0.5, at[r, 2] - 0.5
-        i, j, k = np.int64(np.floor(x)), np.int64(np.floor(y)), np.int64(np.floor(z))
-        x, y, z = x - i, y - j, z - k
-        for corner in range(8):
-            a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
-            key = ((i + a) * size[1] + j + b) * size[2] + k + c
-            found = min(np.searchsorted(keys, key), len(keys) - 1)
-            there = keys[found] == key
-            columns[r, corner] = found if there else cell[r]
-            shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
-        total = ((shares[0] + shares[1]) + (shares[2] + shares[3])) + (
-            (shares[4] + shares[5]) + (shares[6] + shares[7])
-        )
-        for corner in range(8):
-            weights[r, corner] = shares[corner] / total
-
-
-@njit(cache=True, nogil=True)
-def _interpolate(
-    begin: int,
-    end: int,
-    columns: NDArray[np.int32],
-    weights: NDArray[np.float32],
-    values: NDArray[np.float32],
-    result: NDArray[np.float32],
-) -> None:
-    for r in range(begin, end):
-        for corner in range(8):
-            weight, row = weights[r, corner], columns[r, corner]
-            if weight > np.float32(0):
-                for c in range(values.shape[1]):
-                    result[r, c] += weight * values[row, c]
+    return (THROUGHOUT * throughout(vertices, volume, depth)).astype(np.float32)
 
 
 def transmittance(

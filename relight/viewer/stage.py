@@ -10,6 +10,7 @@ from vtkmodules.vtkCommonCore import vtkPoints
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkImageData, vtkPlane, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper, vtkTexture, vtkWindowToImageFilter
 
+from splat2mesh.scene.drawn import Drawn
 from splat2mesh.scene.scene import Scene
 
 from .camera import Orbit
@@ -38,10 +39,11 @@ class Stage:
 
     def __init__(self, renderer: Any, scene: Scene) -> None:
         self._renderer = renderer
-        points, cells = _geometry(scene.vertices, scene.faces)
-        self._surface, self._colors, self._shown = _surface(points, cells, scene.colors_srgb.copy())
-        self._captured, _, self._before = _surface(points, cells, scene.colors_srgb.copy())
-        self._scene = scene
+        self._drawn = Drawn(scene)
+        shown = self._scene = self._drawn.scene
+        points, cells = _geometry(shown.vertices, shown.faces)
+        self._surface, self._colors, self._shown = _surface(points, cells, shown.colors_srgb.copy())
+        self._captured, _, self._before = _surface(points, cells, shown.colors_srgb.copy())
         self._captured.VisibilityOff()
         self._planes = vtkPlane(), vtkPlane()
         self._sky, self._texture = _dome()
@@ -60,8 +62,8 @@ class Stage:
         renderer.GradientBackgroundOn()
 
     def color(self, colors: NDArray) -> None:
-        """Show the surface in these sRGB bytes, (V, 3) uint8."""
-        self._shown[:] = colors
+        """Show the surface in these sRGB bytes, (V, 3) uint8; cards of leaves take those of the hull around them."""
+        self._shown[:] = self._drawn.values(colors)
         self._colors.Modified()
 
     def show_objects(self, inserted: "InsertedLight | None", exposure: float | None) -> None:

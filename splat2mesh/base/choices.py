@@ -23,6 +23,9 @@ STAND_CHOICES = ("auto", "inside", "outside")
 PROXY_CHOICES = ("closed", "convex")
 """Kinds of collision proxy: one closed surface, or convex parts."""
 
+FOLIAGE_CHOICES = ("mesh", "cards", "none")
+"""Leaves and grass in the mesh: faces like all else, small quads in their place, or left out."""
+
 DEFAULT_MAX_VERTICES = 40_000
 """Vertices per chunk: the limit of the Neural-GASh paper."""
 

@@ -2,6 +2,7 @@
 
 scene.json          schema version, source, frames, bounds, settings, statistics, chunk list
 chunks/0000.ply     float position, float normal, uchar sRGB colour, triangles
+hull/0000.ply       the same, of leaves and grass that are not drawn, if any: light is found there
 background.npy      rows of the source's splats that are far background, if any
 preview.png         the splat and the mesh side by side
 proxy.glb           collision mesh, on request (see `splat2mesh.proxy`)
@@ -29,8 +30,9 @@ from .measured import Measured
 from .mesh import Mesh
 from .meshfile import read_mesh, write_mesh_ply
 
-SCHEMA_VERSION = 2
-"""1 had no checksums; scenes of it are read as they are."""
+SCHEMA_VERSION, WITHOUT_LEAVES = 3, 2
+"""1 had no checksums; scenes of it are read as they are. 3 has a hull or cards of leaves; a scene without is written as
+2, which earlier readers know."""
 
 SUMMED = (
     "source",
@@ -48,6 +50,9 @@ SUMMED = (
 META = "scene.json"
 MOST_REACH = 1e4
 """Largest distance of a camera, in sizes of the scene: from there the scene covers a tenth of a pixel."""
+
+HULL = "hull"
+"""Folder, and key of scene.json, of the chunks that are not drawn."""
 
 BACKGROUND = "background.npy"
 BESIDE = BACKGROUND, MEASURED
@@ -76,20 +81,21 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
         Where anything is broken, or differs from its checksum, and for a newer schema version.
     """
     entries, fields, sums = _read_meta(path / META)
-    chunks: list[Mesh] = []
-    background: list[Mesh] = []
-    for file, is_background, *expected in entries:
-        name = file.name
-        mesh = read_mesh(file)
+    kinds: dict[str, list[Mesh]] = {"chunks": [], "background": [], "cards": [], HULL: []}
+    for file, kind, *expected in entries:
+        mesh = read_mesh(file, in_place=True)
         found = [len(mesh.vertices), len(mesh.faces)]
         if found != expected:
             raise InputError(
-                f"{path / 'chunks' / name}: holds {found[0]} vertices and {found[1]} faces, "
+                f"{path / file.parent.name / file.name}: holds {found[0]} vertices and {found[1]} faces, "
                 f"{META} says {expected[0]} and {expected[1]}; convert the splat again"
             )
         if file in sums and sha256_of(file) != sums[file]:
             raise _changed(file)
-        (background if is_background else chunks).append(mesh)
+        kinds[kind].append(mesh)
+    chunks, fields["cards"] = kinds["chunks"], kinds["cards"]
+    for number, mesh in zip(fields[HULL], kinds[HULL], strict=True):
+        chunks.insert(number, mesh)
     for file in (path / name for name in BESIDE):
         if file in sums and sha256_of(file) != sums[file]:
             raise _changed(file)
@@ -97,7 +103,7 @@ def read_folder(path: Path) -> tuple[list[Mesh], list[Mesh], dict[str, Any]]:
         fields["background_splats"] = _read_rows(path / BACKGROUND)
     if (path / MEASURED).is_file():
         fields["measured"] = Measured.load(path / MEASURED, sum(len(chunk.vertices) for chunk in chunks))
-    return chunks, background, fields
+    return chunks, kinds["background"], fields
 
 
 def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -117,16 +123,13 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
     """
     check_output(path, overwrite, META)
     with staged_folder(path, overwrite, META) as folder:
-        (folder / "chunks").mkdir()
-        entries = []
-        for index, chunk in enumerate([*scene.chunks, *scene.background]):
-            name = f"{index:04d}.ply"
-            write_mesh_ply(folder / "chunks" / name, chunk)
-            entry = {"file": name, "vertices": len(chunk.vertices), "faces": len(chunk.faces)}
-            entry["bounds"] = bounds_of(chunk.vertices).tolist()
-            entries.append(entry | {"sha256": sha256_of(folder / "chunks" / name)})
-            if index >= len(scene.chunks):
-                entries[-1]["background"] = True
+        drawn = [chunk for number, chunk in enumerate(scene.chunks) if number not in scene.hull]
+        entries = _written(folder / "chunks", [*drawn, *scene.background, *scene.cards])
+        for index, entry in enumerate(entries[len(drawn) :]):
+            entry["background" if index < len(scene.background) else "cards"] = True
+        hull = _written(folder / HULL, [scene.chunks[number] for number in scene.hull]) if scene.hull else []
+        for entry, number in zip(hull, scene.hull, strict=True):
+            entry["chunk"] = number
         if len(scene.background_splats):
             np.save(folder / BACKGROUND, scene.background_splats.astype(np.int64))
         if scene.measured is not None:
@@ -140,7 +143,7 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         if scene.textured is not None:
             (folder / TEXTURED).write_bytes(scene.textured)
         meta = {
-            "schema_version": SCHEMA_VERSION,
+            "schema_version": SCHEMA_VERSION if scene.hull or scene.cards else WITHOUT_LEAVES,
             "version": VERSION,
             "source": _with_paths(scene.source, lambda file: _relative(file, path)),
             "scene_from_splat": np.asarray(scene.scene_from_splat).tolist(),
@@ -151,6 +154,7 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
             "settings": scene.settings,
             "statistics": scene.statistics,
             "chunks": entries,
+            **({HULL: hull} if hull else {}),
             "files": {name: sha256_of(folder / name) for name in BESIDE if (folder / name).is_file()},
         }
         meta = json.loads(text_of(meta))  # as a reader finds it
@@ -158,17 +162,20 @@ def write_folder(scene: Any, path: str | os.PathLike[str], overwrite: bool = Fal
         (folder / META).write_text(text_of(meta, indent=1) + "\n", encoding="utf-8")
 
 
+def _written(folder: Path, meshes: list[Mesh]) -> list[dict[str, Any]]:
+    """Write meshes into a new folder; their entries in scene.json."""
+    folder.mkdir()
+    entries: list[dict[str, Any]] = []
+    for index, mesh in enumerate(meshes):
+        name = f"{index:04d}.ply"
+        write_mesh_ply(folder / name, mesh)
+        entry = {"file": name, "vertices": len(mesh.vertices), "faces": len(mesh.faces)}
+        entries.append(entry | {"bounds": bounds_of(mesh.vertices).tolist(), "sha256": sha256_of(folder / name)})
+    return entries
+
+
 def bounds_of(vertices: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return the lowest and highest corner of points.
-
-    Parameters
-    ----------
-    vertices : ndarray of float32, (V, 3)
-
-    Returns
-    -------
-    ndarray of float64, (2, 3)
-    """
+    """Return the lowest and highest corner of points (V, 3) float32: (2, 3) float64."""
     return np.stack([vertices.min(axis=0), vertices.max(axis=0)]).astype(np.float64)
 
 
@@ -263,7 +270,7 @@ def _digest(file: Any) -> str:
 def _sum(meta: dict[str, Any]) -> str:
     """SHA-256 of what scene.json says, whatever its spaces and the order of its keys. Paths of the source are left out:
     they may be repaired by hand, and their targets have separate checksums."""
-    fields = {name: meta.get(name) for name in SUMMED}
+    fields = {name: meta.get(name) for name in SUMMED} | {name: meta[name] for name in [HULL] if name in meta}
     source = dict(fields["source"] or {})
     source.pop("path", None)
     if "objects" in source:
@@ -273,7 +280,8 @@ def _sum(meta: dict[str, Any]) -> str:
 
 def _check_sums(path: Path, meta: dict[str, Any]) -> None:
     """Raise InputError where scene.json is not as it was written. Version 1 had no sums."""
-    summed = ["sha256" in meta, "files" in meta, *("sha256" in entry for entry in meta["chunks"])]
+    files = [*meta["chunks"], *meta.get(HULL, [])]
+    summed = ["sha256" in meta, "files" in meta, *("sha256" in entry for entry in files)]
     if meta["schema_version"] == 1 and not any(summed):
         return
     if not all(summed) or _sum(meta) != meta["sha256"]:
@@ -289,8 +297,9 @@ def _changed(path: Path) -> InputError:
 
 
 def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
-    """Of scene.json: [file, whether background, vertices, faces] of each chunk, the Scene's other fields, and the
-    SHA-256 of files."""
+    """Of scene.json: [file, kind, vertices, faces] of each chunk, the Scene's other fields, and the SHA-256 of files.
+
+    Kinds are chunks, background, cards and hull."""
     if not path.is_file():
         raise InputError(f"{path.parent}: not a scene folder (it has no {META}); make one with splat2mesh")
     try:
@@ -309,24 +318,22 @@ def _read_meta(path: Path) -> tuple[list[Any], dict[str, Any], dict[Path, str]]:
     if missing or not meta["chunks"]:
         raise InputError(f"{path}: lacks {', '.join(missing) or 'chunks'}; convert the splat again")
     try:
-        entries = [
-            [
-                inside(path.parent / "chunks", entry["file"], path),
-                bool(entry.get("background")),
-                entry["vertices"],
-                entry["faces"],
-            ]
-            for entry in meta["chunks"]
-        ]
-        sums = {
-            file: entry["sha256"]
-            for (file, *_), entry in zip(entries, meta["chunks"], strict=True)
-            if "sha256" in entry
-        }
+        listed = [(entry, "chunks") for entry in meta["chunks"]] + [(entry, HULL) for entry in meta.get(HULL, [])]
+        entries: list[Any] = []
+        sums: dict[Path, str] = {}
+        for entry, folder in listed:
+            file = inside(path.parent / folder, entry["file"], path)
+            kind = next((name for name in ("background", "cards") if entry.get(name)), folder)
+            entries.append([file, kind, entry["vertices"], entry["faces"]])
+            sums |= {file: entry["sha256"]} if "sha256" in entry else {}
         sums |= {path.parent / name: digest for name, digest in meta.get("files", {}).items() if name in BESIDE}
-        if all(is_background for _, is_background, *_ in entries):
+        if all(kind == "background" for _, kind, *_ in entries):
             raise ValueError("only background chunks")
-        fields = {"capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
+        hull = tuple(int(entry["chunk"]) for entry in meta.get(HULL, []))
+        total = len(hull) + sum(kind == "chunks" for _, kind, *_ in entries)
+        if list(hull) != sorted(set(hull)) or (hull and not 0 <= hull[0] <= hull[-1] < total):
+            raise ValueError(f"hull chunks {hull} of {total}")
+        fields = {HULL: hull, "capture": dict(meta.get("capture", {})), **{name: meta[name] for name in required[2:]}}
         fields["source"] = _with_paths(meta["source"], lambda file: absolute(file, path.parent))
         fields["scene_from_splat"] = np.array(meta["scene_from_splat"], np.float64).reshape(4, 4)
         if not np.isfinite(fields["scene_from_splat"]).all():

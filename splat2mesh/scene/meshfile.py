@@ -41,13 +41,15 @@ LOOKED_AT, INVERTED = 4096, 0.9
 """Faces in the sample, and the share of reversed normals from which on a warning follows."""
 
 
-def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
     """Read a mesh file; polygons become triangle fans, missing normals are computed, missing colours are white.
 
     Parameters
     ----------
     path : path
         Ends in one of `READABLE_SUFFIXES`.
+    in_place : bool
+        Whether it is a part of something and must not be moved, however small and far from the origin it is.
 
     Returns
     -------
@@ -73,10 +75,10 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         raise InputError(f"{path}: not a readable mesh file; expected one of {' '.join(READABLE_SUFFIXES)}")
     file_size(path, "mesh file")
     with reading(path), quiet_numbers():
-        return checked_mesh(reader(path), path)
+        return checked_mesh(reader(path), path, in_place)
 
 
-def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
+def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str], in_place: bool = False) -> Mesh:
     """Check all of a mesh.
 
     Parameters
@@ -84,6 +86,8 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
     surface : UncheckedMesh
     path : path
         Of its file, for messages.
+    in_place : bool
+        As of `read_mesh`.
 
     Returns
     -------
@@ -106,7 +110,7 @@ def checked_mesh(surface: UncheckedMesh, path: str | os.PathLike[str]) -> Mesh:
     bad = np.count_nonzero(~np.isfinite(points).all(axis=1))
     if bad:
         raise InputError(f"{path}: {bad} of {len(points)} vertices are not finite; repair the mesh first")
-    if moved is None:
+    if moved is None and not in_place:
         points, moved = centred(points)
     if moved is not None:
         shift = ", ".join(f"{-part:.10g}" for part in moved)

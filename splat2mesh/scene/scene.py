@@ -55,6 +55,11 @@ class Scene:
         The glTF file that `save` writes as proxy.glb; never read.
     textured : bytes or None
         The glTF file that `save` writes as mesh.glb; never read.
+    hull : tuple of int
+        Numbers of the chunks that are leaves or grass and are not drawn: light is found on them for the splats there,
+        and they cast shadows.
+    cards : list of Mesh
+        Quads drawn in place of leaves, four vertices each. Lit by the hull around them; they cast no shadow.
 
     Notes
     -----
@@ -76,6 +81,8 @@ class Scene:
     picture: NDArray[np.uint8] | None = None
     proxy: bytes | None = None
     textured: bytes | None = None
+    hull: tuple[int, ...] = ()
+    cards: list[Mesh] = field(default_factory=list)
 
     @classmethod
     def from_mesh(cls, mesh: Mesh, max_chunk_vertices: int = DEFAULT_MAX_VERTICES, **fields: Any) -> "Scene":

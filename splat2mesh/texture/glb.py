@@ -1,12 +1,15 @@
 """Textured scenes as binary glTF: a mesh for each chunk, one material, the picture inside."""
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..scene.color import linear_from_srgb
 from ..scene.glb import Glb
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .atlas import Atlas
 from .fill import filled
@@ -60,11 +63,38 @@ def textured_glb(
     return file
 
 
-def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any]) -> bytes:
-    """Return mesh.glb of a Texture. chunks: as of `textured_glb`. extras: of the glTF scene."""
+def add_cards(file: Glb, cards: Sequence[tuple[Mesh, NDArray[np.float32]]], unlit: bool = True) -> None:
+    """Add cards of leaves to a file: meshes with COLOR_0 and a double-sided material without a texture.
+
+    cards: Mesh and (V, 3) linear colours of its vertices. unlit: as of the rest of the file.
+    """
+    import pygltflib as gltf
+
+    if not cards:
+        return
+    surface = gltf.PbrMetallicRoughness(metallicFactor=0.0, roughnessFactor=1.0)
+    flat: dict[str, Any] = {"KHR_materials_unlit": {}} if unlit else {}
+    look = gltf.Material(name="cards", pbrMetallicRoughness=surface, doubleSided=True, extensions=flat)
+    materials = file.document.materials
+    materials.append(look)
+    for number, (mesh, colors) in enumerate(cards):
+        attributes = {
+            "POSITION": file.positions(mesh.vertices),
+            "NORMAL": file.values(_unit(mesh.normals)),
+            "COLOR_0": file.values(np.clip(colors, 0.0, 1.0).astype(np.float32)),
+        }
+        indices = file.indices(mesh.faces, len(mesh.vertices))
+        file.mesh(f"cards_{number:04d}", attributes, indices=indices, material=len(materials) - 1)
+
+
+def mesh_glb(texture: Texture, chunks: int, extras: dict[str, Any], cards: Sequence[Mesh] = ()) -> bytes:
+    """Return mesh.glb of a Texture, with cards beside it. chunks: as of `textured_glb`. extras: of the glTF scene."""
     atlas = texture.atlas
     image = filled(atlas.size, atlas.texels, texture.colors)
-    return textured_glb(texture.scene, atlas, image, chunks).content(extras)
+    file = textured_glb(texture.scene, atlas, image, chunks)
+    bytes_per_unit = np.float32(255.0)
+    add_cards(file, [(each, linear_from_srgb(each.colors_srgb.astype(np.float32) / bytes_per_unit)) for each in cards])
+    return file.content(extras)
 
 
 def jpeg_bytes(image: NDArray[np.uint8]) -> bytes:

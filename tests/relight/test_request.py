@@ -129,6 +129,7 @@ def test_fields_that_make_no_sense_are_refused_by_their_own_names(fields, messag
         ({"background": "blur"}, "`background` blur"),
         ({"stand": "above"}, "`stand` above"),
         ({"proxy": "box"}, "`proxy` box"),
+        ({"foliage": "hedge"}, "`foliage` hedge"),
         ({"lod": "high"}, "`lod` high"),
         ({"seed": -1}, "`seed` must be a whole number"),
         ({"eyes": [(0.0, float("inf"), 0.0)]}, "`eyes`"),

@@ -189,6 +189,7 @@ def test_junk_of_every_format_is_one_line_and_code_2(tmp_path, capsys, suffix):
         (["--detail", "perfect"], "--detail perfect: expected one of draft normal fine"),
         (["--surface", "magic"], "--surface magic: expected one of field sugar"),
         (["--background", "blur"], "--background blur: expected one of cut keep"),
+        (["--foliage", "hedge"], "--foliage hedge: expected one of mesh cards none"),
         (["--background", "blur", "--plan"], "--background blur: expected one of cut keep"),
         (["--vertices", "0"], "--vertices 0"),
         (["--vertices", "-5"], "--vertices -5"),

@@ -8,7 +8,7 @@ from random_meshes import random_mesh
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene import meshfile
-from splat2mesh.scene.folder import SCHEMA_VERSION
+from splat2mesh.scene.folder import SCHEMA_VERSION, WITHOUT_LEAVES
 from splat2mesh.scene.meshfile import write_mesh_ply
 from splat2mesh.scene.scene import Scene
 from splat2mesh.views.upright import scene_from_splat
@@ -73,7 +73,7 @@ def test_saving_twice_and_saving_what_was_read_writes_the_same_bytes(saved, tmp_
 
 def test_scene_json_says_what_the_design_promises(saved):
     scene, meta = random_scene(), json.loads((saved / "scene.json").read_text(encoding="utf-8"))
-    assert meta["schema_version"] == SCHEMA_VERSION
+    assert meta["schema_version"] == WITHOUT_LEAVES
     assert meta["source"] == scene.source and meta["settings"] == scene.settings
     np.testing.assert_array_equal(meta["scene_from_splat"], scene.scene_from_splat)
     np.testing.assert_array_equal(meta["bounds"], scene.bounds)
