@@ -212,7 +212,13 @@ def _surround(
         for corner in range(8):
             a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
             key = ((i + a) * size[1] + j + b) * size[2] + k + c
-            found = min(np.searchsorted(keys, key), len(keys) - 1)
+            found, above = 0, len(keys) - 1  # the first that is not below it, or the last
+            while found < above:
+                middle = (found + above) >> 1
+                if keys[middle] < key:
+                    found = middle + 1
+                else:
+                    above = middle
             there = keys[found] == key
             columns[r, corner] = found if there else cell[r]
             shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
@@ -305,13 +311,15 @@ def _gather(
 ) -> None:
     sums = np.zeros(weights.shape[1])
     for m in range(begin, end):
-        sums[:] = 0.0
+        for c in range(len(sums)):
+            sums[c] = 0.0
         for k in range(len(directions)):
             free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
             if free > 0.0:
                 for c in range(len(sums)):
                     sums[c] += free * weights[k, c]
-        found[m] = sums
+        for c in range(len(sums)):  # a row at once would have Numba compile the texts of its errors: 35 functions
+            found[m, c] = sums[c]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

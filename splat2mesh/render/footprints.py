@@ -29,6 +29,7 @@ ONE = np.float32(1)
 TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
 CHUNKS = 16  # pieces of a batch that threads bin independently
+COUNT_ONLY = np.zeros(0, np.int32)  # in place of entries: footprints are counted, not listed
 
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
 # inverse covariance this gives each pixel row its interval, and no digit is lost to cancellation.
@@ -98,7 +99,7 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
         batch = order[start : start + BATCH]
         footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((CHUNKS, tiles), np.int64)
-        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts)
+        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts, np.zeros((CHUNKS, 16)), COUNT_ONLY)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
         cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, CHUNKS).T)
@@ -183,16 +184,20 @@ def _project(
     open_tiles: Mask,
     footprints: NDArray[np.void],
     counts: Integers,
+    basis: Floats,
+    entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles)."""
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles).
+
+    basis: (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet.
+    """
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
-        basis, count_only = np.zeros(16), np.zeros(0, np.int32)
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             s = footprints[i]
             _project_one(camera, gaussians, order[i], s)
-            if _bin_one(s, i, camera, open_tiles, counts[chunk], count_only):
-                _color_one(camera, gaussians, order[i], basis, s)
+            if _bin_one(s, i, camera, open_tiles, counts[chunk], entries):
+                _color_one(camera, gaussians, order[i], basis[chunk], s)
 
 
 @shared

@@ -176,17 +176,17 @@ def _gather_tile(tile: int, batch: Batch, shapes: Floats, camera: Camera, tiles:
     top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
     u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
     block, tile_counts, tile_lists = tiles.pixels[tile], tiles.counts[tile], tiles.lists[tile]
-    sketch, open_rows, still_open = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_), 0
+    sketch, open_rows = np.zeros(SKETCH * TILE, np.float32), 0  # a bit for each row
     for row in range(TILE):
-        open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
-        still_open += open_rows[row]
+        if _any_open(block, np.uint64(row * PLANES * TILE)):
+            open_rows |= 1 << row
     for e in range(starts[tile], starts[tile + 1]):
-        if still_open == 0:
+        if open_rows == 0:
             break
         s = footprints[entries[e]]
         first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
         for row in range(first_row - top, last_row - top):
-            if not open_rows[row]:
+            if not open_rows >> row & 1:
                 continue
             start, dy = np.uint64(row * PLANES * TILE), top + row + 0.5 - s.y
             q_y = np.float32(s.precision_y * dy * dy)
@@ -197,9 +197,9 @@ def _gather_tile(tile: int, batch: Batch, shapes: Floats, camera: Camera, tiles:
                 _cross_row(shapes, entries[e], u, du, v, sketch)
                 _blend_row(block, start, s, sketch)
                 _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
-                open_rows[row] = _any_open(block, start)
-                still_open -= not open_rows[row]
-    tiles.open[tile] = still_open > 0
+                if not _any_open(block, start):
+                    open_rows ^= 1 << row
+    tiles.open[tile] = open_rows > 0
 
 
 # The loops over a pixel row have no branch, no call and unsigned indices: the compiler makes them vector instructions.

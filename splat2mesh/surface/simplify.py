@@ -125,20 +125,22 @@ def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floa
                 _add_plane(quadrics, faces[f, k], nx / area, ny / area, nz / area, d, area / 2)
                 weights[faces[f, k]] += area / 2
     for e in range(len(borders)):
-        i, j = borders[e]
-        along = points[j] - points[i]
-        length = np.sqrt((along * along).sum())
+        i, j = borders[e, 0], borders[e, 1]
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+        length = np.sqrt(_square(dx, dy, dz))
         if length > 0:
             for axis in range(3):  # all that is across the edge: three planes less what runs along it
-                n = np.zeros(3)
-                n[axis] = 1.0
-                n -= along * along[axis] / (length * length)
-                size = np.sqrt((n * n).sum())
+                along = dx if axis == 0 else dy if axis == 1 else dz
+                nx = (1.0 if axis == 0 else 0.0) - dx * along / (length * length)
+                ny = (1.0 if axis == 1 else 0.0) - dy * along / (length * length)
+                nz = (1.0 if axis == 2 else 0.0) - dz * along / (length * length)
+                size = np.sqrt(_square(nx, ny, nz))
                 if size > 1e-6:
-                    n /= size
-                    d = -(n * points[i]).sum()
-                    for end in (i, j):
-                        _add_plane(quadrics, end, n[0], n[1], n[2], d, length * length / 2)
+                    nx, ny, nz = nx / size, ny / size, nz / size
+                    d = -(nx * x + ny * y + nz * z)
+                    for k in range(2):
+                        _add_plane(quadrics, borders[e, k], nx, ny, nz, d, length * length / 2)
 
 
 @_function
