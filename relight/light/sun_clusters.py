@@ -4,10 +4,10 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Radiance
+from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 _EDGE_ERROR = (math.sqrt(2.0) - 1.0) / (2.0 * math.sqrt(math.pi)) / (6.0 * math.pi**2)
@@ -65,7 +65,7 @@ def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) 
     return label, count, math.sqrt(square)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _halved(
     toward: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -131,7 +131,7 @@ def _halved(
     return count, square
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _longest(spread: NDArray[np.float64], axes: NDArray[np.float64]) -> int:
     """Fill in the eigenvectors of a symmetric matrix (3, 3), in columns; returns the one of the largest eigenvalue.
 
@@ -165,7 +165,7 @@ def _longest(spread: NDArray[np.float64], axes: NDArray[np.float64]) -> int:
     return longest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _centroid(
     part: NDArray[np.int64], toward: NDArray[np.float64], bright: NDArray[np.float64], center: NDArray[np.float64]
 ) -> float:
@@ -181,7 +181,7 @@ def _centroid(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _point_error(
     part: NDArray[np.int64],
     toward: NDArray[np.float64],

@@ -13,10 +13,10 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask, Points, Transfer
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 from splat2mesh.scene.optical_depth import OpticalDepth
 from splat2mesh.scene.scene import Scene
@@ -189,7 +189,7 @@ class _Lattice:
         return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _surround(
     begin: int,
     end: int,
@@ -229,7 +229,7 @@ def _surround(
             weights[r, corner] = shares[corner] / total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _interpolate(
     begin: int,
     end: int,
@@ -277,7 +277,7 @@ def _as_float64(*arrays: Floats) -> list[NDArray[np.float64]]:
     return [np.ascontiguousarray(array, np.float64) for array in arrays]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _march(
     begin: int,
     end: int,
@@ -295,7 +295,7 @@ def _march(
             found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _gather(
     begin: int,
     end: int,
@@ -322,7 +322,7 @@ def _gather(
             found[m, c] = sums[c]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _through(
     point: NDArray[np.float64],
     direction: NDArray[np.float64],

@@ -7,11 +7,11 @@ thick as the surface looks in each pixel, and cells that a view cannot see are s
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Integers, Points, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 from .dualmesh import dual_mesh
 from .octree import Corners, corners_of, leaves_of, requested_cells
@@ -123,11 +123,8 @@ def packed(sights: Sequence[FusionSight], origin: Vector) -> PackedSights:
     return PackedSights(*lists, pixels, np.concatenate(squares))
 
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
-
 @shared
-@_function
+@kernel
 def integrate(
     begin: int,
     end: int,
@@ -173,7 +170,7 @@ def integrate(
                 total[i] *= steps[i] / weight[i]
 
 
-@_function
+@kernel
 def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...], deepest: Floats, start: int) -> bool:
     """Whether a ball at `center` (camera frame) lies outside a view's pyramid, or behind all that it sees there."""
     fx, fy, px, py, height, width = camera
@@ -200,7 +197,7 @@ def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...],
     return True
 
 
-@_function
+@kernel
 def _blend(
     points: Points,
     steps: Floats,

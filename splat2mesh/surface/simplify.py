@@ -6,10 +6,10 @@ collapses that do not touch one another, so the result is the same for any numbe
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 
 LONGEST = 6.0
@@ -26,8 +26,6 @@ STIFF, SHORT = 1e-3, 1e-4
 
 LEAST_TURN = 0.2
 """Cosine of the largest turn of a face in one collapse."""
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Simplified(NamedTuple):
@@ -91,7 +89,7 @@ def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     return np.stack([key // count, key % count], axis=1), uses
 
 
-@_function
+@kernel
 def _faces_around(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """For each vertex where its faces begin in a list, and the list, in order."""
     starts = np.zeros(count + 1, np.int64)
@@ -108,7 +106,7 @@ def _faces_around(faces: Faces, count: int) -> tuple[Indices, Indices]:
     return starts, around
 
 
-@_function
+@kernel
 def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floats, weights: Floats) -> None:
     """The planes of all faces, by area, and upright planes through border edges, at their corners."""
     for f in range(len(faces)):
@@ -143,7 +141,7 @@ def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floa
                         _add_plane(quadrics, borders[e, k], nx, ny, nz, d, length * length / 2)
 
 
-@_function
+@kernel
 def _add_plane(quadrics: Floats, vertex: int, x: float, y: float, z: float, d: float, weight: float) -> None:
     q = quadrics[vertex]
     q[0] += weight * x * x
@@ -159,7 +157,7 @@ def _add_plane(quadrics: Floats, vertex: int, x: float, y: float, z: float, d: f
 
 
 @shared
-@_function
+@kernel
 def _costs(
     begin: int,
     end: int,
@@ -204,12 +202,12 @@ def _costs(
         places[e, 0], places[e, 1], places[e, 2] = x, y, z
 
 
-@_function
+@kernel
 def _square(x: float, y: float, z: float) -> float:
     return x * x + y * y + z * z
 
 
-@_function
+@kernel
 def _best(
     xx: float,
     xy: float,
@@ -241,7 +239,7 @@ def _best(
     )
 
 
-@_function
+@kernel
 def _collapse(
     points: Points,
     faces: Faces,
@@ -311,7 +309,7 @@ def _collapse(
     return removed
 
 
-@_function
+@kernel
 def _spoils(
     points: Points,
     faces: Faces,
@@ -347,6 +345,6 @@ def _spoils(
     return False
 
 
-@_function
+@kernel
 def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

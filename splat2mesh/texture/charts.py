@@ -9,10 +9,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..base.arrays import Directions, Floats, Indices, Integers, Points
+from ..base.kernels import kernel
 
 STEEPEST = 0.55
 """Cosine between a face and the plane of its chart, at least: there a texel is stretched to twice its width."""
@@ -31,8 +31,6 @@ TURNS = 8
 
 FITS = 24
 """Steps of the search for the largest scale at which all charts fit."""
-
-_function = njit(cache=True, nogil=True)
 
 
 class Charts(NamedTuple):
@@ -113,7 +111,7 @@ def _neighbors(faces: Integers) -> NDArray[np.int64]:
     return found.reshape(-1, 3)
 
 
-@_function
+@kernel
 def _pair(key: Integers, order: Indices, found: NDArray[np.int64]) -> None:
     i = 0
     while i + 1 < len(key):
@@ -132,7 +130,7 @@ def _smoothed(crosses: Floats, neighbors: Integers) -> Floats:
     return smooth / np.maximum(np.linalg.norm(smooth, axis=1), 1e-300)[:, None]
 
 
-@_function
+@kernel
 def _grow(
     corners: Floats,
     normals: Directions,
@@ -234,7 +232,7 @@ def _range(values: Floats, chart: Indices, count: int) -> Floats:
     return high - low
 
 
-@_function
+@kernel
 def _pack(extent: Floats, order: Indices, size: int, corner: Floats) -> bool:
     """Set rectangles, the highest first, in rows from left to right, from the top; returns whether all fit."""
     x, y, row = 0.0, 0.0, 0.0
