@@ -215,10 +215,7 @@ def _surround(
             found, above = 0, len(keys) - 1  # the first that is not below it, or the last
             while found < above:
                 middle = (found + above) >> 1
-                if keys[middle] < key:
-                    found = middle + 1
-                else:
-                    above = middle
+                found, above = (middle + 1, above) if keys[middle] < key else (found, middle)
             there = keys[found] == key
             columns[r, corner] = found if there else cell[r]
             shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
@@ -311,15 +308,13 @@ def _gather(
 ) -> None:
     sums = np.zeros(weights.shape[1])
     for m in range(begin, end):
-        for c in range(len(sums)):
-            sums[c] = 0.0
         for k in range(len(directions)):
             free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
             if free > 0.0:
                 for c in range(len(sums)):
                     sums[c] += free * weights[k, c]
         for c in range(len(sums)):  # a row at once would have Numba compile the texts of its errors: 35 functions
-            found[m, c] = sums[c]
+            found[m, c], sums[c] = sums[c], 0.0
 
 
 @kernel
