@@ -14,6 +14,9 @@ MOST_LINES = 350
 MOST_PARAMETERS = 8
 """Of a function that is no kernel: what belongs together is a frozen value with a name."""
 
+KERNELS = {"kernel", "njit", "vectorize", "guvectorize"}
+"""Decorators: that of splat2mesh/base/kernels.py, and Numba's own."""
+
 PUBLIC: set[str] = set()
 """Functions of the public API that may have more, as "module.function": their keywords are documented. None so far."""
 
@@ -41,11 +44,11 @@ def compilers(tree):
     own = {
         target.id
         for node in tree.body
-        if isinstance(node, ast.Assign) and names_in(node.value) & {"njit", "vectorize", "guvectorize"}
+        if isinstance(node, ast.Assign) and names_in(node.value) & KERNELS
         for target in node.targets
         if isinstance(target, ast.Name)
     }
-    return own | {"njit", "vectorize", "guvectorize"}
+    return own | KERNELS
 
 
 def parameters(function):

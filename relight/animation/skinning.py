@@ -5,11 +5,11 @@ specification, sections 3.7 (skins, morph targets) and 3.11 with appendix C (int
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Matrix4
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 
 INTERPOLATIONS = "LINEAR", "STEP", "CUBICSPLINE"
 
@@ -130,7 +130,7 @@ def _slerp(first: NDArray[np.float64], second: NDArray[np.float64], share: float
     return value / np.linalg.norm(value)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _skin(
     vertices: NDArray[np.float32],
     normals: NDArray[np.float32],

@@ -8,10 +8,10 @@ rougher by half the angle it subtends.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Matrix4, Points
+from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
@@ -78,7 +78,7 @@ def _sees(
     return ~surface.caster.occluded(np.concatenate([start, way], axis=1), far=1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _lobe(
     emitters: Emitters,
     e: int,

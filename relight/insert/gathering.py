@@ -5,10 +5,10 @@ other surfaces, suns and lamps. So a vertex that the object does not reach keeps
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 from splat2mesh.render.raycaster import Hits
@@ -227,7 +227,7 @@ def _direct(around: Surroundings, occluder: Together, at: Receiving) -> NDArray[
     return found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _aim(
     begin: int,
     end: int,

@@ -7,9 +7,9 @@ vertex does not grow with the number of lamps, and its light is right on average
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import over
 
 from .emitters import Emitters
@@ -52,7 +52,7 @@ def chosen_at(
     return Chosen(taken, weights)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _choose(
     begin: int,
     end: int,
@@ -108,7 +108,7 @@ def _choose(
                 weights[v, ALONE + k] = total / (chance * usual[e])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _brightest(most: NDArray, best: NDArray) -> int:
     """The indices of the largest numbers into `best`, and zeros in their place; how many there are above 0."""
     found = 0

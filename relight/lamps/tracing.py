@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from ..transfer.neighbors import along_curve
@@ -198,7 +198,7 @@ def _visible(
     return free, mixed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _free(
     begin: int,
     end: int,
@@ -235,7 +235,7 @@ def _free(
                 light[v, k] = found * weights[v, k]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pilots(
     begin: int,
     end: int,
@@ -258,7 +258,7 @@ def _pilots(
                 pilots[pair] = 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _aim(
     begin: int,
     end: int,
@@ -288,7 +288,7 @@ def _aim(
             rays[ray, 3], rays[ray, 4], rays[ray, 5], weights[ray] = found
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _weigh(
     begin: int, end: int, ends: NDArray, weights: NDArray, hidden: NDArray, free: NDArray, mixed: NDArray
 ) -> None:

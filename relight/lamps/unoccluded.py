@@ -10,8 +10,9 @@ media", 2012).
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from splat2mesh.base.kernels import kernel
 
 from .emitters import BALL, TRIANGLE, Emitters
 
@@ -24,7 +25,7 @@ TUBE_NODES = 8
 _GOLDEN = 0.6180339887498949
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def ball(cosine: float, square: float, radius_square: float) -> float:
     """A ball at a squared distance, whose centre is seen at an angle of this cosine to the normal."""
     if square <= radius_square:
@@ -40,7 +41,7 @@ def ball(cosine: float, square: float, radius_square: float) -> float:
     return max(found / math.pi, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def triangle(
     px: float, py: float, pz: float, nx: float, ny: float, nz: float, place: NDArray, first: NDArray, second: NDArray
 ) -> float:
@@ -85,7 +86,7 @@ def triangle(
     return min(abs(total) / (2.0 * math.pi), 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def tube(
     px: float,
     py: float,
@@ -115,7 +116,7 @@ def tube(
     return 2.0 * radius / distance * turn * total / math.pi
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def tube_angles(
     px: float, py: float, pz: float, place: NDArray, first: NDArray
 ) -> tuple[tuple[float, float, float], float, float, float, float]:
@@ -131,7 +132,7 @@ def tube_angles(
     return along, near, distance, start, math.atan((length - near) / distance) - start
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def directed(emitters: Emitters, e: int, dx: float, dy: float, dz: float, length: float) -> float:
     """The intensity of a ball towards a vertex, as a part of that along its axis; (dx, dy, dz) leads from the vertex to
     it."""
@@ -161,7 +162,7 @@ def directed(emitters: Emitters, e: int, dx: float, dy: float, dz: float, length
     return upper * (1.0 - v) + lower * v
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def unoccluded(
     emitters: Emitters,
     e: int,
@@ -190,7 +191,7 @@ def unoccluded(
     return tube(px, py, pz, nx, ny, nz, emitters.place[e], emitters.first[e], emitters.radius[e], nodes, weights)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _before(emitters: Emitters, e: int, px: float, py: float, pz: float) -> bool:
     """Whether a point is on the side that a triangle shines to."""
     ux, uy, uz = emitters.first[e]
@@ -200,7 +201,7 @@ def _before(emitters: Emitters, e: int, px: float, py: float, pz: float) -> bool
     return (px - x) * nx + (py - y) * ny + (pz - z) * nz > 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def aimed(
     emitters: Emitters,
     e: int,

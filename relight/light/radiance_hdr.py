@@ -6,11 +6,11 @@ Source: Ward, "Real Pixels", Graphics Gems II (1991); Radiance, src/common/color
 import re
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 
 from .sizes import check_pixels
 
@@ -103,7 +103,7 @@ def _header(data: bytes, name: object) -> tuple[NDArray[np.float64], list[tuple[
     return exposure, [(sign, axis, int(count)) for sign, axis, count in (first, second)], end + 1
 
 
-@numba.njit(cache=True)
+@kernel
 def _unpack(data: NDArray[np.uint8], at: Any, pixels: NDArray[np.uint8], may_be_new: bool) -> int:
     """Fill the rows of pixels (H, W, 4), in the order of the file; how many are all there."""
     size = len(data)

@@ -4,10 +4,10 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Radiance
+from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 _EDGE_ERROR = (math.sqrt(2.0) - 1.0) / (2.0 * math.sqrt(math.pi)) / (6.0 * math.pi**2)
@@ -15,6 +15,9 @@ _EDGE_ERROR = (math.sqrt(2.0) - 1.0) / (2.0 * math.sqrt(math.pi)) / (6.0 * math.
 face anywhere, so that their cosine squared has mean 1/6; a wall's edge, a great circle of any direction, passes at a
 distance of density 1/2; and at a distance x the error of a normal distribution of spread s is Q(|x| / s), whose square
 integrates to s (sqrt 2 - 1) / sqrt pi."""
+
+_SWEEPS = 8
+"""Of Jacobi's rotations; they converge quadratically, a matrix of three rows to the last digit in five."""
 
 _SPREAD_HELD = 1.36  # over B: a wider spot is as wrong as one of this spread, since the bands hold what is smoother
 
@@ -56,11 +59,13 @@ def clusters(spots: Spots, bands: int, scale: float, allowed: float, most: int) 
     toward, weights, variance = map(np.ascontiguousarray, spots)  # one type, or the kernel is compiled again
     label = np.zeros(len(toward), np.int64)
     held, factor = _SPREAD_HELD / bands, _EDGE_ERROR / scale**2
-    count, square = _halved(toward, weights, luminance(weights), variance, held, factor, allowed, int(most), label)
+    order = np.arange(len(toward))  # spots, cluster by cluster
+    arrays = toward, weights, luminance(weights), variance
+    count, square = _halved(*arrays, held, factor, allowed, int(most), order, label)
     return label, count, math.sqrt(square)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _halved(
     toward: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -70,15 +75,16 @@ def _halved(
     factor: float,
     allowed: float,
     most: int,
+    order: NDArray[np.int64],
     label: NDArray[np.int64],
 ) -> tuple[int, float]:
     """Fill in the labels; returns the number of clusters and the sum of their squared errors.
 
     Number by number: expressions of whole arrays take Numba five times as long to compile.
     """
-    order = np.arange(len(toward))  # spots, cluster by cluster
     starts, ends, errors = np.zeros(most, np.int64), np.zeros(most, np.int64), np.zeros(most)
-    side, center, spread = np.zeros(len(toward), np.int64), np.zeros(3), np.zeros((3, 3))
+    side, center = np.zeros(len(toward), np.int64), np.zeros(3)
+    spread, axes = np.zeros((3, 3)), np.zeros((3, 3))
     ends[0], count = len(toward), 1
     errors[0] = _point_error(order, toward, weights, bright, variance, held, factor)
     while True:
@@ -97,12 +103,12 @@ def _halved(
                 for i in part:
                     offset, other = toward[i, row] - center[row], toward[i, column] - center[column]
                     spread[row, column] += bright[i] * offset * other
-        axis = np.linalg.eigh(spread)[1]  # columns; the last is the longest
+        longest = _longest(spread, axes)
         ahead, behind = 0, 0
         for i in part:
             along = 0.0
             for k in range(3):
-                along += (toward[i, k] - center[k]) * axis[k, 2]
+                along += (toward[i, k] - center[k]) * axes[k, longest]
             if along > 0.0:
                 part[ahead] = i
                 ahead += 1
@@ -125,7 +131,41 @@ def _halved(
     return count, square
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
+def _longest(spread: NDArray[np.float64], axes: NDArray[np.float64]) -> int:
+    """Fill in the eigenvectors of a symmetric matrix (3, 3), in columns; returns the one of the largest eigenvalue.
+
+    Overwrites the matrix with its diagonal form. np.linalg.eigh here takes Numba seconds to compile.
+    Source: Golub and Van Loan, "Matrix Computations", 8.5.
+    """
+    for row in range(3):
+        for column in range(3):
+            axes[row, column] = 1.0 if row == column else 0.0
+    for _ in range(_SWEEPS):
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if spread[p, q] == 0.0:
+                    continue
+                ratio = (spread[q, q] - spread[p, p]) / (2.0 * spread[p, q])
+                tan = math.copysign(1.0, ratio) / (abs(ratio) + math.sqrt(ratio * ratio + 1.0))
+                cos = 1.0 / math.sqrt(tan * tan + 1.0)
+                sin = tan * cos
+                for k in range(3):
+                    a, b = spread[k, p], spread[k, q]
+                    spread[k, p], spread[k, q] = cos * a - sin * b, sin * a + cos * b
+                    a, b = axes[k, p], axes[k, q]
+                    axes[k, p], axes[k, q] = cos * a - sin * b, sin * a + cos * b
+                for k in range(3):
+                    a, b = spread[p, k], spread[q, k]
+                    spread[p, k], spread[q, k] = cos * a - sin * b, sin * a + cos * b
+    longest = 0
+    for k in range(1, 3):
+        if spread[k, k] > spread[longest, longest]:
+            longest = k
+    return longest
+
+
+@kernel
 def _centroid(
     part: NDArray[np.int64], toward: NDArray[np.float64], bright: NDArray[np.float64], center: NDArray[np.float64]
 ) -> float:
@@ -141,7 +181,7 @@ def _centroid(
     return total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _point_error(
     part: NDArray[np.int64],
     toward: NDArray[np.float64],

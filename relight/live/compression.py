@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 TRAINED_ON = 2**15
@@ -200,7 +201,7 @@ def _nearest(
             score[best] = np.float32(3e38)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _best(
     begin: int,
     end: int,
@@ -231,7 +232,7 @@ def _best(
                 cluster[n] = c
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weigh(
     begin: int,
     end: int,

@@ -12,11 +12,11 @@ every e_i einf appears as an equal pair: 1, e12, e13, e23, (e14, e15), (e24, e25
 from itertools import combinations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Points
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 
 from . import rotors
 from .normals import unit_normals
@@ -234,7 +234,7 @@ def _multivectors(values: ArrayLike) -> NDArray[np.float64]:
     return values
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _write_vertex_motors(points: Points, normals: Directions, motors: NDArray[np.float32]) -> int:
     """The compiled twin of motor(rotors.taking_up_to(n), p), into zeros; returns how many points are not finite."""
     broken = 0

@@ -2,11 +2,11 @@
 
 from typing import Any, TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers, Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import shared
 from splat2mesh.render.footprints import TILE, Footprint, camera_of, footprint_batches
 from splat2mesh.render.rasterize import HALF, MAX_ALPHA, MIN_TRANSMITTANCE, ONE, ZERO, exp_minus_half
@@ -27,8 +27,6 @@ CLOSING_INTERVAL = 8  # as of `rasterize`
 
 LIGHT, MEDIAN, PLANES = np.uint64(0), np.uint64(AREA), 2  # what is kept of a tile's pixels while they are walked
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-_serial = numba.njit(cache=True, nogil=True)
 
 Lists: TypeAlias = tuple[Integers, ...]
 """Of a view's tiles: number of runs and items of each, then `splats`, `counts`, `pixels` and `shares` of a Blending."""
@@ -93,7 +91,7 @@ def within(part: Lists, wanted: Mask) -> Lists:
     return left, held, *(each[:end].copy() for each, end in zip(lists, np.repeat(ends, 2), strict=True))
 
 
-@_serial
+@kernel
 def _drop(
     runs: NDArray[np.int64],
     items: NDArray[np.int64],
@@ -125,7 +123,7 @@ def _drop(
 
 
 @shared
-@_function
+@kernel
 def _record(
     begin: int,
     end: int,
@@ -176,7 +174,7 @@ def _record(
         used[tile], ran[tile] = at - begins[tile], run - starts[tile]
 
 
-@_function
+@kernel
 def _row(
     block: NDArray[np.float32], first: int, s: Footprint, q_y: float, dx: float, lane: NDArray[np.float32]
 ) -> None:
@@ -196,7 +194,7 @@ def _row(
         block[LIGHT + i] = after
 
 
-@_function
+@kernel
 def _any_open(block: NDArray[np.float32]) -> bool:
     unfinished = 0
     for i in range(np.uint64(AREA)):
@@ -204,7 +202,7 @@ def _any_open(block: NDArray[np.float32]) -> bool:
     return unfinished > 0
 
 
-@_serial
+@kernel
 def _pack(begins: NDArray[np.int64], used: NDArray[np.int64], values: Integers, packed: Integers) -> None:
     """The used beginnings of the tiles' parts, end to end."""
     at = 0
@@ -214,7 +212,7 @@ def _pack(begins: NDArray[np.int64], used: NDArray[np.int64], values: Integers, 
             at += 1
 
 
-@_serial
+@kernel
 def _lay(values: Integers, counts: NDArray[np.int64], cursor: NDArray[np.int64], whole: Integers) -> None:
     """Copy each tile's part to where its cursor stands, and move that on."""
     at = 0

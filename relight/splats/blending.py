@@ -8,12 +8,12 @@ have a fixed order: bits do not depend on threads.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import shared
 from splat2mesh.render.rasterize import ONE, ZERO
 from splat2mesh.render.screentiles import AREA
@@ -21,9 +21,6 @@ from splat2mesh.render.view import View
 from splat2mesh.splats.splats import Splats
 
 from .blend_lists import UNIT, in_tiles, listed, within
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-_serial = numba.njit(cache=True, nogil=True)
 
 
 class Blending(NamedTuple):
@@ -136,7 +133,7 @@ def blending_of(
 
 
 @shared
-@_function
+@kernel
 def _draw(
     begin: int,
     end: int,
@@ -164,7 +161,7 @@ def _draw(
 
 
 @shared
-@_function
+@kernel
 def _gather(
     begin: int,
     end: int,
@@ -193,7 +190,7 @@ def _gather(
             at += counts[run]
 
 
-@_serial
+@kernel
 def _add(splats: NDArray[np.int32], seen: NDArray[np.float32], sums: NDArray[np.float32]) -> None:
     for run in range(len(splats)):
         for c in range(sums.shape[1]):

@@ -6,12 +6,12 @@ Everything here lives in the unit frame of the first pose, which stays (Frame). 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Integers, Mask, Points
 from splat2mesh.base.distinct import distinct
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.render.raycaster import RayCaster
 
 from . import sampling
@@ -173,7 +173,7 @@ class Body:
         return (self.unit[copies] != self.unit[first]).any() or (self.normals[copies] != self.normals[first]).any()
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _stand_off(
     vertices: NDArray[np.float32],
     normals: NDArray[np.float32],

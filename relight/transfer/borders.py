@@ -5,10 +5,10 @@ would be taken to start behind it, were they not to start a little up the wall.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Integers
+from splat2mesh.base.kernels import kernel
 
 OPEN_CHAIN = 0.3
 """Gap between the ends of the chain of edges around a vertex, over its length, above which the vertex is at a border.
@@ -19,7 +19,7 @@ FIXED_POINT = 2.0**44
 """Edges are summed as integers, in this part of the unit, so that the order of faces changes no bit."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def inward_of_borders(
     vertices: NDArray[np.float32], normals: NDArray[np.float32], faces: Integers, place: Indices, distinct: Indices
 ) -> NDArray[np.float32]:

@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers, Mask
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
@@ -101,7 +101,7 @@ def batch_of(rays: int) -> int:
     return max(1, BATCH_RAYS // rays)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _meet(
     begin: int,
     end: int,
@@ -145,7 +145,7 @@ def _meet(
         used[v] = count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _look(begin: int, end: int, places: Integers, faces: int, beyond: Mask) -> None:
     """Which places are on no face."""
     for i in range(begin, end):

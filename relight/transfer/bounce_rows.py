@@ -1,10 +1,10 @@
 """Loops over the rows of the bounce matrix: unpacked from the places that rays met, and multiplied by radiance."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers
+from splat2mesh.base.kernels import kernel
 
 FINENESS = 64
 """Parts of a face's edge to which the place of a hit is rounded: next to the noise of a few dozen rays that is nothing,
@@ -13,7 +13,7 @@ and a hit in a mesh of up to a million faces takes four bytes."""
 SIDE = FINENESS + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def unpack(
     begin: int,
     end: int,
@@ -35,7 +35,7 @@ def unpack(
         parts[i, 0], parts[i, 1] = second, rest - second * np.uint64(SIDE)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather_rgb(
     rows: NDArray[np.int32],
     starts: NDArray[np.int64],
@@ -64,7 +64,7 @@ def gather_rgb(
         result[row, 0], result[row, 1], result[row, 2] = factor * red, factor * green, factor * blue
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gather(
     rows: NDArray[np.int32],
     starts: NDArray[np.int64],

@@ -2,10 +2,10 @@
 reach."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from ..light.suns import Suns
@@ -61,7 +61,7 @@ class DynamicSunlight:
         return np.sort(np.concatenate(rows))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum(
     begin: int,
     end: int,

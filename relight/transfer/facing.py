@@ -1,10 +1,10 @@
 """The side of a face that a ray met. The vertex normals define the front, not the winding."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Integers, Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 from splat2mesh.render.raycaster import Hits
 
@@ -34,7 +34,7 @@ def met_in_front(occluder: Occluder, hits: Hits, directions: Directions) -> Mask
     return front
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def is_front(
     normal: NDArray[np.float32], toward: NDArray[np.float32], corners: Integers, vertex_normals: NDArray[np.float32]
 ) -> bool:
@@ -47,7 +47,7 @@ def is_front(
     return bool((facing if outward >= 0 else -facing) < 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fronts(
     begin: int,
     end: int,

@@ -9,10 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices, read_only
 
 from ..sh import harmonics
@@ -147,7 +147,7 @@ def mix(
     _mix_in(estimates.shadows, begin, chosen, read_only(weights), transfer)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _level(
     begin: int,
     end: int,
@@ -163,7 +163,7 @@ def _level(
         own[i] = np.float32(1) / total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _differing(shadows: NDArray[np.float32], begin: int, differ: Mask) -> None:
     for i in range(len(differ)):
         for s in range(1, shadows.shape[0]):
@@ -175,7 +175,7 @@ def _differing(shadows: NDArray[np.float32], begin: int, differ: Mask) -> None:
                 break
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _describe(
     shadows: NDArray[np.float32],
     begin: int,
@@ -211,7 +211,7 @@ def _describe(
             vertex[row, 4 + s] = low[s] / (noise[i] * np.float32(filtering.GUIDE_BANDS**2))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _products(
     x: NDArray[np.float32],
     basis: NDArray[np.float32],
@@ -241,7 +241,7 @@ def _products(
     along[0], along[1], along[2], along[3], along[4] = a0, a1, a2, a3, a4
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mix_in(
     shadows: NDArray[np.float32],
     begin: int,

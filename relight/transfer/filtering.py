@@ -10,9 +10,9 @@ import math
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from ..sh import harmonics
@@ -105,7 +105,7 @@ def average(
             in_slices(_blend, count, *rows, weights, own, old, model, rest, neighbors.vertices, first)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _guides(
     begin: int,
     end: int,
@@ -125,7 +125,7 @@ def _guides(
         add_lobes(i, normals, model[i, 0] - np.float32(1), model, norms, lobe, squared, guide)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _partial_shadow(
     begin: int,
     end: int,
@@ -146,7 +146,7 @@ def _partial_shadow(
         spread[i] = hidden * (np.float32(1) - hidden) + FLOOR
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _weigh(
     begin: int,
     end: int,
@@ -178,7 +178,7 @@ def _weigh(
             new_spread[i] += spread[columns[at]] * share * share
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take(
     begin: int,
     end: int,
@@ -199,7 +199,7 @@ def _take(
                 old[i, k] = rest[vertices[i], column - 4] if column < width else np.float32(0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _blend(
     begin: int,
     end: int,

@@ -5,10 +5,10 @@ that follows is in the first bounce; later ones start from light that has spread
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Integers
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
@@ -57,7 +57,7 @@ def first_bounce(
     return gathered
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gather(
     begin: int,
     end: int,

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from .sampling import legendre_factors
@@ -36,7 +36,7 @@ def squared_lobe(bands: int) -> NDArray[np.float32]:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _add_model(
     begin: int,
     end: int,
@@ -53,7 +53,7 @@ def _add_model(
         add_lobes(v, normals, np.float32(0), model, norms, squared, squared, transfer)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def add_lobes(
     v: int,
     normals: NDArray[np.float32],

@@ -6,10 +6,10 @@ through space by their own bits, so nothing here depends on the order of vertice
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats, Integers, Mask, Points
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 SHARPNESS = np.float32(8.0)
@@ -100,7 +100,7 @@ def _keys(origins: Points) -> NDArray[np.uint64]:
     return keys
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _curve_keys(begin: int, end: int, origins: Floats, keys: NDArray[np.uint64]) -> None:
     for v in range(begin, end):
         key = np.uint64(0)
@@ -116,7 +116,7 @@ def _curve_keys(begin: int, end: int, origins: Floats, keys: NDArray[np.uint64])
         keys[v] = key
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rings(count: int, corners: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The other two corners of every face at every place: sparse rows, unsorted, with repetitions."""
     starts = np.zeros(count + 2, np.int64)
@@ -134,7 +134,7 @@ def _rings(count: int, corners: NDArray[np.int32]) -> tuple[NDArray[np.int64], N
     return starts[:-1], columns
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sort_rows(
     begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], counts: NDArray[np.int64]
 ) -> None:
@@ -160,7 +160,7 @@ def _sort_rows(
         counts[p] = kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _node_rows(
     begin: int,
     end: int,

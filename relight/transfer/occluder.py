@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Integers, Mask, Points, Rays
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only
 from splat2mesh.render.raycaster import Hits, RayCaster
 
@@ -123,7 +123,7 @@ def _origins(
     return (vertices + offset[:, None] * step + max(MIN_OFFSET, rounding) * inward).astype(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _shorten(
     vertices: NDArray[np.float32], faces: Integers, group: NDArray[np.int64], shortest: NDArray[np.float32]
 ) -> None:

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from .sampling import direction, tangents, turned
@@ -126,7 +126,7 @@ def blocked(
     return bits
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark(index: NDArray[np.int32], stopped: Mask, rays: int, bits: NDArray[np.uint8]) -> None:
     for j in range(len(index)):
         if stopped[j]:
@@ -134,7 +134,7 @@ def _mark(index: NDArray[np.int32], stopped: Mask, rays: int, bits: NDArray[np.u
             bits[row, i >> 3] |= np.uint8(128) >> np.uint8(i & 7)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _near(
     px: np.float32,
     py: np.float32,
@@ -159,7 +159,7 @@ def _near(
         near[i] = (end >= zero) & (begin <= end)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _hemisphere_through(
     begin: int,
     end: int,
@@ -223,7 +223,7 @@ def _hemisphere_through(
     used[begin] = at - begin * count
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _beams_through(
     begin: int,
     end: int,

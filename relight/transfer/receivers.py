@@ -9,11 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from .neighbors import Neighbors
@@ -134,7 +134,7 @@ class Receivers:
 _PARTS = "nodes", "starts", "columns", "weights"
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count(
     begin: int, end: int, starts: NDArray[np.int64], columns: NDArray[np.int32], reached: Mask, taken: NDArray[np.int64]
 ) -> None:
@@ -145,7 +145,7 @@ def _count(
                 taken[i] += reached[columns[at]]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _take(
     begin: int,
     end: int,
@@ -169,7 +169,7 @@ def _take(
             out_weights[i] /= total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _fill(
     begin: int,
     end: int,

@@ -8,10 +8,10 @@ So the result is that of `filtering.average` over the whole mesh, to the bit.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Integers, Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 from .filtering import average
@@ -119,7 +119,7 @@ class _Part(NamedTuple):
     weights: NDArray[np.float32]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _weights(
     begin: int,
     end: int,
@@ -138,7 +138,7 @@ def _weights(
                 weights[at] = np.exp(SHARPNESS * min(cosine - np.float32(1), np.float32(0)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _grow(
     begin: int,
     end: int,
@@ -157,7 +157,7 @@ def _grow(
                     break
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _copy_rows(
     begin: int,
     end: int,

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Mask
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 
 GOLDEN_TURN = 0.6180339887498949  # of a full turn, between successive points of the Fibonacci set
@@ -96,7 +97,7 @@ def gather(
     in_slices(_gather, len(rays), rays, occluded, normals, legendre_factors(math.isqrt(rest.shape[1])), model, rest)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mix(state: np.uint64) -> np.uint64:
     """The finaliser of SplitMix64 (Steele, Lea, Flood, 2014)."""
     state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -104,7 +105,7 @@ def _mix(state: np.uint64) -> np.uint64:
     return state ^ (state >> np.uint64(31))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hash(position: NDArray[np.float32], normal: NDArray[np.float32], seed: np.uint64) -> np.uint64:
     """64 bits from six float32 and the seed; zeros of either sign count as one."""
     state = _mix(seed + np.uint64(0x9E3779B97F4A7C15))
@@ -116,7 +117,7 @@ def _hash(position: NDArray[np.float32], normal: NDArray[np.float32], seed: np.u
     return state
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hashed_offsets(
     begin: int,
     end: int,
@@ -132,7 +133,7 @@ def _hashed_offsets(
         offsets[v, 1] = np.float32((bits >> np.uint64(8)) & np.uint64(0xFFFFFF)) * unit
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _shoot(
     begin: int,
     end: int,
@@ -151,7 +152,7 @@ def _shoot(
             rays[v, i, 3], rays[v, i, 4], rays[v, i, 5] = direction(i, offsets[v, 0], turn, frame, azimuths)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def tangents(nx: np.float32, ny: np.float32, nz: np.float32) -> tuple[np.float32, ...]:
     """A normal and two unit vectors across it, as nine float32: tangent, bitangent, normal.
 
@@ -164,14 +165,14 @@ def tangents(nx: np.float32, ny: np.float32, nz: np.float32) -> tuple[np.float32
     return one + sign * nx * nx * a, sign * b, -sign * nx, b, sign + ny * ny * a, -ny, nx, ny, nz
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def turned(offset: np.float32) -> tuple[np.float32, np.float32]:
     """Cosine and sine of a part of a full turn."""
     turn = np.float32(2.0 * np.pi) * offset
     return np.cos(turn), np.sin(turn)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def direction(
     ray: int,  # its rank: the higher above the horizon, the lower
     shift: np.float32,  # part of a stratum

@@ -1,11 +1,11 @@
 """Light from single directions with hard shadows: one ray for every vertex and every sun above its horizon."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Indices, Mask
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_slices
 
@@ -81,7 +81,7 @@ def shining(suns: Suns) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     return directions, np.ascontiguousarray(suns.weights[lit] / np.pi, np.float64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count(
     begin: int, end: int, normals: NDArray[np.float32], directions: NDArray[np.float32], ends: NDArray[np.int64]
 ) -> None:
@@ -94,7 +94,7 @@ def _count(
         ends[v + 1] = before
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _aim(
     begin: int,
     end: int,
@@ -117,7 +117,7 @@ def _aim(
                 ray += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sum(
     begin: int,
     end: int,

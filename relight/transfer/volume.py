@@ -13,10 +13,10 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Directions, Floats, Indices, Mask, Points, Transfer
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices
 from splat2mesh.scene.leaves import FEW, PROBE, Lattice, throughout
 from splat2mesh.scene.optical_depth import OpticalDepth
@@ -178,7 +178,7 @@ def _as_float64(*arrays: Floats) -> list[NDArray[np.float64]]:
     return [np.ascontiguousarray(array, np.float64) for array in arrays]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _march(
     begin: int,
     end: int,
@@ -196,7 +196,7 @@ def _march(
             found[m, k] = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _gather(
     begin: int,
     end: int,
@@ -212,16 +212,16 @@ def _gather(
 ) -> None:
     sums = np.zeros(weights.shape[1])
     for m in range(begin, end):
-        sums[:] = 0.0
         for k in range(len(directions)):
             free = _through(points[m], directions[k], origins, cells, shapes, starts, depth)
             if free > 0.0:
                 for c in range(len(sums)):
                     sums[c] += free * weights[k, c]
-        found[m] = sums
+        for c in range(len(sums)):  # a row at once would have Numba compile the texts of its errors: 35 functions
+            found[m, c], sums[c] = sums[c], 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _through(
     point: NDArray[np.float64],
     direction: NDArray[np.float64],

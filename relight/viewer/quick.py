@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import in_slices, read_only
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear
 
@@ -83,7 +84,7 @@ def _light(
         radiance[v, 2] = max(blue, np.float32(0.0))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _display(
     begin: int,
     end: int,

@@ -14,9 +14,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from splat2mesh.base.kernels import kernel
 from splat2mesh.base.threads import read_only, shared
 
 from .camera import Orbit
@@ -106,7 +106,7 @@ def prepare() -> None:
 
 
 @shared
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _rasterise(
     begin: int, end: int, local: NDArray, faces: NDArray, near: np.float32, face: NDArray, weights: NDArray
 ) -> None:
@@ -162,7 +162,7 @@ def _rasterise(
 
 
 @shared
-@njit(cache=True, nogil=True)
+@kernel
 def _look_up(
     begin: int, end: int, face: NDArray, right: NDArray, up: NDArray, ahead: NDArray, focal: np.float32, places: NDArray
 ) -> None:
@@ -182,7 +182,7 @@ def _look_up(
 
 
 @shared
-@njit(cache=True, nogil=True)
+@kernel
 def _paint(
     begin: int,
     end: int,

@@ -9,12 +9,12 @@ import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple, TypeAlias
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Mask, Matrix3, Points, Quaternions, Vector
 from ..base.errors import InputError
+from ..base.kernels import kernel
 from ..base.threads import read_only, shared
 from ..splats.splats import Splats
 from .view import View
@@ -29,6 +29,7 @@ ONE = np.float32(1)
 TILE = 16  # pixels along a tile's side
 BATCH = 32768  # splats projected and binned at a time: bounds the memory, and hidden batches are never binned
 CHUNKS = 16  # pieces of a batch that threads bin independently
+COUNT_ONLY = np.zeros(0, np.int32)  # in place of entries: footprints are counted, not listed
 
 # One splat in the image: exp(-q/2), q = precision_y dy^2 + precision_x (dx - slope dy)^2. Unlike the usual
 # inverse covariance this gives each pixel row its interval, and no digit is lost to cancellation.
@@ -98,7 +99,7 @@ def footprint_batches(splats: Splats, camera: Camera, open_tiles: Mask) -> Itera
         batch = order[start : start + BATCH]
         footprints = np.zeros(len(batch), FOOTPRINT)
         counts = np.zeros((CHUNKS, tiles), np.int64)
-        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts)
+        _project(CHUNKS, gaussians, camera, batch, open_tiles, footprints, counts, np.zeros((CHUNKS, 16)), COUNT_ONLY)
         # Tile after tile, and within a tile chunk after chunk: so each tile's list keeps the depth order.
         ends = counts.T.ravel().cumsum()
         cursors = np.ascontiguousarray((ends - counts.T.ravel()).reshape(tiles, CHUNKS).T)
@@ -143,11 +144,8 @@ def _front_to_back(depth: Floats) -> Indices:
     return (keys & np.uint64(0xFFFFFFFF)).view(np.int64)
 
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
-
 @shared
-@_function
+@kernel
 def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Floats) -> None:
     """Camera z of the splats that may touch the image, infinity for the others.
 
@@ -173,7 +171,7 @@ def _cull(begin: int, end: int, gaussians: Gaussians, camera: Camera, depth: Flo
 
 
 @shared
-@_function
+@kernel
 def _project(
     begin: int,
     end: int,
@@ -183,20 +181,24 @@ def _project(
     open_tiles: Mask,
     footprints: NDArray[np.void],
     counts: Integers,
+    basis: Floats,
+    entries: Integers,
 ) -> None:
-    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles)."""
+    """Footprints of the splats order[i], and how many of each chunk touch each open tile: (CHUNKS, tiles).
+
+    basis: (CHUNKS, 16), room for harmonics. entries: none, as nothing is listed yet.
+    """
     chunks, n = counts.shape[0], len(order)
     for chunk in range(begin, end):
-        basis, count_only = np.zeros(16), np.zeros(0, np.int32)
         for i in range(chunk * n // chunks, (chunk + 1) * n // chunks):
             s = footprints[i]
             _project_one(camera, gaussians, order[i], s)
-            if _bin_one(s, i, camera, open_tiles, counts[chunk], count_only):
-                _color_one(camera, gaussians, order[i], basis, s)
+            if _bin_one(s, i, camera, open_tiles, counts[chunk], entries):
+                _color_one(camera, gaussians, order[i], basis[chunk], s)
 
 
 @shared
-@_function
+@kernel
 def _fill(
     begin: int,
     end: int,
@@ -213,7 +215,7 @@ def _fill(
             _bin_one(footprints[i], i, camera, open_tiles, cursors[chunk], entries)
 
 
-@_function
+@kernel
 def _camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, float]:
     rotation, t = camera.rotation, camera.translation
     px, py, pz = np.float64(means[i, 0]), np.float64(means[i, 1]), np.float64(means[i, 2])
@@ -224,13 +226,13 @@ def _camera_point(camera: Camera, means: Points, i: int) -> tuple[float, float, 
     )
 
 
-@_function
+@kernel
 def _guarded(camera: Camera, u: float, v: float) -> tuple[float, float]:
     guard = camera.guard
     return min(max(u, guard[0]), guard[1]), min(max(v, guard[2]), guard[3])
 
 
-@_function
+@kernel
 def _project_one(camera: Camera, gaussians: Gaussians, k: int, out: Footprint) -> None:
     """Write splat k's footprint, all but its colour; with reach_y = -1 (no tiles) when it is not finite."""
     means, scales, quats, opacities = gaussians.means, gaussians.scales, gaussians.quats, gaussians.opacities
@@ -264,7 +266,7 @@ def _project_one(camera: Camera, gaussians: Gaussians, k: int, out: Footprint) -
     out.opacity, out.depth = opacities[k], z
 
 
-@_function
+@kernel
 def _image_axis(
     camera: Camera, axis: tuple[float, float, float], spread: float, u: float, v: float
 ) -> tuple[float, float]:
@@ -276,19 +278,19 @@ def _image_axis(
     return camera.fx * spread * across, camera.fy * spread * down
 
 
-@_function
+@kernel
 def _half_chord(s: Footprint, dy: float) -> float:
     """Half the length of the footprint's pixel row at dy: where opacity exp(-q/2) >= 1/255."""
     return math.sqrt(max(s.cutoff - s.precision_y * dy * dy, 0.0) / s.precision_x)
 
 
-@_function
+@kernel
 def pixel_range(low: float, high: float, start: int, stop: int) -> tuple[int, int]:
     """Range (first, last + 1) of pixels in [start, stop) with centres in [low, high]; clamped as floats."""
     return int(min(max(np.ceil(low - 0.5), start), stop)), int(max(min(np.floor(high + 0.5), stop), start))
 
 
-@_function
+@kernel
 def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: Integers, entries: Integers) -> bool:
     """Advance the cursor of each open tile that footprint i touches; where there are entries, note i there.
 
@@ -320,7 +322,7 @@ def _bin_one(s: Footprint, i: int, camera: Camera, open_tiles: Mask, cursors: In
     return touched
 
 
-@_function
+@kernel
 def _color_one(camera: Camera, gaussians: Gaussians, k: int, basis: Floats, out: Footprint) -> None:
     """Write the sRGB colour towards the camera: max(0, 1/2 + sum of harmonics in the viewing direction)."""
     center, means, sh = camera.center, gaussians.means, gaussians.sh

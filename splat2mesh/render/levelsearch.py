@@ -5,10 +5,10 @@ Pixels are searched a row of a tile at a time, side by side in the lanes of vect
 
 import math
 
-import numba
 import numpy as np
 
 from ..base.arrays import Floats, Integers
+from ..base.kernels import kernel
 from ..base.threads import shared
 from .footprints import TILE
 from .rasterize import exp_minus_half
@@ -46,11 +46,9 @@ SEARCH = 14
 FIRST, LAST, THROUGH, FRONT, LOW, HIGH, AT, MISSED, SLOPE, RATE, DEPTH_RATE, ACTIVE, DEPTH, SPREAD = lanes(SEARCH)
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
 
 @shared
-@_function
+@kernel
 def search_level(
     begin: int, end: int, lists: Floats, counts: Integers, dealt: Integers, level: np.float32, out: Floats
 ) -> None:
@@ -70,7 +68,7 @@ def search_level(
                 out[tile, row, at] = search[DEPTH + np.uint64(at)]
 
 
-@_function
+@kernel
 def _search_row(entries: Floats, counts: Integers, level: np.float32, search: Floats) -> None:
     """Depth and spread of a pixel row, in search[DEPTH] and search[SPREAD]; NaN where the level is not reached."""
     longest = _even_lengths(entries, counts)
@@ -92,7 +90,7 @@ def _search_row(entries: Floats, counts: Integers, level: np.float32, search: Fl
                 search[SPREAD + column] = at if turn == 1 else search[SPREAD + column] - at
 
 
-@_function
+@kernel
 def _even_lengths(entries: Floats, counts: Integers) -> int:
     """Let the shorter lists of a row end with Gaussians that hide nothing; returns the length of the longest."""
     longest = 0
@@ -104,7 +102,7 @@ def _even_lengths(entries: Floats, counts: Integers) -> int:
     return longest
 
 
-@_function
+@kernel
 def _ranges(entries: Floats, longest: int, level: np.float32, search: Floats) -> None:
     """Prepare the search for the level: the range in which the opacity rises, all it lets through, and a guess.
 
@@ -129,7 +127,7 @@ def _ranges(entries: Floats, longest: int, level: np.float32, search: Floats) ->
         search[FIRST + column], search[HIGH + column] = search[LOW + column], search[LAST + column]
 
 
-@_function
+@kernel
 def _bracket(target: np.float32, level: np.float32, search: Floats) -> None:
     """Prepare the search for another opacity than the level, which was found at DEPTH."""
     for column in range(np.uint64(TILE)):
@@ -141,7 +139,7 @@ def _bracket(target: np.float32, level: np.float32, search: Floats) -> None:
         search[AT + column] = min(max(guess, low), high)
 
 
-@_function
+@kernel
 def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) -> None:
     """Move AT to where the opacity reaches `target`: Newton's steps, or halves of [LOW, HIGH] where those do badly.
 
@@ -158,7 +156,7 @@ def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) ->
             break
 
 
-@_function
+@kernel
 def _look(entries: Floats, longest: int, search: Floats) -> None:
     """The transmittance in front of AT, and the slope of the opacity there."""
     for column in range(np.uint64(TILE)):
@@ -176,7 +174,7 @@ def _look(entries: Floats, longest: int, search: Floats) -> None:
             search[FRONT + column] = front * (ONE - share)
 
 
-@_function
+@kernel
 def _step(target: np.float32, search: Floats) -> int:
     """One step of the search in each ACTIVE pixel; returns how many go on."""
     going = 0

@@ -13,12 +13,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import DepthMap, Floats, Indices, Integers, Mask, Points, Quaternions
 from ..base.errors import InputError
+from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
 from .footprints import NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
@@ -105,11 +105,9 @@ BEGIN, STEP, END = np.int32(0), np.int32(1), np.int32(TILE)
 ZERO, ONE = np.float32(0), np.float32(1)
 FLATTEST, WIDEST = 1e-7, 1e7  # scales, in units of the distance, between which float32 keeps every digit it needs
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
 
 @shared
-@_function
+@kernel
 def _shapes(
     begin: int, end: int, means: Points, scales: Floats, quats: Quaternions, order: Indices, camera: Camera, out: Floats
 ) -> None:
@@ -160,7 +158,7 @@ class FieldTiles(NamedTuple):
 
 
 @shared
-@_function
+@kernel
 def _gather(begin: int, end: int, batch: Batch, shapes: Floats, camera: Camera, tiles: FieldTiles) -> None:
     """Blend colour and normals of each open tile front to back, and list its pixels' Gaussians."""
     for deal in range(begin, end):
@@ -169,24 +167,24 @@ def _gather(begin: int, end: int, batch: Batch, shapes: Floats, camera: Camera, 
             _gather_tile(tile, batch, shapes, camera, tiles)
 
 
-@_function
+@kernel
 def _gather_tile(tile: int, batch: Batch, shapes: Floats, camera: Camera, tiles: FieldTiles) -> None:
     starts, entries, footprints = batch.starts, batch.entries, batch.footprints
     tiles_x = (camera.width + TILE - 1) // TILE
     top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
     u, du = np.float32((left + 0.5 - camera.cx) / camera.fx), np.float32(1 / camera.fx)
     block, tile_counts, tile_lists = tiles.pixels[tile], tiles.counts[tile], tiles.lists[tile]
-    sketch, open_rows, still_open = np.zeros(SKETCH * TILE, np.float32), np.zeros(TILE, np.bool_), 0
+    sketch, open_rows = np.zeros(SKETCH * TILE, np.float32), 0  # a bit for each row
     for row in range(TILE):
-        open_rows[row] = _any_open(block, np.uint64(row * PLANES * TILE))
-        still_open += open_rows[row]
+        if _any_open(block, np.uint64(row * PLANES * TILE)):
+            open_rows |= 1 << row
     for e in range(starts[tile], starts[tile + 1]):
-        if still_open == 0:
+        if open_rows == 0:
             break
         s = footprints[entries[e]]
         first_row, last_row = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
         for row in range(first_row - top, last_row - top):
-            if not open_rows[row]:
+            if not open_rows >> row & 1:
                 continue
             start, dy = np.uint64(row * PLANES * TILE), top + row + 0.5 - s.y
             q_y = np.float32(s.precision_y * dy * dy)
@@ -197,15 +195,15 @@ def _gather_tile(tile: int, batch: Batch, shapes: Floats, camera: Camera, tiles:
                 _cross_row(shapes, entries[e], u, du, v, sketch)
                 _blend_row(block, start, s, sketch)
                 _list_row(sketch, first, last, tile_counts[row], tile_lists[row])
-                open_rows[row] = _any_open(block, start)
-                still_open -= not open_rows[row]
-    tiles.open[tile] = still_open > 0
+                if not _any_open(block, start):
+                    open_rows ^= 1 << row
+    tiles.open[tile] = open_rows > 0
 
 
 # The loops over a pixel row have no branch, no call and unsigned indices: the compiler makes them vector instructions.
 
 
-@_function
+@kernel
 def _any_open(block: Floats, start: np.uint64) -> bool:
     unfinished = 0
     for column in range(np.uint64(TILE)):
@@ -213,7 +211,7 @@ def _any_open(block: Floats, start: np.uint64) -> bool:
     return unfinished > 0
 
 
-@_function
+@kernel
 def _weigh_row(
     block: Floats, start: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32, sketch: Floats
 ) -> tuple[np.int32, np.int32]:
@@ -237,7 +235,7 @@ def _weigh_row(
     return first, last
 
 
-@_function
+@kernel
 def _cross_row(shapes: Floats, k: int, u: np.float32, du: np.float32, v: np.float32, sketch: Floats) -> None:
     """Where the rays of a pixel row cross Gaussian k: its peaks and precisions along them, its weighted normals."""
     xx, xy, xz = shapes[k, 0], shapes[k, 1], shapes[k, 2]
@@ -254,7 +252,7 @@ def _cross_row(shapes: Floats, k: int, u: np.float32, du: np.float32, v: np.floa
         sketch[TURN_X + column], sketch[TURN_Y + column], sketch[TURN_Z + column] = share * nx, share * ny, share * nz
 
 
-@_function
+@kernel
 def _blend_row(block: Floats, start: np.uint64, s: Footprint, sketch: Floats) -> None:
     """Blend a Gaussian's colour and normals, towards the camera, into a pixel row."""
     red, green, blue = s.red, s.green, s.blue
@@ -268,7 +266,7 @@ def _blend_row(block: Floats, start: np.uint64, s: Footprint, sketch: Floats) ->
         block[NORMAL_Z + i] -= sketch[TURN_Z + column]
 
 
-@_function
+@kernel
 def _list_row(sketch: Floats, first: np.int32, last: np.int32, counts: Integers, lists: Floats) -> None:
     """Append a Gaussian to the lists of a row's pixels: counts (TILE,), lists (LIST, ENTRY, TILE)."""
     for column in range(first, last):
@@ -280,7 +278,7 @@ def _list_row(sketch: Floats, first: np.int32, last: np.int32, counts: Integers,
 
 
 @shared
-@_function
+@kernel
 def _assemble(
     begin: int,
     end: int,

@@ -7,11 +7,11 @@ a ray that leaves the garden still meets the house behind it.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Bounds, Directions, Floats, Integers, Points, Quaternions, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
 
@@ -149,7 +149,7 @@ def _spread_out(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(np.isfinite(pixels), pixels, nearest)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def deal(
     means: Points,
     scales: Floats,
@@ -193,7 +193,7 @@ def deal(
 
 
 @shared
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _march(
     begin: int,
     end: int,

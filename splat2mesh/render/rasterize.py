@@ -8,11 +8,11 @@ Each pixel is computed by one thread in a fixed order: the same bytes come out o
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import DepthMap, Floats
+from ..base.kernels import kernel
 from ..base.threads import shared
 from ..splats.splats import Splats
 from .footprints import NEAR, TILE, Batch, Footprint, camera_of, footprint_batches, pixel_range
@@ -71,11 +71,8 @@ def rasterize(splats: Splats, view: View, near: float = NEAR) -> Rendering:
     return Rendering(np.stack(list(images[:3]), axis=-1), alpha, depth_expected, depth_median.copy())
 
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
-
 @shared
-@_function
+@kernel
 def _blend(begin: int, end: int, batch: Batch, tiles: ScreenTiles) -> None:
     """Blend each open tile's list into its pixels, and close the tiles that let no more light through."""
     for deal in range(begin, end):
@@ -97,7 +94,7 @@ def _blend(begin: int, end: int, batch: Batch, tiles: ScreenTiles) -> None:
                 break
 
 
-@_function
+@kernel
 def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, dx: np.float32) -> None:
     """Blend a footprint into the pixel row at `first`; dx is its first pixel's offset from the row's middle.
 
@@ -122,7 +119,7 @@ def _blend_row(block: Floats, first: np.uint64, s: Footprint, q_y: np.float32, d
         block[TRANSMITTANCE + i] = after
 
 
-@_function
+@kernel
 def exp_minus_half(q: np.float32) -> np.float32:
     """exp(-q / 2) for 0 <= q <= 12 to 3e-6: the Taylor series of exp(-q / 64), squared five times."""
     t = q * np.float32(-1 / 64)
@@ -138,7 +135,7 @@ def exp_minus_half(q: np.float32) -> np.float32:
     return e * e
 
 
-@_function
+@kernel
 def _any_open(block: Floats) -> bool:
     unfinished = 0
     for i in range(np.uint64(AREA)):

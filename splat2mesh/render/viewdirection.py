@@ -2,14 +2,11 @@
 
 import math
 
-import numba
-
 from ..base.arrays import Floats
+from ..base.kernels import kernel
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_function
+@kernel
 def harmonics_of_direction(x: float, y: float, z: float, count: int, out: Floats) -> None:
     """Real orthonormal harmonics of a unit direction, order l(l+1) + m, with the (-1)^m of 3DGS files."""
     out[0] = math.sqrt(1 / (4 * math.pi))

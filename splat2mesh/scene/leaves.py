@@ -4,13 +4,13 @@
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from ..base.arrays import Faces, Floats, Indices, Mask, Points
+from ..base.kernels import kernel
 from ..base.threads import in_slices
 from .optical_depth import OpticalDepth
 
@@ -158,7 +158,7 @@ class Lattice:
         return result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _surround(
     begin: int,
     end: int,
@@ -181,7 +181,10 @@ def _surround(
         for corner in range(8):
             a, b, c = corner >> 2, corner >> 1 & 1, corner & 1
             key = ((i + a) * size[1] + j + b) * size[2] + k + c
-            found = min(np.searchsorted(keys, key), len(keys) - 1)
+            found, above = 0, len(keys) - 1  # the first that is not below it, or the last
+            while found < above:
+                middle = (found + above) >> 1
+                found, above = (middle + 1, above) if keys[middle] < key else (found, middle)
             there = keys[found] == key
             columns[r, corner] = found if there else cell[r]
             shares[corner] = (x if a else 1.0 - x) * (y if b else 1.0 - y) * (z if c else 1.0 - z) if there else 0.0
@@ -192,7 +195,7 @@ def _surround(
             weights[r, corner] = shares[corner] / total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _interpolate(
     begin: int,
     end: int,

@@ -8,11 +8,11 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.errors import InputError
+from ..base.kernels import kernel
 from ..splats.formats.ply import Element, Ply
 from .surfaces import UncheckedMesh, fans
 
@@ -151,7 +151,7 @@ def _spread(places: NDArray[np.int64], counts: NDArray[np.int64], step: int = 1)
     return np.repeat(places, counts) + step * within
 
 
-@numba.njit(cache=True)
+@kernel
 def _walk_numbers(
     numbers: NDArray[np.float64],
     start: int,
@@ -178,7 +178,7 @@ def _walk_numbers(
     return len(places), start
 
 
-@numba.njit(cache=True)
+@kernel
 def _walk_bytes(
     body: NDArray[np.uint8],
     start: int,

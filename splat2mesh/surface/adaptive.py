@@ -7,11 +7,11 @@ thick as the surface looks in each pixel, and cells that a view cannot see are s
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Integers, Points, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 from .dualmesh import dual_mesh
 from .octree import Corners, corners_of, leaves_of, requested_cells
@@ -123,11 +123,8 @@ def packed(sights: Sequence[FusionSight], origin: Vector) -> PackedSights:
     return PackedSights(*lists, pixels, np.concatenate(squares))
 
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
-
-
 @shared
-@_function
+@kernel
 def integrate(
     begin: int,
     end: int,
@@ -141,24 +138,28 @@ def integrate(
     """Blend every view into the corners of some batches: values (P,) and the sums of their weights (P,), float32."""
     positions, levels = corners.positions, corners.levels
     finest, narrow = truncation.finest, truncation.narrow
+    middle, center = np.empty(3), np.empty(3)
     for n in range(begin, end):
         first = batches[n] * BATCH
         last = min(first + BATCH, len(positions))
-        low, high, step = np.full(3, np.inf), np.full(3, -np.inf), 0.0
-        points, steps = np.empty((last - first, 3)), np.empty(last - first)
+        points, steps, step = np.empty((last - first, 3)), np.empty(last - first), 0.0
         for i in range(last - first):
             steps[i] = finest * 2.0 ** levels[first + i]
             step = max(step, steps[i])
             for a in range(3):
                 points[i, a] = positions[first + i, a] * finest
-                low[a], high[a] = min(low[a], points[i, a]), max(high[a], points[i, a])
-        middle = (low + high) / 2
-        ball = np.sqrt(((high - low) ** 2).sum()) / 2
+        square = 0.0
+        for a in range(3):
+            low, high = points[0, a], points[0, a]
+            for i in range(1, last - first):
+                low, high = min(low, points[i, a]), max(high, points[i, a])
+            middle[a] = (low + high) / 2
+            square += (high - low) * (high - low)
+        ball = np.sqrt(square) / 2
         total, weight = values[first:last], weights[first:last]
         for v in range(len(sights.poses)):
             pose, lens, size = sights.poses[v], sights.lenses[v], sights.sizes[v]
             camera = (lens[0], lens[1], lens[2], lens[3], size[0], size[1])
-            center = np.empty(3)
             for a in range(3):
                 center[a] = pose[a, 0] * middle[0] + pose[a, 1] * middle[1] + pose[a, 2] * middle[2] + pose[a, 3]
             if _unseen(center, ball, 3 * narrow * step, camera, sights.deepest, sights.square_starts[v]):
@@ -169,7 +170,7 @@ def integrate(
                 total[i] *= steps[i] / weight[i]
 
 
-@_function
+@kernel
 def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...], deepest: Floats, start: int) -> bool:
     """Whether a ball at `center` (camera frame) lies outside a view's pyramid, or behind all that it sees there."""
     fx, fy, px, py, height, width = camera
@@ -196,7 +197,7 @@ def _unseen(center: Vector, ball: float, margin: float, camera: tuple[Any, ...],
     return True
 
 
-@_function
+@kernel
 def _blend(
     points: Points,
     steps: Floats,

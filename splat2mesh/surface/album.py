@@ -7,12 +7,12 @@ thickness of that surface, and near views count far more than distant ones.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Integers, Points, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.opacityfield import FieldDepth
 from ..render.view import View
@@ -36,8 +36,6 @@ PER_GROUP = 100
 
 ROUNDING = 1e-9
 """More than sums of three products lose, relative to their terms."""
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Album(NamedTuple):
@@ -142,7 +140,7 @@ def groups_of(points: Points) -> tuple[Indices, Indices]:
     return order, np.concatenate([[0], new, [len(points)]])
 
 
-@_function
+@kernel
 def may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle: Vector, half: Vector) -> bool:
     """Whether any point of a box, (3,) its middle and half its sides, may show in a picture."""
     z, reach_z, terms_z = _along(pose, 2, 1.0, 0.0, middle, half)
@@ -158,7 +156,7 @@ def may_see(pose: Floats, lens: Floats, size: Integers, deepest: float, middle: 
     return True
 
 
-@_function
+@kernel
 def _along(
     pose: Floats, row: int, scale: float, deep: float, middle: Vector, half: Vector
 ) -> tuple[float, float, float]:
@@ -193,7 +191,7 @@ class Shown(NamedTuple):
 
 
 @shared
-@_function
+@kernel
 def _look_up(begin: int, end: int, asked: Asked, album: Album, deepest: Floats, shown: Shown) -> None:
     """Look the points of some groups up in the pictures that may show any of them. deepest: (M,) of `_deepest`."""
     points, order, groups = asked.points, asked.order, asked.groups
@@ -213,7 +211,7 @@ def _look_up(begin: int, end: int, asked: Asked, album: Album, deepest: Floats, 
             _look_up_one(i, asked, seers[:count], album, deepest, shown)
 
 
-@_function
+@kernel
 def _look_up_one(i: int, asked: Asked, seers: Indices, album: Album, deepest: Floats, shown: Shown) -> None:
     """Look one point up in some pictures, `seers`."""
     points, normals = asked.points, asked.normals

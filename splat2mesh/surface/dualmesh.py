@@ -2,14 +2,12 @@
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Integers
+from ..base.kernels import kernel
 from .octree import BITS, EMPTY, OCTREE_LEVELS, Corners, pack, slot
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class LeafIndex(NamedTuple):
@@ -54,14 +52,14 @@ def dual_mesh(
     return vertices, faces[proper].astype(np.int32), (leaves[used] >> (3 * BITS)).astype(np.int8)
 
 
-@_function
+@kernel
 def _index_leaves(keys: Indices, rows: Integers, leaves: Indices) -> None:
     for i in range(len(leaves)):
         at = slot(keys, leaves[i])
         keys[at], rows[at] = leaves[i], i
 
 
-@_function
+@kernel
 def _leaf_at(index: LeafIndex, level: int, x: int, y: int, z: int) -> int:
     """The leaf that holds a point, given in half units of the finest cell, tried from `level` outwards; -1: none."""
     finest, coarsest = index.finest, index.coarsest
@@ -78,7 +76,7 @@ def _leaf_at(index: LeafIndex, level: int, x: int, y: int, z: int) -> int:
     return -1
 
 
-@_function
+@kernel
 def _cross(
     leaves: Indices,
     corners: Corners,

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
 from ..base.arrays import DepthMap, Faces, Floats, Integers, Points, Vector
 from ..base.distinct import distinct
+from ..base.kernels import kernel
 from ..base.meshlibrary import open3d
 from ..base.threads import shared
 from ..render.view import View
@@ -122,7 +122,7 @@ def _in_fixed_order(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
 
 
 @shared
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def _integrate(
     begin: int,
     end: int,

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import Floats, Indices, Integers, Vector
 from ..base.distinct import distinct
+from ..base.kernels import kernel
 from .sight import FusionSight
 
 BITS = 19
@@ -30,16 +30,14 @@ EMPTY = -1
 FIRST_TABLE = 1 << 20
 """Slots of the table of requested cells, which doubles as they become more: 8 MB."""
 
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_function
+@kernel
 def pack(level: int, x: int, y: int, z: int) -> np.int64:
     """The key of a cell; coordinates in [-HALF, HALF)."""
     return (((np.int64(level) << BITS | (x + HALF)) << BITS) | (y + HALF)) << BITS | (z + HALF)
 
 
-@_function
+@kernel
 def unpack(key: int) -> tuple[int, int, int, int]:
     """Level and coordinates of a key."""
     z = (key & MASK) - HALF
@@ -48,7 +46,7 @@ def unpack(key: int) -> tuple[int, int, int, int]:
     return key >> (3 * BITS), x, y, z
 
 
-@_function
+@kernel
 def slot(table: Indices, key: int) -> np.int64:
     """The slot of a key in the table, or the empty slot for it."""
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -58,7 +56,7 @@ def slot(table: Indices, key: int) -> np.int64:
     return at
 
 
-@_function
+@kernel
 def _insert_all(table: Indices, keys: Indices, count: int) -> int:
     """Put keys into a table; returns how many it holds then, or -1 when it is too full."""
     for key in keys:
@@ -71,7 +69,7 @@ def _insert_all(table: Indices, keys: Indices, count: int) -> int:
     return count
 
 
-@_function
+@kernel
 def _mark(
     table: Indices,
     count: int,
@@ -168,7 +166,7 @@ def leaves_of(requested: Indices) -> Indices:
     return np.sort(np.concatenate(leaves))
 
 
-@_function
+@kernel
 def _parents(keys: Indices) -> Indices:
     out = np.empty_like(keys)
     for i in range(len(keys)):
@@ -177,7 +175,7 @@ def _parents(keys: Indices) -> Indices:
     return out
 
 
-@_function
+@kernel
 def _children(keys: Indices) -> Indices:
     out = np.empty(8 * len(keys), np.int64)
     for i in range(len(keys)):
@@ -223,7 +221,7 @@ def _numbered(leaves: Indices, size: int) -> tuple[NDArray[np.int32], NDArray[np
     return None if count < 0 else (positions[:count], levels[:count], of_leaf)
 
 
-@_function
+@kernel
 def _number_corners(
     leaves: Indices, table: Indices, values: Integers, positions: Integers, levels: Integers, of_leaf: Integers
 ) -> int:
@@ -247,14 +245,14 @@ def _number_corners(
     return count
 
 
-@_function
+@kernel
 def _renumber(of_leaf: Integers, rank: Integers) -> None:
     for i in range(len(of_leaf)):
         for c in range(8):
             of_leaf[i, c] = rank[of_leaf[i, c]]
 
 
-@_function
+@kernel
 def _morton(positions: Integers) -> Indices:
     out = np.empty(len(positions), np.int64)
     for i in range(len(positions)):

@@ -6,10 +6,10 @@ collapses that do not touch one another, so the result is the same for any numbe
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points, Vector
+from ..base.kernels import kernel
 from ..base.threads import shared
 
 LONGEST = 6.0
@@ -26,8 +26,6 @@ STIFF, SHORT = 1e-3, 1e-4
 
 LEAST_TURN = 0.2
 """Cosine of the largest turn of a face in one collapse."""
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Simplified(NamedTuple):
@@ -91,7 +89,7 @@ def _edges(faces: Faces, count: int) -> tuple[Indices, Indices]:
     return np.stack([key // count, key % count], axis=1), uses
 
 
-@_function
+@kernel
 def _faces_around(faces: Faces, count: int) -> tuple[Indices, Indices]:
     """For each vertex where its faces begin in a list, and the list, in order."""
     starts = np.zeros(count + 1, np.int64)
@@ -108,7 +106,7 @@ def _faces_around(faces: Faces, count: int) -> tuple[Indices, Indices]:
     return starts, around
 
 
-@_function
+@kernel
 def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floats, weights: Floats) -> None:
     """The planes of all faces, by area, and upright planes through border edges, at their corners."""
     for f in range(len(faces)):
@@ -125,23 +123,25 @@ def _add_quadrics(points: Points, faces: Faces, borders: Indices, quadrics: Floa
                 _add_plane(quadrics, faces[f, k], nx / area, ny / area, nz / area, d, area / 2)
                 weights[faces[f, k]] += area / 2
     for e in range(len(borders)):
-        i, j = borders[e]
-        along = points[j] - points[i]
-        length = np.sqrt((along * along).sum())
+        i, j = borders[e, 0], borders[e, 1]
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
+        length = np.sqrt(_square(dx, dy, dz))
         if length > 0:
             for axis in range(3):  # all that is across the edge: three planes less what runs along it
-                n = np.zeros(3)
-                n[axis] = 1.0
-                n -= along * along[axis] / (length * length)
-                size = np.sqrt((n * n).sum())
+                along = dx if axis == 0 else dy if axis == 1 else dz
+                nx = (1.0 if axis == 0 else 0.0) - dx * along / (length * length)
+                ny = (1.0 if axis == 1 else 0.0) - dy * along / (length * length)
+                nz = (1.0 if axis == 2 else 0.0) - dz * along / (length * length)
+                size = np.sqrt(_square(nx, ny, nz))
                 if size > 1e-6:
-                    n /= size
-                    d = -(n * points[i]).sum()
-                    for end in (i, j):
-                        _add_plane(quadrics, end, n[0], n[1], n[2], d, length * length / 2)
+                    nx, ny, nz = nx / size, ny / size, nz / size
+                    d = -(nx * x + ny * y + nz * z)
+                    for k in range(2):
+                        _add_plane(quadrics, borders[e, k], nx, ny, nz, d, length * length / 2)
 
 
-@_function
+@kernel
 def _add_plane(quadrics: Floats, vertex: int, x: float, y: float, z: float, d: float, weight: float) -> None:
     q = quadrics[vertex]
     q[0] += weight * x * x
@@ -157,7 +157,7 @@ def _add_plane(quadrics: Floats, vertex: int, x: float, y: float, z: float, d: f
 
 
 @shared
-@_function
+@kernel
 def _costs(
     begin: int,
     end: int,
@@ -202,12 +202,12 @@ def _costs(
         places[e, 0], places[e, 1], places[e, 2] = x, y, z
 
 
-@_function
+@kernel
 def _square(x: float, y: float, z: float) -> float:
     return x * x + y * y + z * z
 
 
-@_function
+@kernel
 def _best(
     xx: float,
     xy: float,
@@ -239,7 +239,7 @@ def _best(
     )
 
 
-@_function
+@kernel
 def _collapse(
     points: Points,
     faces: Faces,
@@ -309,7 +309,7 @@ def _collapse(
     return removed
 
 
-@_function
+@kernel
 def _spoils(
     points: Points,
     faces: Faces,
@@ -345,6 +345,6 @@ def _spoils(
     return False
 
 
-@_function
+@kernel
 def _cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float]:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx

@@ -8,12 +8,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ..base.arrays import Directions, Floats, Integers, Points
 from ..base.errors import InputError
+from ..base.kernels import kernel
 from ..base.meshlibrary import open3d
 from ..base.threads import shared
 from ..render.rasterize import Rendering
@@ -103,7 +103,7 @@ def poisson(surface: SurfacePoints, depth: int) -> Any:
     return mesh
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _density(
     x: float,
     y: float,
@@ -137,7 +137,7 @@ def _density(
 
 
 @shared
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _enter_level(
     begin: int,
     end: int,
@@ -156,7 +156,7 @@ def _enter_level(
         _enter(p, points, directions, neighbors, means, rotations, scales, opacities, offsets, normals)
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def _enter(
     p: int,
     points: Points,

@@ -11,12 +11,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ..base.arrays import Faces, Floats, Indices, Integers, Mask, Points
 from ..base.choices import LARGEST_TEXTURE, SMALLEST_TEXTURE
 from ..base.errors import InputError
+from ..base.kernels import kernel
 from ..base.threads import read_only
 
 if TYPE_CHECKING:
@@ -203,7 +203,7 @@ def _nearest_texel(texels: Indices, size: int) -> NDArray[np.int32]:
     return index.reshape(size, size)[rows, columns].ravel()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _draw(
     uv: NDArray[np.float32],
     faces: Integers,
@@ -260,7 +260,7 @@ def _draw(
                     weights[row, column, 2] = third
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _interpolate(
     values: Floats,
     corners: NDArray[np.int32],

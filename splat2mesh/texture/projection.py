@@ -7,11 +7,11 @@ occluded points, or where it shows another surface.
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import ColorsSrgb, Directions, Floats, Indices, Points
+from ..base.kernels import kernel
 from ..base.threads import shared
 from ..render.rasterize import rasterize
 from ..render.view import View
@@ -24,8 +24,6 @@ LEAST_ALPHA = 0.5
 
 DEEPEST = 1.05
 """Factor on the depth of a picture's deepest pixel, behind which it shows nothing."""
-
-_function = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
 class Look(NamedTuple):
@@ -107,7 +105,7 @@ class _Asked(NamedTuple):
 
 
 @shared
-@_function
+@kernel
 def _show(begin: int, end: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
     points, count = asked.points, len(pictures.poses)
     seers = np.empty(count, np.int64)
@@ -127,7 +125,7 @@ def _show(begin: int, end: int, asked: _Asked, pictures: Pictures, result: Float
                 _add(i, m, asked, pictures, result, weights)
 
 
-@_function
+@kernel
 def _add(i: int, m: int, asked: _Asked, pictures: Pictures, result: Floats, weights: Floats) -> None:
     """Add to one point what one picture shows there."""
     p, lens, height, width = pictures.poses[m], pictures.lenses[m], pictures.sizes[m, 0], pictures.sizes[m, 1]

@@ -18,7 +18,7 @@ def validator_issues(path):
     folders += [Path(folder) for folder in os.environ.get("NODE_PATH", "").split(os.pathsep) if folder]
     modules = next((folder for folder in folders if (folder / "gltf-validator").is_dir()), None)
     if modules is None:
-        pytest.skip("the npm module gltf-validator is not installed (scripts/setup installs it)")
+        pytest.skip("the npm module gltf-validator is not installed (scripts/setup tests installs it)")
     script = Path(__file__).with_name("gltf_validator.mjs")
     done = subprocess.run(["node", script, modules, path], capture_output=True, text=True, check=True, timeout=60)
     return json.loads(done.stdout)
