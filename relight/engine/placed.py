@@ -93,7 +93,7 @@ class LampLight:
 
     @cached_property
     def bounce_plan(self) -> BouncePlan | None:
-        """The number of rays that their first bounce needs, for hard shadows; None without bounces."""
+        """The number of rays that their first bounce needs, for hard shadows; None without bounces or lamps."""
         if not self._bounces or not len(self._emitters.kind):
             return None
         left = math.sqrt(max(self._tolerance**2 - self.plan.error**2, (self._tolerance / 2.0) ** 2))
@@ -156,8 +156,8 @@ class LampLight:
         albedo = self._albedo
         if not self._bounces:
             return self.without_bounces(direct)
-        assert self.bounce_plan is not None  # with bounces there is one
-        matrix, rays, seed = self._interreflection, self.bounce_plan.rays, self._relighter.options.seed
+        matrix, seed = self._interreflection, self._relighter.options.seed
+        rays = 0 if self.bounce_plan is None else self.bounce_plan.rays
         with self._relighter.stages.stage("bounces", len(albedo)) as advance:
             first = first_bounce(self._receivers, albedo * direct, rays, seed=seed, advance=advance) if rays else None
             radiance, bounces = with_bounces(direct, albedo, matrix, first=first)

@@ -25,8 +25,8 @@ the rest of the room is seen, and would hide its noise."""
 class BouncePlan(NamedTuple):
     """The rays for the first bounce of placed lamps, with their error and time.
 
-    rays: from each vertex, beyond those of the matrix of bounces; 0 where these are enough. error: of the light that
-    first bounces bring, relative to all light, root mean square over the sample. seconds: for the whole scene.
+    rays: from each vertex, in place of those of the matrix of bounces; 0 where these are enough. error: of the light
+    that first bounces bring, relative to all light, root mean square over the sample. seconds: for the whole scene.
     curve: [(seconds, error, rays)], quickest first. within: whether the error keeps to the tolerance.
     """
 
@@ -49,7 +49,7 @@ class BouncePlan(NamedTuple):
 
     def table(self) -> list[str]:
         """Lines of text, below those of the lamps."""
-        rays = f"{self.rays} more rays from each vertex" if self.rays else "the rays that are there are enough"
+        rays = f"{self.rays} rays from each vertex" if self.rays else "the rays that are there are enough"
         lines = [f"  first bounce: {rays}; predicted: error {self.error:.2%}; {self.seconds:.2f} s"]
         lines += [] if self.within else ["  above the tolerance: no number of rays that may be taken keeps to it"]
         return lines

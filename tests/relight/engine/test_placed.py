@@ -204,3 +204,9 @@ def test_the_light_of_the_capture_cannot_be_turned():
         RelightRequest("x", "captured", angles_deg=(45.0,))
     assert RelightRequest("x", lighting=LightingOptions(captured=0.2)).env == "captured"
     assert RelightRequest("x").env == "studio"
+
+
+def test_without_lamps_nothing_is_lit_and_nothing_planned():
+    light = lamp_light(hollow_ball(), [])
+    nothing = np.zeros_like(light._look.captured)
+    assert light.bounce_plan is None and not light.with_bounces(nothing).radiance.any()
