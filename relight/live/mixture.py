@@ -56,11 +56,20 @@ class Mixture(NamedTuple):
         color = np.sum([axis_intensity(lamp) for lamp in lamps], axis=0)
         several = len(lamps) > 1 or any(isinstance(lamp, MeshLamp) and lamp.radiance.ndim == 2 for lamp in lamps)
         direct, tint = as_white(self.light.direct_of(*group), color, several)
-        received = self.light.with_bounces(direct).received
+        received = self._received(direct, tint, alone=len(lamps) == len(self.lamps))
         if len(lamps) > 1:
             return Source(LAMP, f"{len(lamps)} more lamps", tint, received)
         name = self.names[group[0]] or f"Lamp {group[0] + 1}"
         return Source(LAMP, name, tint, received, place_of(lamps[0]))
+
+
+    def _received(self, direct: NDArray[np.float32], tint: NDArray[np.float64], alone: bool) -> NDArray[np.float32]:
+        """Irradiance (V, 3) of lamps with direct light (V, 3), in units of their tint (3,). alone: they are all lamps,
+        whose light the result has: bounces keep the colours apart, so it takes a division."""
+        assert self.light is not None
+        if alone and (tint > 0.0).all():
+            return np.asarray(self.light.placed.received / tint, np.float32)
+        return self.light.with_bounces(direct).received
 
 
 def place_of(lamp: Lamp) -> list[float]:
