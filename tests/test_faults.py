@@ -43,6 +43,7 @@ def test_of_two_runs_at_once_one_is_refused_or_both_are_done(server, tmp_path):
     assert not [name for name in state if "unfinished" in name]
 
 
+@pytest.mark.slow
 def test_a_fault_that_loses_something_is_seen(server, tmp_path):
     """What judges the others must see the worst: a half output, a lost file, a wrong code."""
     trial = Trial(server, CASES["mesh"], made(tmp_path / "template", "mesh"), tmp_path)

@@ -19,6 +19,8 @@ from browser import Browser, chromium
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import read_splats, write_inria_ply
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = "splat2mesh", "relight"
 

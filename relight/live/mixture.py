@@ -62,7 +62,6 @@ class Mixture(NamedTuple):
         name = self.names[group[0]] or f"Lamp {group[0] + 1}"
         return Source(LAMP, name, tint, received, place_of(lamps[0]))
 
-
     def _received(self, direct: NDArray[np.float32], tint: NDArray[np.float64], alone: bool) -> NDArray[np.float32]:
         """Irradiance (V, 3) of lamps with direct light (V, 3), in units of their tint (3,). alone: they are all lamps,
         whose light the result has: bounces keep the colours apart, so it takes a division."""

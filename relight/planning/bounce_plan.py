@@ -65,8 +65,8 @@ def plan_first_bounce(
 ) -> BouncePlan:
     """Choose the fewest rays that keep to a tolerance; those of the matrix where they do.
 
-    Two independent sets of rays differ by their noise, so no converged reference is traced. Of 1,024 vertices that would
-    take 2,048 rays each: more than the work itself in scenes of a few thousand vertices.
+    Two independent sets of rays differ by their noise, so no converged reference is traced. That would take 2,048 rays
+    from each of 1,024 vertices: more than the work itself in scenes of a few thousand vertices.
 
     Parameters
     ----------

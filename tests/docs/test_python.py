@@ -40,6 +40,7 @@ def shown(tmp_path, monkeypatch):
     return shown
 
 
+@pytest.mark.slow
 def test_the_python_of_the_page_runs_in_order(shown, capsys):
     found = blocks((ROOT / "docs" / "python.md").read_text("utf-8"))
     assert len(found) == 3

@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
 from ball_splats import solid_ball
 
 import relight.cli
@@ -32,6 +33,7 @@ def test_every_tutorial_shows_commands():
 
 
 # The two that take least; that the commands of the others are understood is tested in test_commands.py.
+@pytest.mark.slow
 def test_the_commands_of_a_page_for_a_client_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for effort in ("normal", "draft"):
@@ -44,6 +46,7 @@ def test_the_commands_of_a_page_for_a_client_run(tmp_path, monkeypatch, capsys):
     assert Path("garden/relit/sunset_0/relit.html").is_file() and Path("with_lamp/relit.html").is_file()
 
 
+@pytest.mark.slow
 def test_the_commands_of_a_city_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(survey.PIXELS, "draft", 40)

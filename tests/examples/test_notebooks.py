@@ -59,6 +59,7 @@ def test_a_notebook_shows_tens_of_thousands_of_gaussians(path):
     assert int(count) >= 50_000 and f"{int(count):,} Gaussians" in read(path).cells[0].source
 
 
+@pytest.mark.slow
 @everyone
 def test_every_cell_runs_and_pictures_are_shown(path, tmp_path, monkeypatch):
     nbclient = pytest.importorskip("nbclient", reason="needs nbclient and ipykernel")

@@ -95,6 +95,7 @@ def test_a_splat_is_relit_in_one_line(ball, relit, tmp_path):
         relit.save(tmp_path / "b.xyz")
 
 
+@pytest.mark.slow
 def test_a_splat_of_another_kind_and_its_scene_folder_give_the_same(ball, relit, tmp_path):
     write_splats(tmp_path / "ball.compressed.ply", read_splats(ball), "compressed.ply")
     other = relight_splat(tmp_path / "ball.compressed.ply", "sunset", angle_deg=45, tolerance=0.1, meshing=DRAFT)

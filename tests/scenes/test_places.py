@@ -198,6 +198,7 @@ def test_windows_bring_what_the_sky_brings():
     assert window[rows].sum() == pytest.approx(radiosity_directions[rows].sum(), rel=0.05)
 
 
+@pytest.mark.slow
 def test_lamps_add_up_and_scale(monkeypatch):
     monkeypatch.setattr("scenes.radiosity.CLOSED_GATHER", 48)  # the same rays for all three
     place, sky = build_place("lounge", 1, VERTICES), Environment.load("overcast")
@@ -208,6 +209,7 @@ def test_lamps_add_up_and_scale(monkeypatch):
         light(place, sky, -1.0)
 
 
+@pytest.mark.slow
 def test_every_camera_sees_a_solid_place(place):
     views = capture_views(place, 16, 64)
     lighting = light(place, WHITE)
@@ -303,6 +305,7 @@ def generate(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_command_writes_a_place_with_its_truth(tmp_path):
     out = tmp_path / "lounge"
     options = ("--splats", 1500, "--vertices", 5000, "--views", 12, "--env", "overcast", "--degree", 1)

@@ -319,6 +319,7 @@ def generate(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_command_writes_a_scene_that_the_tools_read(tmp_path):
     out = tmp_path / "scene"
     options = (out, "--splats", 1500, "--vertices", 3000, "--views", 10, "--env", "sunset", "--seed", 2)

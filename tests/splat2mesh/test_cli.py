@@ -62,6 +62,7 @@ def converted(tmp_path_factory):
     return process, folder
 
 
+@pytest.mark.slow
 def test_json_is_one_object_on_stdout_and_stderr_is_silent(converted):
     process, folder = converted
     assert (process.returncode, process.stderr) == (0, "")

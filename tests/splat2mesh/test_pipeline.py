@@ -98,6 +98,7 @@ def test_an_object_is_near_the_truth_whole_and_coloured(converted):
     assert np.median(error) < 0.03
 
 
+@pytest.mark.slow
 def test_a_tabletop_is_near_the_truth_where_it_was_seen(files):
     truth, seen, _ = scene("tabletop", 30_000)
     found = convert(files / "tabletop.ply", detail="draft", vertices=20_000)
@@ -172,6 +173,7 @@ def test_the_same_file_gives_the_same_bytes_on_any_number_of_threads(files, quic
     assert contents(other) != results[0][0]
 
 
+@pytest.mark.slow
 def test_up_is_up_whatever_it_was_in_the_file(files, quick):
     axes = {"auto": UP, "+y": [0, 1, 0], "-y": [0, -1, 0], "+z": [0, 0, 1], "-z": [0, 0, -1]}
     boxes = []
@@ -207,6 +209,7 @@ def test_broken_rows_are_as_if_they_were_not_there(files, tmp_path, quick):
     assert contents(found) != contents(naive)  # rows of zeros in place of what is broken do harm
 
 
+@pytest.mark.slow
 def test_trained_cameras_are_used_and_do_as_well_as_virtual_ones(files, converted):
     truth, seen, _ = scene("object")
     found = convert(files / "object.ply", cameras=files / "sparse", detail="draft", vertices=VERTICES)
@@ -216,6 +219,7 @@ def test_trained_cameras_are_used_and_do_as_well_as_virtual_ones(files, converte
     assert f_score(found, truth, seen, 0.005) > f_score(converted, truth, seen, 0.005) - 0.02
 
 
+@pytest.mark.slow
 def test_the_sugar_way_leads_to_a_scene_too(files, quick):
     truth, seen, _ = scene("object")
     found = convert(files / "object.ply", detail="draft", vertices=VERTICES, surface="sugar")

@@ -72,6 +72,7 @@ def test_the_closed_proxy_is_one_body_that_godot_takes_for_collisions(coarse):
     assert scene.statistics["proxy_faces"] == len(body.faces)
 
 
+@pytest.mark.slow
 def test_the_command_writes_it_beside_the_mesh(tmp_path, capsys, coarse):
     pytest.importorskip("manifold3d")
     write_inria_ply(tmp_path / "ball.ply", solid_ball())

@@ -65,6 +65,7 @@ def test_a_sky_that_was_seen_keeps_its_colour(place):
     np.testing.assert_allclose(shown, 0.5 * BLUE, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_luminance_of_the_light_stays(place, monkeypatch):
     geometry, looks = place
     captured, light = captured_in(geometry, USUAL_HUE, 2.0)

@@ -56,6 +56,7 @@ def lights(job, acting, times):
     return [acting.at(time_s).under(around.around, around.received) for time_s in times]
 
 
+@pytest.mark.slow
 def test_a_pose_is_lit_as_the_object_that_stands_there(place, sliding, tmp_path):
     """To the bit, on mesh and splats, against the box as a file of its own at the place that it has slid to."""
     job = Job(request(place, [f"{sliding} at=-1,.3,0 albedo=.3"], None))
@@ -81,6 +82,7 @@ def test_a_pose_is_lit_as_the_object_that_stands_there(place, sliding, tmp_path)
         assert not changed[np.linalg.norm(splats.means[:, [0, 2]] - [x, 0], axis=1) > 3.9].any()
 
 
+@pytest.mark.slow
 def test_the_film_shows_box_and_shadow_move(place, sliding, tmp_path):
     out = tmp_path / "film"
     asked = request(place, [f"{sliding} at=-1,.2,0 albedo=.02"], out, animated=True, fps=2.0)

@@ -88,6 +88,7 @@ def test_without_a_window_lamps_stay_on_and_the_other_half_takes_after_the_new_l
     np.testing.assert_array_equal(radiance[glowing], captured[glowing])
 
 
+@pytest.mark.slow
 def test_with_its_lamps_off_a_room_without_a_window_has_what_is_assumed_to_come_from_outside():
     scene = room()[0]
     job, found, radiance = shaded(scene, "sunset", lamps="off")
@@ -115,6 +116,7 @@ def test_the_exposure_of_a_light_gives_its_change():
     assert assumed_exposure(even(0, 0, 0)) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grey", [True, False], ids=["unknown light", "a lamp"])
 def test_an_object_takes_the_light_of_the_room_that_is_assumed(grey):
     scene = unknown_room() if grey else room()[0]

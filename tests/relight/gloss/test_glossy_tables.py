@@ -78,6 +78,7 @@ def table():
     return Table(301)
 
 
+@pytest.mark.slow
 def test_what_shines_is_found_and_what_is_matte_stays_so(table):
     found, nodes = table.gloss.of(table.look), table.nearest()
     seen = table.seen[nodes]
@@ -109,6 +110,7 @@ def test_under_the_captured_light_no_bit_changes(table):
     np.testing.assert_array_equal(kept.sh, table.splats.sh)
 
 
+@pytest.mark.slow
 def test_the_same_table_without_gloss_keeps_every_bit():
     matte = Table(303, glossy=False, splats=2000)
     assert matte.gloss.of(matte.look) is None

@@ -140,6 +140,7 @@ def matte():
     return Ball(0.0)
 
 
+@pytest.mark.slow
 def test_what_is_looked_at_first_is_part_of_all_pictures(glazed):
     """And stands far apart: no two of the 16 within 20 degrees, where 40 views over half a sphere have neighbours at 20
     to 25."""
@@ -196,6 +197,7 @@ def test_a_matte_ball_keeps_every_bit(matte):
     np.testing.assert_array_equal(matte.relit(NEW, gloss).sh, plain.sh)
 
 
+@pytest.mark.slow
 def test_what_was_observed_is_kept_and_damage_is_observed_anew(glazed, tmp_path):
     cache = Cache(tmp_path, "a ball")
     first = glazed.gloss(cache)

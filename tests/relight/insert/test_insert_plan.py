@@ -22,6 +22,7 @@ def place(tmp_path):
     return floor_place(tmp_path)
 
 
+@pytest.mark.slow
 def test_an_object_put_in_and_taken_out_again_leaves_every_bit(place, tmp_path):
     """Though the cache of the scene has been through it."""
     relight_files(request(place, [], tmp_path / "before", env="captured"))

@@ -49,6 +49,7 @@ def test_a_black_disc_darkens_the_splats_below_it_by_its_form_factor(place, tmp_
     np.testing.assert_allclose(shown[judged].mean(axis=1), wanted[judged], atol=0.02)
 
 
+@pytest.mark.slow
 def test_what_is_not_reached_keeps_every_bit_and_nothing_put_in_changes_nothing(place, tmp_path):
     source = rows(tmp_path / "floor.ply")
     relight_files(request(place, [f"{disc(tmp_path, 0.2)} at=-2,.3,-2"], tmp_path / "with"))
@@ -78,6 +79,7 @@ def test_a_white_wall_throws_light_on_the_floor_in_its_new_light(place, tmp_path
     assert (ratio[shade] < 0.2).all()
 
 
+@pytest.mark.slow
 def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
     from PIL import Image
 
@@ -99,6 +101,7 @@ def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
     assert validator_issues(tmp_path / "out" / "inserted.glb")["messages"] == []
 
 
+@pytest.mark.slow
 def test_a_splat_takes_the_light_of_the_place_and_stands_behind_its_rows(place, tmp_path):
     own = wall([-0.5, 0, 0], [1, 0, 0], [0, 1, 0], 0.1)
     write_inria_ply(tmp_path / "card.ply", own)
@@ -161,6 +164,7 @@ def test_broken_files_end_with_one_line_and_exit_code_2(place, tmp_path, content
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_the_same_objects_add_to_a_folder_and_others_are_refused(place, tmp_path):
     asked = f"{disc(tmp_path)} at=0,.5,0"
     relight_files(request(place, [asked], tmp_path / "out"))

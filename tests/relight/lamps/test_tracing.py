@@ -158,6 +158,7 @@ def street(count, seed=0):
     return [SphereLamp(tuple(place), 0.01, tuple(rng.uniform(0.5, 2.0, 3) * 500 / count)) for place in places]
 
 
+@pytest.mark.slow
 def test_many_lamps_are_right_on_average(lit):
     """Of 500 each vertex takes the brightest and a few by chance: right in the mean, and near at each."""
     lamps = street(500)

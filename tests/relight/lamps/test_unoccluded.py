@@ -134,6 +134,7 @@ def test_the_weights_of_shadow_rays_add_up_to_the_closed_form(lamp, normal):
     assert found == pytest.approx(true, rel=0.02, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_a_mesh_in_the_form_of_a_rectangle_is_one():
     corners = np.array([[-0.4, 0.7, 0.0], [0.4, 0.7, 0.0], [0.4, 0.7, 0.4], [-0.4, 0.7, 0.4]])
     mesh = MeshLamp(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.ones(3))

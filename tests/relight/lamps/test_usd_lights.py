@@ -240,6 +240,7 @@ def test_a_stage_of_very_many_prims_is_refused(stage, monkeypatch):
         read(stage)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz", ".usd"])
 def test_truncated_and_damaged_files(tmp_path, suffix):
     from pxr import UsdLux, UsdUtils

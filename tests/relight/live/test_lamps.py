@@ -133,6 +133,7 @@ def grey_room():
     return Scene([Mesh(found.vertices, found.normals, found.faces, grey)], capture=found.capture)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("grey", "env", "more"),
     [
@@ -174,6 +175,7 @@ def room_colors(splats):
     return np.clip(0.5 + SH_C0 * splats.sh[:, 0], 0.0, 1.0).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("env", "captured", "more"),
     [

@@ -59,6 +59,7 @@ def written(tmp_path_factory):
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_the_bundle_has_the_shadow_that_the_relit_splat_has(written):
     meta = json.loads((written / "live" / "live.json").read_text())
     entry = meta["objects"]

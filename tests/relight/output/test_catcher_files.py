@@ -108,6 +108,7 @@ def test_the_command_says_so_in_one_line(made, capsys):
     assert "--format catcher" in error and "--insert" in error and len(error.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_it_comes_from_the_library_too_without_splats_of_its_own(made, tmp_path):
     folder = made[1].parent
     asked = RelightRequest(

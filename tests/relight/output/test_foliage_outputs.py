@@ -129,6 +129,7 @@ def test_the_picture_of_a_mesh_shows_the_ground_behind_leaves_left_out(splats):
     assert green["none"] == 0 and green["cards"] > 150
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_file_of_the_commands_is_of_what_is_drawn(tmp_path, capsys, splats, kind):
     scene = leaves_apart(bush_scene(), splats, kind, 3000)

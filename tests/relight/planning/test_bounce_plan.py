@@ -41,6 +41,7 @@ def test_other_light_hides_the_noise(ball):
     assert alone.rays > beside.rays == 0
 
 
+@pytest.mark.slow
 def test_the_error_is_as_foreseen(ball):
     """Over all vertices against 4,096 rays; the sample of 1,024 of 2,562 leaves some percent of it."""
     sent = pool(ball, 0.05)

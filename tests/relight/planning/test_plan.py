@@ -69,6 +69,7 @@ def work(plan, vertices):
 # -- one effect each
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sky", ["overcast", "kitchen", "noon"])
 @pytest.mark.parametrize("tolerance", [0.02, 0.01])
 def test_a_sphere_needs_no_transfer_by_rays(sky, tolerance):
@@ -276,6 +277,7 @@ def test_rays_are_doubled_where_the_law_was_wrong(monkeypatch):
     assert relighter.plan_for(light).checked <= 0.02 and difference(shading.radiance, truth(scene, light)) <= 0.025
 
 
+@pytest.mark.slow
 def test_rays_are_not_blamed_for_the_noise_of_the_sample(monkeypatch):
     """In the shade of needles 1024 directions of the sample are off by more than 512 rays."""
     scene, light = plan_scenes.needles(), Environment(SKIES["overcast"].radiance, "overcast")

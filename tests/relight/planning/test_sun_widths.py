@@ -23,6 +23,7 @@ def patch(toward, height=720):
     return light, Suns(toward[None], np.full((1, 3), 2.0 * np.pi * (1.0 - np.cos(RADIUS))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene,off", [("needles", True), ("sphere", False)])
 def test_the_width_of_a_sun_is_what_points_are_off(scene, off):
     scene = getattr(plan_scenes, scene)()
@@ -44,6 +45,7 @@ def test_the_width_of_a_sun_is_what_points_are_off(scene, off):
     assert not off or found > 0.1 * total
 
 
+@pytest.mark.slow
 def test_finer_suns_are_taken_in_the_shade_of_needles():
     """By the split's own estimate three suns would do, and be .06 off."""
     scene, light = plan_scenes.needles(), Environment(Environment.load("noon").radiance, "noon")

@@ -44,6 +44,7 @@ def shaded(scene, lamps):
     return job, found.shading.radiance * found.exposure
 
 
+@pytest.mark.slow
 def test_a_lamp_that_was_pointed_at_goes_out_and_leaves_neither_glow_nor_stain():
     scene, glowing, at = yellow_box()
     captured = scene.colors_linear
@@ -60,6 +61,7 @@ def test_a_lamp_that_was_pointed_at_goes_out_and_leaves_neither_glow_nor_stain()
     np.testing.assert_allclose(half[unclipped], 0.5 * captured[unclipped], rtol=0.1, atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_place_on_a_lamp_that_was_found_means_that_one():
     scene, place, *_ = room()
     at = scene.vertices[place.emitted.any(axis=1)].mean(axis=0)

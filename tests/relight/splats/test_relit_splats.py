@@ -346,6 +346,7 @@ def test_dark_colours_stay_dark():
     assert relit(black, scene, before, 0.1 * before, views=()).colors_diffuse.max() < 0.005
 
 
+@pytest.mark.slow
 def test_a_kept_binding_relights_to_the_same_bits(ball, tmp_path):
     scene, splats, _ = ball
     before, after = irradiances(scene)

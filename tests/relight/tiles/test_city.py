@@ -81,6 +81,7 @@ def test_the_relit_splats_are_those_of_the_source_in_other_colours(city, relit):
         assert np.isfinite(relit_tile.sh).all()
 
 
+@pytest.mark.slow
 def test_a_streamed_sog_of_the_city_holds_its_relit_splats_in_levels(city, relit):
     formats = ("splat", "sog")
     relit_city(city, "noon", OPTIONS, formats=formats, folder="relit/sog")
@@ -141,6 +142,7 @@ def test_a_run_that_goes_on_ends_in_the_same_bytes(city, relit):
     assert sums(folder) == before
 
 
+@pytest.mark.slow
 def test_a_city_in_a_bucket_has_the_same_bytes(city, relit, tmp_path):
     with pytest.MonkeyPatch.context() as patch, bucket_server(patch):
         url = f"{made_bucket('cities')}/small"

@@ -49,6 +49,7 @@ def in_splat(lamp, scene):
     return SphereLamp((float(x), float(y), float(z)), lamp.radius * scale, lamp.radiance)
 
 
+@pytest.mark.slow
 def test_a_lamp_at_a_border_lights_all_tiles_as_the_whole_city(city):
     scene = whole_city(city)
     lamp = border_lamp(city, scene, 2000.0)
@@ -79,6 +80,7 @@ def test_captured_light_is_dimmed_everywhere_alike(city):
     np.testing.assert_allclose(radiance(city, "relit/dimmed"), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_all_of_the_captured_light_gives_the_captured_splats(city):
     options = LightingOptions(**OPTIONS, captured=1.0, env_scale=0.0)
     relit_city(city, "noon", options, formats=("splat",), folder="relit/same")

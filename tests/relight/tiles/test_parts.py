@@ -95,6 +95,7 @@ def test_little_memory_is_reported(city):
     assert not (city / "relit/little").exists()
 
 
+@pytest.mark.slow
 def test_a_city_in_parts_is_lit_as_uncut(city, cut, uncut):
     assert all(record["parts"] == 1 for record in records(uncut))
     assert all(record["parts"] > 1 for record in records(cut))
@@ -107,6 +108,7 @@ def test_a_city_in_parts_is_lit_as_uncut(city, cut, uncut):
         assert np.abs(found - expected).mean() < 0.02
 
 
+@pytest.mark.slow
 def test_a_worker_writes_the_same_parts(city, cut, tmp_path):
     copy = Path(shutil.copytree(city, tmp_path / "copy", ignore=shutil.ignore_patterns("relit")))
     with engine(None, 1, None) as running:

@@ -266,6 +266,7 @@ def test_the_file_holds_plain_operators_only():
     assert model.metadata_props[0].value == ", ".join(features.ESTIMATES)  # what it was trained on
 
 
+@pytest.mark.slow
 def test_exported_network_says_what_torch_says(estimates, tmp_path):
     torch = pytest.importorskip("torch")
     pytest.importorskip("onnx")
@@ -291,6 +292,7 @@ def test_exported_network_says_what_torch_says(estimates, tmp_path):
         np.testing.assert_allclose(a, b.numpy(), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_learned_from_is_the_squared_error_of_the_mix(torus):
     torch = pytest.importorskip("torch")
     from training import meshes, mixing

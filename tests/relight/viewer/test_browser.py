@@ -35,6 +35,7 @@ def importable(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
 
 
+@pytest.mark.slow
 def test_a_cell_shows_a_widget(importable):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")
@@ -82,6 +83,7 @@ async def greeting(port, secret):
                 return str(found)
 
 
+@pytest.mark.slow
 def test_a_session_is_served_to_who_has_its_token_until_it_is_interrupted(served):
     process, url = served
     port, (token,) = urlsplit(url).port, parse_qs(urlsplit(url).query)["secret"]

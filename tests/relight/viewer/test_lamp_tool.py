@@ -251,6 +251,7 @@ def test_nothing_is_saved_that_nobody_changed(window, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_hundreds_of_random_actions_end_with_the_light_of_their_lamps(window, scene, tmp_path):
     rng, session = np.random.default_rng(11), window.session
     keys = [control.key for control in CONTROLS if control.key not in ("q", "v", "p", "j", "5", "minus", "equal", "r")]

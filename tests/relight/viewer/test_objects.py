@@ -62,6 +62,7 @@ def wait_for(session, there, seconds=60.0):
         time.sleep(0.005)
 
 
+@pytest.mark.slow
 def test_at_rest_the_light_is_that_of_a_relight_wherever_the_object_was_moved(scene, box, session):
     for at in ((1.1, TOP + 0.15, 1.1), (-1.1, TOP + 0.15, 0.4)):
         session.move_object(0, at)
@@ -86,6 +87,7 @@ def test_the_shadow_follows_before_the_hand_rests(session):
     np.testing.assert_array_equal(radiance, session.plain_radiance() * session.inserted.ratio)
 
 
+@pytest.mark.slow
 def test_reset_and_bad_numbers(session):
     start = session.inserted.ratio.copy()
     with pytest.raises(InputError, match="object 3"):
@@ -98,6 +100,7 @@ def test_reset_and_bad_numbers(session):
     np.testing.assert_array_equal(session.inserted.ratio, start)
 
 
+@pytest.mark.slow
 def test_undo_takes_moves_back_one_by_one_and_gives_the_light_back_to_the_bit(session):
     places = [session.objects.placed[0].at]
     lights = [session.inserted.ratio.copy()]
@@ -128,6 +131,7 @@ def mouse(window, *steps):
         window._interactor.InvokeEvent(f"{event}Event")
 
 
+@pytest.mark.slow
 def test_a_drag_takes_the_object_along_over_its_level_and_keys_turn_it(scene, box):
     window = Window(open_session(scene, box, (1.1, TOP + 0.15, 1.1)), SIZE, off_screen=True)
     session = window.session

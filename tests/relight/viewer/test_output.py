@@ -25,6 +25,7 @@ def scene():
     return ball_on_plate()
 
 
+@pytest.mark.slow
 def test_view_saves_the_picture_of_a_session(scene, tmp_path):
     path = tmp_path / "session.png"
     options = {"size": SIZE, "tolerance": 0.05, "exposure": 0.35, "state": {"split": True, "angle_deg": 20.0}}
@@ -57,6 +58,7 @@ def test_a_key_saves_pictures_without_the_panel_under_free_names(window, tmp_pat
     assert np.array_equal(iio.imread("relight_0001.png"), expected)
 
 
+@pytest.mark.slow
 def test_a_film_holds_every_angle_in_full_and_leaves_the_session_as_it_was(scene, tmp_path):
     path = tmp_path / "turn.gif"
     options = {"size": (240, 180), "tolerance": 0.05, "exposure": 0.35}

@@ -274,6 +274,7 @@ def test_the_error_scale_grows_brighter_all_the_way():
 # The worker
 
 
+@pytest.mark.slow
 def test_the_worker_answers_as_if_it_were_here_and_survives_bad_lights(scene, tmp_path):
     (tmp_path / "broken.hdr").write_bytes(b"#?RADIANCE\nnothing")
     lights = choices_of("noon", tmp_path)

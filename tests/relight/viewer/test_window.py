@@ -345,6 +345,7 @@ def test_the_panel_shows_error_times_and_what_is_missing(window):
 # Endurance
 
 
+@pytest.mark.slow
 def test_a_thousand_random_actions_leave_no_error_and_no_memory(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     session = Session(SessionRequest.of(scene, "noon", tolerance=0.05))

@@ -166,6 +166,7 @@ def voxel(mesh):
     return np.linalg.norm(np.ptp(mesh.bounds, axis=0)) / 80
 
 
+@pytest.mark.slow
 def test_cutting_leaves_what_the_foreground_alone_gives_and_says_so(converted):
     alone, cut = converted["alone"], converted["cut"]
     (warning,) = converted["warnings"]

@@ -140,6 +140,7 @@ def test_a_few_leaves_are_no_plant(whole):
     assert not leaf_faces(whole.vertices, few, whole.foliage, whole.measured.depth).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["none", "cards"])
 def test_where_nothing_is_leaves_nothing_changes(tmp_path, kind):
     write_inria_ply(tmp_path / "ball.ply", solid_ball())

@@ -57,6 +57,7 @@ def hits(scene, eye, directions):
     return hit["t_hit"].numpy(), front
 
 
+@pytest.mark.slow
 def test_a_room_has_no_holes_and_shows_its_front(from_the_room):
     directions = even_directions(2000)
     eye = np.array([-0.8, 1.3, 0.3])
@@ -79,6 +80,7 @@ def test_the_scene_says_where_the_capture_stood(from_the_room, tmp_path):
     assert Scene.load(tmp_path / "scene").capture == capture
 
 
+@pytest.mark.slow
 def test_a_table_that_stands_on_nothing_is_kept(from_the_garden):
     assert from_the_garden.capture["from"] == "both"
     spots = np.stack(np.meshgrid([-0.4, 0, 0.4], [-0.4, 0, 0.4]), axis=-1).reshape(-1, 2)
@@ -100,6 +102,7 @@ def test_the_far_background_is_set_apart_with_its_splats(from_the_garden, tmp_pa
     assert len(again.background) == len(from_the_garden.background)
 
 
+@pytest.mark.slow
 def test_the_same_bytes_again_on_any_number_of_threads(from_the_room, tmp_path, monkeypatch):
     monkeypatch.setattr("splat2mesh.base.threads.all_cores", lambda: 1)
     again = made(tmp_path, room(0.06))

@@ -38,6 +38,7 @@ def made(patch, source, tmp_path_factory):
     return folder, meshed(source, folder)
 
 
+@pytest.mark.slow
 def test_the_report_lists_the_cost_of_each_tile(made):
     folder, report = made
     written = {f"mesh {path.name.lstrip('0') or '0'}": path for path in (folder / "tiles").iterdir()}
@@ -97,6 +98,7 @@ def test_an_interrupted_run_goes_on_and_ends_in_the_same_bytes(made, patch, sour
     assert sums(tmp_path / "scene") == sums(made[0])
 
 
+@pytest.mark.slow
 def test_a_city_in_a_bucket_has_the_same_bytes_and_a_bucket_without_rights_is_one_line(
     made, patch, source, tmp_path, capsys
 ):

@@ -102,6 +102,7 @@ def test_another_implementation_reads_the_same_from_a_compressed_ply(tmp_path, d
     np.testing.assert_allclose(sh[:, 1:], ours.sh[:, 1:], atol=1.001 / 32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [0, 1, 3])
 def test_another_implementation_reads_the_same_from_an_spz_but_y_up(tmp_path, degree):
     path = written(tmp_path, tame_splats(300, degree), "spz")
