@@ -129,9 +129,9 @@ class Sample:
         begins = np.linspace(0, len(order), BLOCKS, endpoint=False).astype(int)
         blocks = [order[begin : begin + consensus.BLOCK] for begin in begins]
         rows = np.concatenate([block for block in blocks if len(block) == consensus.BLOCK] or blocks[:1])
-        origins, normals = self.occluder.origins[rows], self.occluder.normals[rows]
+        places = self.occluder.origins[rows], self.occluder.normals[rows], azimuths
         offsets = sampling.ranked_offsets(0, len(rows), 1)
-        traced = consensus.hidden_rays(self.occluder, origins, normals, azimuths, offsets)[1]
+        traced = consensus.hidden_rays(self.occluder, consensus.RaySet(*places, offsets))[1]
         self.rays += traced
         return traced / max(1, len(rows) * len(azimuths))
 

@@ -3,13 +3,15 @@
 A quarter of the rays of every vertex, its pilots, are traced first. Blocks of 64 vertices, neighbours along a curve
 through space, sort their pilots into cells of directions, an octahedral map. Where all pilots of a block in a cell and
 the eight cells around it are free, or all are hidden, the other rays of the cell are taken to be so too. The rest are
-traced: directions in which a shadow's edge passes, the shade of leaves.
+traced: directions in which a shadow's edge passes, the shade of leaves. Where rays are doubled, all earlier ones are
+pilots.
 
 What no pilot of a block met is missed: in the visible fraction that is .0004 to .001 (means over a room and a garden at
 256 rays a vertex), a tenth of the noise of these rays. More rays bring more pilots and smaller cells.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,30 +41,49 @@ OPEN, HIDDEN, UNSURE = np.uint8(0), np.uint8(1), np.uint8(2)
 """What a block knows of a cell of directions."""
 
 
-def worth(rays: int) -> bool:
-    """Whether so many rays of a vertex are enough to leave some untraced."""
+def worth(rays: int, earlier: int = 0) -> bool:
+    """Whether so many rays of a vertex, after earlier ones, are enough to leave some untraced."""
+    if earlier:
+        return rays <= MOST_RAYS and earlier >= LEAST_RAYS // PILOTS
     return LEAST_RAYS <= rays <= MOST_RAYS and rays % PILOTS == 0
 
 
-def hidden_rays(
-    occluder: Occluder,
-    origins: NDArray[np.float32],  # (N, 3) float32, unit frame, in the order of a curve through space
-    normals: NDArray[np.float32],  # (N, 3) float32, unit
-    azimuths: NDArray[np.float32],  # (R, 2) float32 of `sampling.fibonacci_azimuths`, R as `worth` has it
-    offsets: NDArray[np.float32],  # (N, 2) float32, as of `sampling.shoot_at`
-) -> tuple[NDArray[np.uint8], int]:
-    """Which rays of `sampling.shoot_at` something hides, (N, R) uint8 of 0 and 1, and how many of them were traced.
+class RaySet(NamedTuple):
+    """Vertices in the order of a curve through space, and a set of R rays from each, as of `sampling.shoot_at`.
 
-    Blocks begin at the first vertex: calls for whole BLOCKs give what one call for all of them does.
+    origins, normals: (N, 3) float32, unit frame and unit. azimuths: (R, 2) float32. offsets: (N, 2) float32.
     """
-    count, rays = len(origins), len(azimuths)
-    side = round(2.0 * math.sqrt(rays))
-    places = origins, normals, azimuths, offsets
-    shot = np.zeros((count, rays // PILOTS, 6), np.float32)
-    in_slices(_aim_pilots, count, *places, shot)
-    met = occluder.occluded(shot).view(np.uint8)
+
+    origins: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    azimuths: NDArray[np.float32]
+    offsets: NDArray[np.float32]
+
+
+class KnownRays(NamedTuple):
+    """Sets of rays from the same vertices that are known: offsets (S, N, 2) float32, hidden (S, N, R) uint8 of 0, 1."""
+
+    offsets: NDArray[np.float32]
+    hidden: NDArray[np.uint8]
+
+
+def hidden_rays(occluder: Occluder, places: RaySet, earlier: KnownRays | None = None) -> tuple[NDArray[np.uint8], int]:
+    """Which rays something hides, (N, R) uint8 of 0 and 1, and how many of them were traced.
+
+    earlier: other sets from the same vertices, which then are the pilots. Blocks begin at the first vertex: calls for
+    whole BLOCKs give what one call for all of them does.
+    """
+    count, rays = len(places.origins), len(places.azimuths)
+    if earlier is None:
+        shot = np.zeros((count, rays // PILOTS, 6), np.float32)
+        in_slices(_aim_pilots, count, *places, shot)
+        met = occluder.occluded(shot).view(np.uint8)
+        side, step, seen = _side(rays), PILOTS, KnownRays(places.offsets[None], met[None])
+    else:
+        met = np.zeros((count, 0), np.uint8)
+        side, step, seen = _side(rays * (len(earlier.hidden) + 1)), 1, earlier
     known = np.zeros((-(-count // BLOCK), side * side), np.uint8)
-    shared(_agree)(len(known), shot, met, _around(side), known)
+    shared(_agree)(len(known), places.normals, places.azimuths, *seen, step, _around(side), known)
     hidden, ends = np.zeros((count, rays), np.uint8), np.zeros(count + 1, np.int64)
     in_slices(_foretell, count, *places, met, known, hidden, ends)
     np.cumsum(ends, out=ends)
@@ -71,6 +92,11 @@ def hidden_rays(
     if len(asked):
         hidden[hidden == UNSURE] = occluder.occluded(asked)
     return hidden, met.size + len(asked)
+
+
+def _side(rays: int) -> int:
+    """Cells along the side of the map for so many rays of a vertex: eight pilots of a block in each of its half."""
+    return round(2.0 * math.sqrt(rays))
 
 
 def _around(side: int) -> NDArray[np.int32]:
@@ -125,23 +151,30 @@ def _aim_pilots(
 def _agree(
     begin: int,
     end: int,
-    shot: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    azimuths: NDArray[np.float32],
+    offsets: NDArray[np.float32],
     met: NDArray[np.uint8],
+    step: int,
     around: NDArray[np.int32],
     known: NDArray[np.uint8],
 ) -> None:
-    """What each block knows of each cell, from its pilots there and in the cells around it."""
+    """What each block knows of each cell, from the rays there and in the cells around it: sets of (S, N, R / step)."""
     cells = known.shape[1]
     side = int(np.sqrt(cells))
     pilots, hidden = np.zeros(cells, np.int32), np.zeros(cells, np.int32)
     for b in range(begin, end):
         for c in range(cells):
             pilots[c], hidden[c] = 0, 0
-        for v in range(b * BLOCK, min(b * BLOCK + BLOCK, len(shot))):
-            for p in range(shot.shape[1]):
-                c = _cell(shot[v, p, 3], shot[v, p, 4], shot[v, p, 5], side)
-                pilots[c] += 1
-                hidden[c] += met[v, p]
+        for v in range(b * BLOCK, min(b * BLOCK + BLOCK, len(normals))):
+            frame = tangents(normals[v, 0], normals[v, 1], normals[v, 2])
+            for s in range(len(met)):
+                shift, turn = offsets[s, v, 0], turned(offsets[s, v, 1])
+                for p in range(met.shape[2]):
+                    x, y, z = direction(p * step + v % step, shift, turn, frame, azimuths)
+                    c = _cell(x, y, z, side)
+                    pilots[c] += 1
+                    hidden[c] += met[s, v, p]
         for c in range(cells):
             every, some = 0, 0
             for n in range(9):
@@ -172,7 +205,7 @@ def _foretell(
         frame, turn = tangents(normals[v, 0], normals[v, 1], normals[v, 2]), turned(offsets[v, 1])
         block, first, unsure = v // BLOCK, v % PILOTS, 0
         for i in range(len(azimuths)):
-            if i % PILOTS == first:
+            if met.shape[1] > 0 and i % PILOTS == first:
                 hidden[v, i] = met[v, i // PILOTS]
                 continue
             x, y, z = direction(i, offsets[v, 0], turn, frame, azimuths)

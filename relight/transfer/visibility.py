@@ -58,7 +58,7 @@ class Visibility:
         self.traced = np.ones(len(self.neighbors.vertices), bool)
         if vertices is not None:
             self.traced = np.bincount(self.neighbors.node, vertices, len(self.traced)) > 0
-        self.sets = [(0.0, 0.0)]
+        self.sets, self.bits = [(0.0, 0.0)], []
         self.bits = [self._traced(self.sets[0], advance)]
 
     @classmethod
@@ -171,7 +171,7 @@ class Visibility:
 
     def _traced(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """Bits (N, ceil(base / 8)) of one set."""
-        if self.sparing and consensus.worth(self.base):
+        if self.sparing and consensus.worth(self.base, self.base * len(self.bits)):
             return self._spared(each, advance)
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
@@ -188,17 +188,23 @@ class Visibility:
             advance(int(copies[part].sum()))
         return bits
 
+    def _earlier(self, nodes: Indices) -> consensus.KnownRays | None:
+        """What is known of some nodes, or None."""
+        if not self.bits:
+            return None
+        hidden = [np.unpackbits(bits[nodes], axis=1, count=self.base) for bits in self.bits]
+        return consensus.KnownRays(np.stack([self._offsets(each, nodes) for each in self.sets]), np.stack(hidden))
+
     def _spared(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """The same, of which neighbours spare each other some."""
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
         nodes = np.flatnonzero(self.traced)
-        batch = max(1, BATCH_RAYS // self.base // consensus.BLOCK) * consensus.BLOCK
+        batch = max(1, BATCH_RAYS // max(self.base, self.rays) // consensus.BLOCK) * consensus.BLOCK
         for start in range(0, len(nodes), batch):
             part = nodes[start : start + batch]
-            offsets = self._offsets(each, part)
-            places = self._origins[part], self.normals[part], self._azimuths, offsets
-            hidden, shot = consensus.hidden_rays(self._occluder, *places)
+            places = self._origins[part], self.normals[part], self._azimuths, self._offsets(each, part)
+            hidden, shot = consensus.hidden_rays(self._occluder, consensus.RaySet(*places), self._earlier(part))
             bits[part] = np.packbits(hidden, axis=1)
             self.shot += shot
             advance(int(copies[part].sum()))

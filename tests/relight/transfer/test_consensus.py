@@ -78,16 +78,16 @@ def test_blocks_do_not_depend_on_threads_or_calls(occluder, seen, monkeypatch):
     vertices = seen[1].neighbors.vertices[: 5 * consensus.BLOCK + 7]
     places = occluder.origins[vertices], occluder.normals[vertices], sampling.fibonacci_azimuths(RAYS)
     offsets = sampling.ranked_offsets(0, len(vertices), 0)
-    whole, traced = consensus.hidden_rays(occluder, *places, offsets)
+    whole, traced = consensus.hidden_rays(occluder, consensus.RaySet(*places, offsets))
     cut = 2 * consensus.BLOCK
     parts = [
-        consensus.hidden_rays(occluder, places[0][part], places[1][part], places[2], offsets[part])
+        consensus.hidden_rays(occluder, consensus.RaySet(places[0][part], places[1][part], places[2], offsets[part]))
         for part in (slice(cut), slice(cut, None))
     ]
     np.testing.assert_array_equal(whole, np.concatenate([hidden for hidden, _ in parts]))
     assert traced == sum(count for _, count in parts) and set(np.unique(whole)) == {0, 1}
     monkeypatch.setattr(threads, "cores", lambda: 1)
-    np.testing.assert_array_equal(whole, consensus.hidden_rays(occluder, *places, offsets)[0])
+    np.testing.assert_array_equal(whole, consensus.hidden_rays(occluder, consensus.RaySet(*places, offsets))[0])
 
 
 @pytest.mark.parametrize("rays", [16, 66])
@@ -95,6 +95,22 @@ def test_few_rays_and_odd_numbers_are_all_traced(occluder, rays):
     some = Visibility(occluder, rays, sparing=True)
     np.testing.assert_array_equal(some.bits[0], Visibility(occluder, rays).bits[0])
     assert some.shot == rays * len(some.traced)
+
+
+def test_earlier_rays_are_the_pilots_of_doubled_ones(occluder, seen):
+    grown = Visibility(occluder, RAYS, sparing=True)
+    before = grown.shot
+    grown.double()
+    # No pilots of their own: fewer are traced than of the first, and they are as good as the same set traced in full.
+    assert 0 < grown.shot - before < before
+    every = Visibility(occluder, RAYS)
+    every.double()
+    bits = [np.unpackbits(each.bits[1], axis=1) for each in (every, grown)]
+    assert (bits[0] != bits[1]).mean() < 2e-3
+    again = Visibility.restored(occluder, RAYS, 0, np.stack(grown.bits[:1]), grown.traced)
+    again.sparing = True
+    again.double()
+    np.testing.assert_array_equal(again.bits[1], grown.bits[1])
 
 
 def test_untraced_vertices_are_in_no_block(occluder):
