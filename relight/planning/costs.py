@@ -72,7 +72,7 @@ def seconds(
     if not there[0]:
         once += ANALYTIC_COEFFICIENT * coefficients * vertices
         if settings.rays:
-            shot = RAY * (unsure if consensus.worth(settings.rays) else 1.0)
+            shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
             once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
             once += (VERTEX + COEFFICIENT * coefficients) * vertices
         if settings.method == "neural":
@@ -93,5 +93,5 @@ def noise(rays: int, bands: int, method: str = "raytraced") -> float:
     five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
-    left *= FORETOLD if consensus.worth(rays) else 1.0
+    left *= FORETOLD if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")

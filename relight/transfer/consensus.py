@@ -3,7 +3,8 @@
 A quarter of the rays of every vertex, its pilots, are traced first. Blocks of 64 vertices, neighbours along a curve
 through space, sort their pilots into cells of directions, an octahedral map. Where all pilots of a block in a cell and
 the eight cells around it are free, or all are hidden, the other rays of the cell are taken to be so too. The rest are
-traced: directions in which a shadow's edge passes, the shade of leaves. Where rays are doubled, all earlier ones are
+traced: directions in which a shadow's edge passes, the shade of leaves. A vertex whose own pilots are all free, or all
+hidden, takes nothing else from its block: what nothing hides stays exact. Where rays are doubled, all earlier ones are
 pilots.
 
 What no pilot of a block met is missed: in the visible fraction that is .0004 to .001 (means over a room and a garden at
@@ -25,6 +26,9 @@ from .sampling import direction, tangents, turned
 LEAST_RAYS = 64
 """Rays of a vertex from which on this pays: with 32, error grows by a fifth to a third."""
 
+LEAST_VERTICES = 10_000
+"""On fewer, blocks are wide, and agree on little: of 4,000 vertices of a bumpy sphere 80 to 84% is traced."""
+
 MOST_RAYS = 2**13
 """Beyond it a block has more rays than should be in memory at once."""
 
@@ -41,11 +45,10 @@ OPEN, HIDDEN, UNSURE = np.uint8(0), np.uint8(1), np.uint8(2)
 """What a block knows of a cell of directions."""
 
 
-def worth(rays: int, earlier: int = 0) -> bool:
-    """Whether so many rays of a vertex, after earlier ones, are enough to leave some untraced."""
-    if earlier:
-        return rays <= MOST_RAYS and earlier >= LEAST_RAYS // PILOTS
-    return LEAST_RAYS <= rays <= MOST_RAYS and rays % PILOTS == 0
+def worth(rays: int, vertices: int, earlier: int = 0) -> bool:
+    """Whether so many rays of each of so many vertices, after earlier ones, are enough to leave some untraced."""
+    enough = earlier >= LEAST_RAYS // PILOTS if earlier else rays >= LEAST_RAYS and rays % PILOTS == 0
+    return enough and rays <= MOST_RAYS and vertices >= LEAST_VERTICES
 
 
 class RaySet(NamedTuple):
@@ -85,7 +88,9 @@ def hidden_rays(occluder: Occluder, places: RaySet, earlier: KnownRays | None = 
     known = np.zeros((-(-count // BLOCK), side * side), np.uint8)
     shared(_agree)(len(known), places.normals, places.azimuths, *seen, step, _around(side), known)
     hidden, ends = np.zeros((count, rays), np.uint8), np.zeros(count + 1, np.int64)
-    in_slices(_foretell, count, *places, met, known, hidden, ends)
+    met_any, met_all = seen.hidden.any(axis=(0, 2)), seen.hidden.all(axis=(0, 2))
+    own = np.where(met_all, HIDDEN, np.where(met_any, UNSURE, OPEN))
+    in_slices(_foretell, count, *places, met, own, known, hidden, ends)
     np.cumsum(ends, out=ends)
     asked = np.zeros((ends[-1], 6), np.float32)
     in_slices(_aim_others, count, *places, hidden, ends, asked)
@@ -195,6 +200,7 @@ def _foretell(
     azimuths: NDArray[np.float32],
     offsets: NDArray[np.float32],
     met: NDArray[np.uint8],
+    own: NDArray[np.uint8],
     known: NDArray[np.uint8],
     hidden: NDArray[np.uint8],
     ends: NDArray[np.int64],
@@ -210,6 +216,8 @@ def _foretell(
                 continue
             x, y, z = direction(i, offsets[v, 0], turn, frame, azimuths)
             guess = known[block, _cell(x, y, z, side)]
+            if own[v] != UNSURE and guess != own[v]:
+                guess = UNSURE
             hidden[v, i] = guess
             unsure += guess == UNSURE
         ends[v + 1] = unsure

@@ -171,7 +171,8 @@ class Visibility:
 
     def _traced(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """Bits (N, ceil(base / 8)) of one set."""
-        if self.sparing and consensus.worth(self.base, self.base * len(self.bits)):
+        count, known = int(np.count_nonzero(self.traced)), self.base * len(self.bits)
+        if self.sparing and consensus.worth(self.base, count, known):
             return self._spared(each, advance)
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))

@@ -2,15 +2,24 @@
 
 import numpy as np
 import pytest
-from plan_scenes import occluder_of, sphere, sphere_on_plane
+from plan_scenes import ball, mesh_of, occluder_of, sphere, sphere_on_plane
 
 from relight.transfer import consensus, sampling
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced
 from relight.transfer.visibility import Visibility
 from splat2mesh.base import threads
+from splat2mesh.scene.scene import Scene
 
 RAYS = 64
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_scenes():
+    """Small scenes are traced in full; not here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(consensus, "LEAST_VERTICES", 0)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +73,21 @@ def test_the_error_hardly_grows(occluder, seen):
     expected = raytraced(occluder, slice(None), 5, 2048, seed=9)
     off = [np.linalg.norm(each.transfer(5) - expected) for each in seen]
     assert off[1] < 1.1 * off[0]
+
+
+def test_what_nothing_hides_is_exact():
+    """Of two spheres one above the other, what faces away sees all: its neighbours that do not change no bit of it."""
+    both = occluder_of(Scene([mesh_of(ball(), ball(center=(0.0, 2.1, 0.0)))]))
+    expected = raytraced(both, slice(None), 1, 2048, seed=9)[:, 0] * np.sqrt(4.0 * np.pi)
+    some = Visibility(both, RAYS, sparing=True)
+    free = (expected > 1.0 - 1e-6)[some.neighbors.vertices]
+    assert 0.2 < free.mean() < 0.8
+    assert not some.bits[0][free].any() and some.bits[0][~free].any()
+
+
+def test_small_scenes_are_traced_in_full(occluder, monkeypatch):
+    monkeypatch.setattr(consensus, "LEAST_VERTICES", 10_000)
+    assert Visibility(occluder, RAYS, sparing=True).shot == RAYS * len(occluder.origins)
 
 
 def test_a_lone_sphere_is_exact():
