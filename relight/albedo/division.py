@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from splat2mesh.base.arrays import Floats
 from splat2mesh.base.errors import InputError
+from splat2mesh.base.kernels import kernel
 
 DARKEST, LIGHTEST = 0.02, 0.95
 """Range of the albedo: soot to fresh snow. Values outside are errors of the light, and above 1 light would grow."""
@@ -81,10 +82,44 @@ def weighted_median(values: Floats, weights: Floats) -> float:
 
 
 def weighted_quantile(values: Floats, weights: Floats, part: float) -> float:
-    """The value at this part of the weight, of (N,) values with N > 0."""
-    order = np.argsort(values, kind="stable")
-    reached = np.cumsum(weights[order])
-    return float(values[order][min(np.searchsorted(reached, part * reached[-1]), len(values) - 1)])
+    """The value at this part of the weight, of (N,) values with N > 0; NaN counts as infinite."""
+    left, heavy = np.array(values, np.float64), np.array(weights, np.float64)  # copies, which are partitioned
+    left[np.isnan(left)] = np.inf
+    return float(_at_weight(left, heavy, part * heavy.sum()))
+
+
+@kernel
+def _at_weight(values: NDArray[np.float64], weights: NDArray[np.float64], target: float) -> float:
+    """The least value up to which the weights sum to the target, by partitions about a pivot (Hoare's quickselect,
+    1961, with equal values in the middle): a sort of all takes ten times as long."""
+    first, last, below = 0, len(values), 0.0
+    while last - first > 1:
+        a, b, c = values[first], values[(first + last) // 2], values[last - 1]
+        pivot = max(min(a, b), min(max(a, b), c))
+        less, more, i = first, last, first
+        lighter, equal = 0.0, 0.0
+        while i < more:
+            value, weight = values[i], weights[i]
+            if value < pivot:
+                lighter += weight
+                values[i], weights[i] = values[less], weights[less]
+                values[less], weights[less] = value, weight
+                less += 1
+                i += 1
+            elif value > pivot:
+                more -= 1
+                values[i], weights[i] = values[more], weights[more]
+                values[more], weights[more] = value, weight
+            else:
+                equal += weight
+                i += 1
+        if less > first and below + lighter >= target:
+            last = less
+        elif below + lighter + equal >= target or more == last:
+            return pivot
+        else:
+            first, below = more, below + lighter + equal
+    return values[first]
 
 
 def checked(colors: ArrayLike, name: str) -> NDArray[np.float32]:

@@ -273,6 +273,7 @@ class Choice:
             self.sun_count(settings),
             sample.traced_share,
             there,
+            sample.unsure,
         )
         once += self._leaves.seconds if self._leaves and settings.volume and not there[0] else 0.0
         return Candidate(once + self._angles * each, error, settings)

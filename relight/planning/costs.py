@@ -6,11 +6,13 @@ far as the ratio of NumPy to Embree does. `scripts/bench frontier` prints predic
 
 import math
 
+from ..transfer import consensus
 from ..transfer.filtering import NOISE, NOISE_POWER, steps_for
 from ..transfer.settings import Settings
 
 # Of a vertex, in shadow rays.
-RAY = 1.06  # with its direction and its sums in few bands
+RAY = 1.0  # that is traced
+DIRECTION = 0.1  # of each ray, traced or foretold: its direction, and its sums in few bands
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.22  # averaging and completing, per coefficient
@@ -22,6 +24,7 @@ SPLIT = 1e6  # in all, to find the suns of an image: .08 to .25 s for six lights
 SUN_RAY = 0.6  # per sun: half of them stand before a vertex
 FIRST_HIT = 1.2  # per bounce ray: its hit, and its entry in the matrix
 BOUNCE = 0.02  # per bounce ray and bounce
+FOLLOWED = 4  # bounces
 NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over averaging
 
 SUNS_AT = 30, 0.01
@@ -30,6 +33,10 @@ SUNS_AT = 30, 0.01
 BOUNCE_NOISE = {8: 0.083, 16: 0.051, 32: 0.03, 64: 0.021, 128: 0.014, 256: 0.0085, 512: 0.0055}
 """Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
 meet anything, the noisier. Upper end of three scenes with shares of .06 to .15; a corner with .33 has two thirds."""
+
+FORETOLD = 1.06
+"""Noise where neighbours foretell some of the rays over that where all are traced, after averaging: 1.01 to 1.09 on a
+room, a garden and two objects (`scripts/bench rays --spare`)."""
 
 NEURAL_GAIN = {32: 0.88, 64: 0.84}
 """Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
@@ -53,18 +60,21 @@ def seconds(
     suns: int,
     traced_share: float = 1.0,
     there: tuple[bool, bool] = (False, False),
-    bounces: int = 4,
+    unsure: float = 1.0,
 ) -> tuple[float, float]:
     """(once, each): seconds for the scene, and for every light or angle.
 
     traced_share: of the vertices, that light is traced for. there: whether transfer and bounces are there already.
+    unsure: share of the rays that are traced, where neighbours do not agree on the others.
     """
     coefficients, traced = settings.bands**2, traced_share * vertices
     rays, once = shadowed_vertices * settings.rays, CALLS + LIGHT_COEFFICIENT * settings.bands**2
     if not there[0]:
         once += ANALYTIC_COEFFICIENT * coefficients * vertices
         if settings.rays:
-            once += rays * (RAY + RAY_COEFFICIENT * coefficients) + (VERTEX + COEFFICIENT * coefficients) * vertices
+            shot = RAY * (unsure if consensus.worth(settings.rays, shadowed_vertices) else 1.0)
+            once += rays * (shot + DIRECTION + RAY_COEFFICIENT * coefficients)
+            once += (VERTEX + COEFFICIENT * coefficients) * vertices
         if settings.method == "neural":
             once += (NETWORK_VERTEX + NETWORK_COEFFICIENT * coefficients) * vertices
     if settings.sun_tolerance:
@@ -72,7 +82,7 @@ def seconds(
     if not there[1]:
         once += FIRST_HIT * settings.bounce_rays * traced
     each = PRODUCT_COEFFICIENT * coefficients * vertices + SUN_RAY * suns * traced
-    each += BOUNCE * settings.bounce_rays * bounces * traced
+    each += BOUNCE * settings.bounce_rays * FOLLOWED * traced
     return once * ray_s, each * ray_s
 
 
@@ -83,4 +93,5 @@ def noise(rays: int, bands: int, method: str = "raytraced") -> float:
     five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
+    left *= FORETOLD if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")

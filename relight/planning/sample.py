@@ -11,7 +11,7 @@ from splat2mesh.base.arrays import Floats, Indices, Integers, Mask, Points
 from splat2mesh.base.threads import cores
 
 from ..sh.sphere import fibonacci_sphere
-from ..transfer import sampling
+from ..transfer import consensus, sampling
 from ..transfer.occluder import Occluder
 from ..transfer.volume import Foliage
 
@@ -29,6 +29,10 @@ caches what earlier rays left there. Of vertices far apart they take longer, the
 counts: the first batch wakes threads."""
 
 
+BLOCKS = 32
+"""Blocks of vertices by which the share of the rays is measured that neighbours do not foretell: 65,000 rays in all."""
+
+
 class Sample:
     """S vertices, evenly along a curve through each chunk, and D directions, evenly on the sphere.
 
@@ -37,7 +41,8 @@ class Sample:
     products with the radiance of the directions are exit radiance of white vertices.
     solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
     hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
-    ray_s: seconds per ray of the work, on this machine and scene. rays: shot in all. traced_share: of the vertices.
+    ray_s: seconds per ray of the work, on this machine and scene. unsure: share of the rays whose outcome neighbours
+    do not foretell. rays: shot in all. traced_share: of the vertices.
     """
 
     def __init__(
@@ -55,6 +60,7 @@ class Sample:
         self._foliage: Foliage | None = None
         self._look(directions)
         self.ray_s = self._timed(orders)
+        self.unsure = self._unsure(orders)
         self.solid = np.ones(len(self.rows), np.float32)
         self.hidden = self._scan()
 
@@ -116,6 +122,18 @@ class Sample:
             self.rays += self.occluder.occluded(shot).size
             seconds.append((time.perf_counter() - start) / max(1, shot.shape[0] * TIMED_RAYS))
         return float(np.median(seconds))
+
+    def _unsure(self, order: Indices) -> float:
+        """The share of the rays that `consensus` traces, by blocks along the curve."""
+        azimuths = sampling.fibonacci_azimuths(consensus.LEAST_RAYS)
+        begins = np.linspace(0, len(order), BLOCKS, endpoint=False).astype(int)
+        blocks = [order[begin : begin + consensus.BLOCK] for begin in begins]
+        rows = np.concatenate([block for block in blocks if len(block) == consensus.BLOCK] or blocks[:1])
+        places = self.occluder.origins[rows], self.occluder.normals[rows], azimuths
+        offsets = sampling.ranked_offsets(0, len(rows), 1)
+        traced = consensus.hidden_rays(self.occluder, consensus.RaySet(*places, offsets))[1]
+        self.rays += traced
+        return traced / max(1, len(rows) * len(azimuths))
 
     def _scan(self) -> NDArray[np.float64]:
         """Root mean square of the hidden fraction in every chunk, by two halves of the rays, so that noise cancels."""

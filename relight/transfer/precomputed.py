@@ -289,21 +289,21 @@ class Precomputed:
                 *name,
             )
             if visibility is not None:
-                visibility.name = name
+                visibility.name, visibility.sparing = name, True
         if visibility is not None and visibility.name == name and visibility.reaches(settings.rays):
-            before = visibility.rays
+            before, shot = visibility.rays, visibility.shot
             with self._stages.stage("rays", traced) as advance:
                 while visibility.rays < settings.rays:
                     visibility.double(advance)
-            new = visibility.rays - before
+            new, shot = visibility.rays - before, visibility.shot - shot
         else:
             occluder = self.occluder
             with self._stages.stage("rays", traced) as advance:
-                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance)
+                visibility = Visibility(occluder, settings.rays, self.seed, mask, advance, sparing=True)
             visibility.name = name
-            new = visibility.rays
+            new, shot = visibility.rays, visibility.shot
         self._visibility = visibility
-        self.rays_traced += new * traced
+        self.rays_traced += shot
         if new and self.cache.keeps:
             with self._stages.stage("keep"):
                 bits = np.stack(visibility.bits)

@@ -12,7 +12,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 
 from ..sh import harmonics
-from . import check_rays, lobes, sampling
+from . import check_rays, consensus, lobes, sampling
 from .analytic import analytic
 from .filtering import average, steps_for
 from .neighbors import Neighbors
@@ -35,10 +35,13 @@ class Visibility:
     neighbors: Neighbors, its N nodes. sets: [(shift, turn)] of each set of `base` rays, parts of a stratum and of a
     full turn. bits: for each set (N, ceil(base / 8)) uint8, 1 where something is in the way, as `numpy.packbits`.
     seed: of the directions. traced: (N,) bool, the nodes that were given rays; what the others see counts as open.
-    normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does.
+    normals: (N, 3) float32. name: what a Precomputed keeps it under, where one does. sparing: whether rays on whose
+    outcome neighbours agree stay untraced. shot: how many rays were traced here.
     """
 
     name: tuple[str, int, str] | None = None
+    sparing: bool = False
+    shot: int = 0
 
     def __init__(
         self,
@@ -47,13 +50,15 @@ class Visibility:
         seed: int = 0,
         vertices: Mask | None = None,  # (V,) bool, which need rays; all without
         advance: Advance = lambda count: None,  # called with the number of vertices done
+        sparing: bool = False,  # leave out rays on whose outcome neighbours agree, see `consensus`
     ) -> None:
         """Trace the rays. Raises InputError for rays outside 1..65536."""
         self._begin(occluder, check_rays(rays), seed)
+        self.sparing = sparing
         self.traced = np.ones(len(self.neighbors.vertices), bool)
         if vertices is not None:
             self.traced = np.bincount(self.neighbors.node, vertices, len(self.traced)) > 0
-        self.sets = [(0.0, 0.0)]
+        self.sets, self.bits = [(0.0, 0.0)], []
         self.bits = [self._traced(self.sets[0], advance)]
 
     @classmethod
@@ -148,12 +153,16 @@ class Visibility:
             turn = (turn / 2 + 0.5) % 1.0
         return [(shift + 0.5 / len(self.sets), (by + turn / 2 + 0.5) % 1.0) for shift, by in self.sets]
 
+    def _offsets(self, each: tuple[float, float], nodes: Indices) -> NDArray[np.float32]:
+        """The offsets of the rays of one set from some nodes, (N, 2) float32."""
+        offsets = sampling.offsets_of_ranks(nodes, self.seed) + np.array(each, np.float32)
+        return (offsets % np.float32(1.0)).astype(np.float32)
+
     def _shot(
         self, each: tuple[float, float], part: slice, buffer: NDArray[np.float32] | None = None
     ) -> NDArray[np.float32]:
         """The rays of one set from a slice of nodes, (N, base, 6) float32."""
-        offsets = sampling.ranked_offsets(part.start, part.stop, self.seed)
-        offsets = ((offsets + np.array(each, np.float32)) % np.float32(1.0)).astype(np.float32)
+        offsets = self._offsets(each, np.arange(part.start, part.stop))
         if buffer is None:
             buffer = np.zeros((len(offsets), self.base, 6), np.float32)
         shot = buffer[: len(offsets)]
@@ -162,6 +171,9 @@ class Visibility:
 
     def _traced(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
         """Bits (N, ceil(base / 8)) of one set."""
+        count, known = int(np.count_nonzero(self.traced)), self.base * len(self.bits)
+        if self.sparing and consensus.worth(self.base, count, known):
+            return self._spared(each, advance)
         bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
         copies = np.bincount(self.neighbors.node, minlength=len(bits))
         batch = max(1, BATCH_RAYS // self.base)
@@ -173,7 +185,31 @@ class Visibility:
                 shot = self._shot(each, part, buffer)
                 shot = shot if wanted.all() else shot[wanted]
                 bits[part][wanted] = np.packbits(self._occluder.occluded(shot), axis=1)
+                self.shot += shot.shape[0] * self.base
             advance(int(copies[part].sum()))
+        return bits
+
+    def _earlier(self, nodes: Indices) -> consensus.KnownRays | None:
+        """What is known of some nodes, or None."""
+        if not self.bits:
+            return None
+        hidden = [np.unpackbits(bits[nodes], axis=1, count=self.base) for bits in self.bits]
+        return consensus.KnownRays(np.stack([self._offsets(each, nodes) for each in self.sets]), np.stack(hidden))
+
+    def _spared(self, each: tuple[float, float], advance: Advance) -> NDArray[np.uint8]:
+        """The same, of which neighbours spare each other some."""
+        bits = np.zeros((len(self.traced), -(-self.base // 8)), np.uint8)
+        copies = np.bincount(self.neighbors.node, minlength=len(bits))
+        nodes = np.flatnonzero(self.traced)
+        batch = max(1, BATCH_RAYS // max(self.base, self.rays) // consensus.BLOCK) * consensus.BLOCK
+        for start in range(0, len(nodes), batch):
+            part = nodes[start : start + batch]
+            places = self._origins[part], self.normals[part], self._azimuths, self._offsets(each, part)
+            hidden, shot = consensus.hidden_rays(self._occluder, consensus.RaySet(*places), self._earlier(part))
+            bits[part] = np.packbits(hidden, axis=1)
+            self.shot += shot
+            advance(int(copies[part].sum()))
+        advance(int(copies[~self.traced].sum()))
         return bits
 
 

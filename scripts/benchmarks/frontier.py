@@ -157,7 +157,8 @@ def measure(name, scene, albedo, lights, options, found):
             settings = shading.settings
             traced = np.ones(len(scene.chunks)) if settings.shadowed is None else np.array(settings.shadowed)
             traced = int(traced @ [len(chunk.vertices) for chunk in scene.chunks])
-            foreseen = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count))
+            unsure = plan.choice.measured.sample.unsure
+            foreseen = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count, unsure=unsure))
             off = relative_error(shading.radiance[rows], expected[light])
             row = {"scene": name, "light": light, "tolerance": tolerance, "plan": str(settings)}
             row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.sun_count}
