@@ -131,12 +131,13 @@ class SceneGloss:
             with self._stages.stage("trace gloss"):
                 self._reflections = Reflections(binding, looks, gloss, self._rotation)
         with self._stages.stage("gloss"):
-            before = self._reflections.reflected(look.environment.sh(harmonics.MAX_BANDS), look.captured)
-            after = self._reflections.reflected(light, radiance * np.float32(exposure))
+            before = self._reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
+            after = self._reflections.seen(light, radiance * np.float32(exposure))
             if lamps is not None:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
                 shining = self._reflections.shining(lamps.emitters, lamps.frame, frame)
-                after = [each + lamps_exposure * more for each, more in zip(after, shining, strict=True)]
+                lobes = [each + lamps_exposure * more for each, more in zip(after.lobe, shining, strict=True)]
+                after = after._replace(lobe=lobes)
             log_gain = binding.log_gains(look.irradiance, received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 
@@ -174,7 +175,8 @@ class SceneGloss:
         return {
             "surface": round(float(rows.mean()), 4),
             "metal": round(float((rows & gloss.metal).mean()), 4),
-            "reflectance": np.median(gloss.reflectance[rows], axis=0).round(4).tolist(),
+            "reflectance": _median(gloss.reflectance[rows]),
+            "metal_reflectance": _median(gloss.whole[rows & gloss.metal]),
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
             "light_from_reflections": self.shape is not None,
         }
@@ -202,3 +204,8 @@ class SceneGloss:
     def _rotation(self) -> NDArray[np.float64]:
         linear = np.asarray(self._scene.scene_from_splat, np.float64)[:3, :3]
         return linear / np.cbrt(np.linalg.det(linear))
+
+
+def _median(values: NDArray[np.float32]) -> list[float] | None:
+    """Of each colour (3,), JSON-clean; None of none."""
+    return np.median(values, axis=0).round(4).tolist() if len(values) else None

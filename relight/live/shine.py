@@ -165,7 +165,7 @@ def _materials(
     """The materials and the levels of roughness of some nodes, and the number of each one's material."""
     alpha = np.maximum(gloss.alpha[nodes], np.float32(LEAST_ALPHA)).astype(np.float64).round(6)
     rows = np.concatenate([gloss.reflectance[nodes].astype(np.float64), alpha[:, None]], axis=1)
-    rows = np.concatenate([rows, gloss.metal[nodes][:, None]], axis=1)
+    rows = np.concatenate([rows, gloss.flat[nodes][:, None]], axis=1)
     distinct, number = np.unique(rows, axis=0, return_inverse=True)
     if len(distinct) > MOST_MATERIALS:
         raise ValueError(f"expected up to {MOST_MATERIALS} materials, found {len(distinct)}")

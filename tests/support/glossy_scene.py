@@ -25,7 +25,8 @@ def glaze(scene, splats):
     metal = (height > 0.2) & (height < 0.8)
     reflectance[metal] = 0.5, 0.4, 0.2
     alpha = np.where(metal, 0.3, 0.1).astype(np.float32)
-    return binding, Gloss(reflectance.astype(np.float32), alpha, metal, np.ones(len(alpha), np.float32))
+    reflectance = reflectance.astype(np.float32)
+    return binding, Gloss(reflectance, alpha, metal, np.ones(len(alpha), np.float32), reflectance)
 
 
 @cache

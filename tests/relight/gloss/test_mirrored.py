@@ -40,6 +40,7 @@ def mirrored(alpha, metal=True, reflectance=1.0, more=(), scene=None, level=4):
         np.full(nodes, alpha, np.float32),
         np.full(nodes, metal),
         np.ones(nodes, np.float32),
+        np.full((nodes, 3), reflectance, np.float32),
     )
     surface = SimpleNamespace(
         diagonal=0.1, faces=np.asarray(whole.faces, np.int32), caster=RayCaster(whole.vertices, whole.faces)
