@@ -147,9 +147,9 @@ class Table:
         convert(folder / "splat.ply", up="-y").save(self.scene)
         self._near = cKDTree(self.truth.vertices)
 
-    def job(self, environment, effects):
-        """A Job that relights the scene."""
-        return Job(RelightRequest.of(self.scene, environment, effects=effects, formats=("splat",)))
+    def job(self, environment, effects, *formats):
+        """A Job that relights the scene; a splat unless other formats are asked for."""
+        return Job(RelightRequest.of(self.scene, environment, effects=effects, formats=formats or ("splat",)))
 
     def of_nodes(self, looked):
         """(M,) the vertex of the truth that is nearest to each node."""
