@@ -53,7 +53,7 @@ def test_the_wide_lobe_of_some_pixels_is_that_of_a_rough_white_metal():
     light, nothing = sun((0.3, 0.5, 0.8)), np.zeros((nodes, 3))
     rows = view.pixels.points[:, 0] > 0.2
     found = view.wide(rows, light, nothing)
-    # What a convex ball sees of its lobe is all of it but for rays below the surface, which each roughness has its own of.
+    # A convex ball hides nothing of any lobe.
     np.testing.assert_allclose(found[rows], rough.reflected(light, nothing)[rows], rtol=1e-5)
     assert rows.any() and not found[~rows].any()
 
