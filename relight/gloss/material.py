@@ -136,4 +136,6 @@ def best_lobe(fits: PatchFits, patch: int, light: Floats) -> Lobe:
     whole = fits.shown[patch] / np.maximum(seen, 1e-30)
     share = float(luminance(reflectance)) / max(float(luminance(whole)), 1e-30)
     metal = flat and gain >= GLOSS.metal_explained and whole.max() >= GLOSS.metal_whole and share >= GLOSS.metal_share
-    return Lobe(gain, reflectance, ALPHAS[factor], flat, whole if metal else np.zeros(3))
+    if metal:  # of which the mean shows the colour better than noisy differences do
+        return Lobe(gain, whole * share, ALPHAS[factor], flat, whole)
+    return Lobe(gain, reflectance, ALPHAS[factor], flat, np.zeros(3))
