@@ -227,4 +227,5 @@ class Beside:
         scale = 0.0 if self._steady else options.env_scale
         backdrop = captured if self.alone else options.env_scale
         parts = rest.shading.radiance, rest.shading.received
-        return SessionMixture(*parts, scale, level, backdrop, isinstance(self._environment, CapturedLight))
+        own = isinstance(self._environment, CapturedLight)
+        return SessionMixture(*parts, scale, level, backdrop, own, captured)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .viewer.lamp_source import LampParts, LampSource
     from .viewer.mixture import SessionMixture
     from .viewer.object_source import ObjectSource, ObjectsUnder
-    from .viewer.splats import SplatSource
+    from .viewer.splats import Shining, SplatSource
 
 
 def session_of(job: Job) -> SessionRequest:
@@ -156,6 +156,8 @@ def _object_source(job: Job) -> "ObjectSource":
 
 def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
     """The splats as a session shows them: by its own albedo, or by the captured colours."""
+    from .gloss.scene_gloss import NewLight
+    from .sh import harmonics
     from .splats import shown_as_sky
     from .viewer.splats import SplatLook, SplatSource
 
@@ -171,11 +173,14 @@ def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSo
 
     gloss = job.gloss
 
-    def shining(relit: "Splats", light: Any, radiance: Any, received: Any, exposure: float) -> "Splats":
-        assert gloss is not None  # else nobody asks
-        return gloss.under(relit, look, light, radiance, received, exposure)
+    def shining(relit: "Splats", new: "Shining") -> "Splats":
+        assert gloss is not None and look.environment is not None  # else nobody asks
+        light = new.light + new.captured * new.unit * look.environment.sh(harmonics.MAX_BANDS)
+        lamps = job.beside.light_of(new.lamps, new.captured) if new.lamps else None
+        mirrored = NewLight(light, new.radiance, new.received, new.exposure, lamps, new.unit)
+        return gloss.under(relit, look, mirrored)
 
-    shines = gloss is not None and mixture is None
+    shines = gloss is not None and look.environment is not None
     looks = {chosen: SplatLook(look.irradiance, received, shining if shines else None)}
     if mixture is None and chosen != "captured" and room is None:
         least = np.maximum(look.captured, np.float32(LEAST_ALBEDO))

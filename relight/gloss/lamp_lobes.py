@@ -41,7 +41,7 @@ def lamp_lobes(
         return total
     nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
     rule = (nodes + 1.0) / 2.0, weights / 2.0
-    for number in _brightest(emitters, points):
+    for number in brightest(emitters, points):
         found = np.zeros(len(points))
         _lobe(emitters, number, points, normals, toward, view.alpha.astype(np.float64), *rule, found)
         lit = np.flatnonzero(found)
@@ -50,12 +50,12 @@ def lamp_lobes(
         middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
         aim = (np.append(middle, 1.0) @ np.linalg.inv(scene_from_splat).T)[:3]
         reach = float(emitters.reach[number]) * frame.diagonal / float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
-        seen = _sees(pixels.points[lit], pixels.normals[lit], aim, reach, surface)
+        seen = sees(pixels.points[lit], pixels.normals[lit], aim, reach, surface)
         total[lit] += (found[lit] * seen)[:, None] * emitters.color[number].astype(np.float64)
     return total * view.strength
 
 
-def _brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.int64]:
+def brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.int64]:
     """The numbers of the emitters that may shine most at the middle of some points."""
     away = emitters.middle.astype(np.float64) - np.median(points, axis=0)
     square = np.maximum((away**2).sum(axis=1), emitters.reach.astype(np.float64) ** 2)
@@ -63,7 +63,7 @@ def _brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.in
     return np.argsort(-power, kind="stable")[:MOST_EMITTERS]
 
 
-def _sees(
+def sees(
     points: Points,
     normals: Directions,
     aim: NDArray[np.float64],

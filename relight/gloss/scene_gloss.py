@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,19 @@ if TYPE_CHECKING:
 
 LEAST_DEGREE = 2
 """Least degree of a splat's harmonics: degree 1 shows its brighter side, but no lobe."""
+
+
+class NewLight(NamedTuple):
+    """Light that glossy surfaces mirror. light: (K, 3) SH coefficients in display units, frame of the scene. radiance:
+    (V, 3) that vertices send out, received: (V, 3) irradiance, both display units once times exposure. lamps: LampLight
+    of placed lamps, or None; lamps_exposure: display units per unit of theirs."""
+
+    light: NDArray[np.float64]
+    radiance: NDArray[np.float32]
+    received: NDArray[np.floating]
+    exposure: float
+    lamps: "LampLight | None" = None
+    lamps_exposure: float = 0.0
 
 
 class SceneGloss:
@@ -105,39 +118,29 @@ class SceneGloss:
         exposure, beside = shaded.exposure, shaded.exposure / shaded.level  # of values in units of the picture
         own = look.environment.sh(harmonics.MAX_BANDS)
         light = shaded.environment * exposure * shaded.light.sh(harmonics.MAX_BANDS) + shaded.captured * beside * own
-        return self.under(relit, look, light, shaded.shading.radiance, received, exposure, beside)
+        return self.under(
+            relit, look, NewLight(light, shaded.shading.radiance, received, exposure, self._lamps(), beside)
+        )
 
-    def under(
-        self,
-        relit: Splats,
-        look: "Appearance",
-        light: NDArray[np.float64],
-        radiance: NDArray[np.float32],
-        received: NDArray[np.floating],
-        exposure: float,
-        lamps_exposure: float = 0.0,
-    ) -> Splats:
-        """The same under a light of SH coefficients (K, 3) in display units, frame of the scene.
-
-        radiance: (V, 3) that vertices send out, received: (V, 3) irradiance, both display units once exposed.
-        lamps_exposure: display units per unit of the lamps.
-        """
+    def under(self, relit: Splats, look: "Appearance", new: NewLight) -> Splats:
+        """The same under a NewLight."""
         gloss = self.of(look)
         looks = None if gloss is None else self._looks
         if gloss is None or looks is None or look.environment is None:
             return relit
-        binding, lamps = self._binding(), self._lamps() if lamps_exposure else None
+        binding, lamps, exposure = self._binding(), new.lamps, new.exposure
         if self._reflections is None:
             with self._stages.stage("trace gloss"):
                 self._reflections = Reflections(binding, looks, gloss, self._rotation)
         with self._stages.stage("gloss"):
-            before = self._reflections.reflected(look.environment.sh(harmonics.MAX_BANDS), look.captured)
-            after = self._reflections.reflected(light, radiance * np.float32(exposure))
-            if lamps is not None:
+            before = self._reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
+            after = self._reflections.seen(new.light, new.radiance * np.float32(exposure))
+            if lamps is not None and new.lamps_exposure:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
                 shining = self._reflections.shining(lamps.emitters, lamps.frame, frame)
-                after = [each + lamps_exposure * more for each, more in zip(after, shining, strict=True)]
-            log_gain = binding.log_gains(look.irradiance, received, exposure)
+                lobes = [each + new.lamps_exposure * more for each, more in zip(after.lobe, shining, strict=True)]
+                after = after._replace(lobe=lobes)
+            log_gain = binding.log_gains(look.irradiance, new.received, exposure)
             return self._reflections.relit(relit, log_gain, before, after)
 
     def roughness(self, look: "Appearance") -> NDArray[np.float32] | None:
@@ -174,7 +177,8 @@ class SceneGloss:
         return {
             "surface": round(float(rows.mean()), 4),
             "metal": round(float((rows & gloss.metal).mean()), 4),
-            "reflectance": np.median(gloss.reflectance[rows], axis=0).round(4).tolist(),
+            "reflectance": _median(gloss.reflectance[rows]),
+            "metal_reflectance": _median(gloss.whole[rows & gloss.metal]),
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
             "light_from_reflections": self.shape is not None,
         }
@@ -202,3 +206,8 @@ class SceneGloss:
     def _rotation(self) -> NDArray[np.float64]:
         linear = np.asarray(self._scene.scene_from_splat, np.float64)[:3, :3]
         return linear / np.cbrt(np.linalg.det(linear))
+
+
+def _median(values: NDArray[np.float32]) -> list[float] | None:
+    """Of each colour (3,), JSON-clean; None of none."""
+    return np.median(values, axis=0).round(4).tolist() if len(values) else None

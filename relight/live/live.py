@@ -25,7 +25,7 @@ from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
 from .response import BANDS, COEFFICIENTS, LAMPS, SPREAD_BANDS, Response, assumed_response, light_vector, response_of
-from .shine import Shine, shine_of
+from .shine import BundleRows, Shine, shine_of
 from .surface import LIT, SKY, UNLIT, Surfaces, surfaces
 from .terms import Source, Term, term_of
 
@@ -201,19 +201,18 @@ def live_of(
         camera=_first_view(scene, splats, vertices),
         lamps=lamps,
         terms=terms,
-        gloss=_shine(binding, shown.gloss, appearance, scene, kinds == LIT, order),
+        gloss=_shine(binding, shown, kinds == LIT, order),
     )
 
 
-def _shine(
-    binding: Binding, gloss: "Gloss | None", look: "Appearance", scene: Scene, lit: NDArray[np.bool_], order: Indices
-) -> Shine | None:
+def _shine(binding: Binding, shown: LiveScene, lit: NDArray[np.bool_], order: Indices) -> Shine | None:
     """The Shine of the glossy splats, or None."""
+    gloss, look = shown.gloss, shown.appearance
     if gloss is None or look.environment is None:
         return None
-    linear = np.asarray(scene.scene_from_splat, np.float64)[:3, :3]
-    turn = linear / np.cbrt(np.linalg.det(linear))
-    return shine_of(binding, gloss, look.environment.sh(BANDS), look.captured, turn, lit, order)
+    matrix = np.asarray(shown.relighter.scene.scene_from_splat, np.float64)
+    lamps = [(number, *each.shines) for number, each in enumerate(shown.sources) if each.shines is not None]
+    return shine_of(binding, gloss, look.environment.sh(BANDS), look.captured, BundleRows(matrix, lit, order, lamps))
 
 
 def _unchanged(count: int) -> Response:

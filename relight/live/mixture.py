@@ -60,7 +60,8 @@ class Mixture(NamedTuple):
         if len(lamps) > 1:
             return Source(LAMP, f"{len(lamps)} more lamps", tint, received)
         name = self.names[group[0]] or f"Lamp {group[0] + 1}"
-        return Source(LAMP, name, tint, received, place_of(lamps[0]))
+        shines = self.light.emitters.of_lamp(*group), self.light.frame
+        return Source(LAMP, name, tint, received, place_of(lamps[0]), shines)
 
     def _received(self, direct: NDArray[np.float32], tint: NDArray[np.float64], alone: bool) -> NDArray[np.float32]:
         """Irradiance (V, 3) of lamps with direct light (V, 3), in units of their tint (3,). alone: they are all lamps,

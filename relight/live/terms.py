@@ -6,7 +6,7 @@ of three bytes, logarithms of the ratio.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from splat2mesh.scene.color import luminance
 
 from ..splats.light_ratio import linear_parts
+
+if TYPE_CHECKING:
+    from ..lamps.emitters import Emitters
+    from ..transfer.occluder import Frame
 
 CAPTURED, LAMP = "captured", "lamp"
 
@@ -34,13 +38,15 @@ GAP = 2
 class Source(NamedTuple):
     """Light that becomes a term. kind: CAPTURED or LAMP. name: as shown. color: (3,) linear, of luminance 1.
     received: (V, 3) float32 irradiance over pi in units of the picture, of that light in white; None for the
-    unchanged captured light. place: (3,) its position, splat frame, or None."""
+    unchanged captured light. place: (3,) its position, splat frame, or None. shines: of a single lamp, its emitters and
+    the Frame that they are in."""
 
     kind: str
     name: str
     color: NDArray[np.float64]
     received: NDArray[np.float32] | None
     place: list[float] | None = None
+    shines: "tuple[Emitters, Frame] | None" = None
 
 
 class Term(NamedTuple):

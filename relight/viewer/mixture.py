@@ -14,7 +14,8 @@ class SessionMixture(NamedTuple):
 
     radiance, received: (V, 3) float32, exit radiance and irradiance over pi of all parts but the environment, in its
     unit. env_scale: factor on the environment. level: units of the picture per unit of the environment. backdrop:
-    factor on the visible light itself. keeps_sky: whether the sky is that of the capture, only dimmed.
+    factor on the visible light itself. keeps_sky: whether the sky is that of the capture, only dimmed. captured: factor
+    on the captured light.
     """
 
     radiance: NDArray[np.float32]
@@ -23,6 +24,7 @@ class SessionMixture(NamedTuple):
     level: float
     backdrop: float
     keeps_sky: bool
+    captured: float = 0.0
 
     def with_environment(self, radiance: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return the radiance (V, 3) of all parts. radiance: of the environment."""

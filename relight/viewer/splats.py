@@ -3,7 +3,7 @@
 A thread binds splats to their mesh and fits them to its light, since both take longer than a frame.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
@@ -19,6 +19,7 @@ from .mixture import SessionMixture
 
 if TYPE_CHECKING:
     from ..insert.inserts import InsertedLight
+    from ..lamps.asked import AskedLamp
     from ..splats import Binding
     from .session_view import SessionView
 
@@ -29,19 +30,43 @@ WAITING = "binding the splats to the mesh"
 """Text of the panel until then, while the captured splats show."""
 
 
-Shine: TypeAlias = Callable[[Splats, NDArray[np.float64], NDArray[np.float32], NDArray[np.floating], float], Splats]
+class Shining(NamedTuple):
+    """Light that glossy splats mirror in a session. light: (K, 3) SH coefficients of the environment, display units.
+    radiance: (V, 3) that vertices send out, received: (V, 3) irradiance, display units once times exposure. unit:
+    display units per unit of the picture, of lamps and captured light. captured: factor on it. lamps: placed ones."""
+
+    light: NDArray[np.float64]
+    radiance: NDArray[np.float32]
+    received: NDArray[np.floating]
+    exposure: float
+    unit: float = 1.0
+    captured: float = 0.0
+    lamps: "Sequence[AskedLamp]" = ()
+
+
+Shine: TypeAlias = Callable[[Splats, Shining], Splats]
 """Type of `SplatLook.gloss`."""
 
 
 class SplatLook(NamedTuple):
     """How splats take the light under one albedo. before: (V, 3) captured irradiance, unit of the
     captured colours. received: returns the irradiance (V, 3) of a radiance (V, 3) and an exposure. gloss: takes relit
-    splats, SH coefficients (K, 3) of the light, the radiance and that irradiance, and their exposure, and returns the
-    splats with the reflections of the light; None without."""
+    splats and the Shining of a light, and returns the splats with its reflections; None without."""
 
     before: NDArray[np.float32]
     received: Callable[[NDArray[np.float32], float], NDArray[np.floating]]
     gloss: Shine | None = None
+
+
+def beside(alone: Shining, mixture: SessionMixture, lamps: "Sequence[AskedLamp]") -> Shining:
+    """The Shining of an environment beside the captured light and lamps of a mixture."""
+    return alone._replace(
+        light=mixture.env_scale * alone.light,
+        radiance=mixture.with_environment(alone.radiance),
+        unit=alone.exposure / mixture.level,
+        captured=mixture.captured,
+        lamps=lamps,
+    )
 
 
 class SplatSource(NamedTuple):
@@ -131,6 +156,7 @@ class RelitSplats:
             return self._exact[1]
 
         source, sky_exposure = self.source, session.sky_exposure()
+        lamps = () if session.board is None else [lamp.asked for lamp in session.board.state.lamps]
 
         def relit(rounds: int | None) -> Splats:
             look = self.source.looks[wanted.albedo]
@@ -139,9 +165,10 @@ class RelitSplats:
             more = {} if rounds is None else {"rounds": rounds}
             inserted, objects = wanted.inserted, session.objects
             found = binding.relit(look.before, after, wanted.exposure, **more)
-            if look.gloss is not None and mixture is None and rounds is None and light is not None:
+            if look.gloss is not None and rounds is None and light is not None:
                 shining = turned_about_y(light.coefficients, state.angle_deg) * wanted.exposure
-                found = look.gloss(found, shining, wanted.radiance, after, wanted.exposure)
+                mirrored = Shining(shining, wanted.radiance, after, wanted.exposure)
+                found = look.gloss(found, mirrored if mixture is None else beside(mirrored, mixture, lamps))
             if inserted is not None and rounds is None and objects is not None:
                 found = objects.source.shadowed(inserted, found)
             if mixture is not None and mixture.keeps_sky:

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.harness import GROUND_TRUTH
 from relight.gloss.fits import PatchFits
-from relight.gloss.material import GLOSS, _best
+from relight.gloss.material import GLOSS, Lobe, best_lobe
 from relight.job import Job
 from relight.request import RelightRequest
 from relight.sh import harmonics
@@ -68,7 +68,8 @@ def run(options, report):
         "glossy_sure": "d",
     }
     patches = report.table("patches", **columns, **shares, light=".0f")
-    things = report.table("things", case="<12", thing="<7", alpha=".2f", alpha_found=".2f", f0=".2f", f0_found=".2f")
+    columns = {"thing": "<7", "alpha": ".2f", "alpha_found": ".2f", "f0": ".2f", "f0_found": ".2f", "metal": ".2f"}
+    things = report.table("things", case="<12", **columns)
     columns = {
         "case": "<12",
         "light": "<8",
@@ -92,26 +93,27 @@ def run(options, report):
             scene = Path(folder) / name
             convert(source, up="+y").save(scene)
             looked = look(Job(RelightRequest.of(scene, "captured", effects=f"{EFFECTS},gloss")))
-            patches.add(**patch_row(name, looked, np.zeros(len(looked[2]), bool), None))
+            patches.add(**patch_row(name, looked, np.zeros(len(looked[2].alpha), bool), None))
 
 
 def look(job):
-    """(SceneGloss, Appearance, explained (P,), reflectance (P, 3), alpha (P,)) of the patches of a Job."""
+    """(SceneGloss, Appearance, Lobes of the patches (P), whose fields are stacked) of a Job."""
     gloss, appearance = job.gloss, job.appearance
     fits = None if gloss is None else gloss.fits
     if fits is None or appearance.environment is None:
-        return gloss, appearance, np.zeros(0), np.zeros((0, 3)), np.zeros(0)
-    light = appearance.environment.sh(harmonics.MAX_BANDS)[1 : fits.gram.shape[-1] + 1]
+        none = np.zeros(0)
+        return gloss, appearance, Lobe(none, np.zeros((0, 3)), none, none, np.zeros((0, 3)))
+    light = appearance.environment.sh(harmonics.MAX_BANDS)[: fits.gram.shape[-1] + 1]
     found = [
-        _best(fits, patch, light) if fits.pixels[patch] else (0.0, np.zeros(3), 1.0)
+        best_lobe(fits, patch, light) if fits.pixels[patch] else Lobe(0.0, np.zeros(3), 1.0, False, np.zeros(3))
         for patch in range(len(fits.pixels))
     ]
-    return gloss, appearance, *(np.array([each[i] for each in found]) for i in range(3))
+    return gloss, appearance, Lobe(*(np.array(each) for each in zip(*found, strict=True)))
 
 
 def patch_row(case, looked, glossy, light):
     """A row of the table of patches. glossy: (P,) bool, the truth."""
-    gloss, appearance, explained, _, _ = looked
+    gloss, appearance, (explained, *_) = looked
     if not len(explained):
         return {"case": case, "planned": "unseen", "patches": 0}
     fits: PatchFits = gloss.fits
@@ -145,9 +147,9 @@ class Table:
         convert(folder / "splat.ply", up="-y").save(self.scene)
         self._near = cKDTree(self.truth.vertices)
 
-    def job(self, environment, effects):
-        """A Job that relights the scene."""
-        return Job(RelightRequest.of(self.scene, environment, effects=effects, formats=("splat",)))
+    def job(self, environment, effects, *formats):
+        """A Job that relights the scene; a splat unless other formats are asked for."""
+        return Job(RelightRequest.of(self.scene, environment, effects=effects, formats=formats or ("splat",)))
 
     def of_nodes(self, looked):
         """(M,) the vertex of the truth that is nearest to each node."""
@@ -156,17 +158,21 @@ class Table:
 
     def glossy_patches(self, looked):
         """(P,) bool: those most of whose nodes are glossy."""
-        if not len(looked[2]):
+        count = len(looked[2].alpha)
+        if not count:
             return np.zeros(0, bool)
         patch, glossy = looked[0].fits.patch, self.truth.glossy[self.of_nodes(looked)]
-        return np.bincount(patch, glossy, len(looked[2])) > 0.5 * np.bincount(patch, minlength=len(looked[2]))
+        return np.bincount(patch, glossy, count) > 0.5 * np.bincount(patch, minlength=count)
 
     def things(self, looked):
-        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes."""
-        if not len(looked[2]):
+        """Rows of the glossy objects: medians of what their patches were found to be, weighted by nodes, and the share
+        that was found to be metal."""
+        if not len(looked[2].alpha):
             return
         nodes, patch = self.of_nodes(looked), looked[0].fits.patch
-        _, _, explained, reflectance, alpha = looked
+        explained, reflectance, alpha, _, whole = looked[2]
+        metal = whole.any(axis=1)
+        found = luminance(np.where(metal[:, None], whole, reflectance))
         for part in range(int(self.truth.part.max()) + 1):
             rows = np.flatnonzero(self.truth.part == part)
             mine = patch[self.truth.part[nodes] == part]
@@ -179,7 +185,7 @@ class Table:
                 "alpha": float(self.truth.alpha[rows[0]]),
             }
             row |= {"alpha_found": float(np.median(alpha[mine])), "f0": f0}
-            yield row | {"f0_found": float(np.median(luminance(reflectance[mine])))}
+            yield row | {"f0_found": float(np.median(found[mine])), "metal": float(metal[mine].mean())}
 
     def light_error(self, looked):
         """Degrees between the linear part of the estimated light and of the true one."""

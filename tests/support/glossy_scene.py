@@ -6,8 +6,11 @@ import numpy as np
 from live_scene import LIGHTS, SETTINGS, live_scene
 
 from relight import Environment
+from relight.engine.placed import LampLight
 from relight.gloss import Gloss
+from relight.lamps.shapes import RectangleLamp, SphereLamp
 from relight.live.live import LiveScene, live_of
+from relight.live.mixture import Mixture
 from relight.splats import Binding
 
 OWN = "studio"
@@ -22,7 +25,8 @@ def glaze(scene, splats):
     metal = (height > 0.2) & (height < 0.8)
     reflectance[metal] = 0.5, 0.4, 0.2
     alpha = np.where(metal, 0.3, 0.1).astype(np.float32)
-    return binding, Gloss(reflectance.astype(np.float32), alpha, metal, np.ones(len(alpha), np.float32))
+    reflectance = reflectance.astype(np.float32)
+    return binding, Gloss(reflectance, alpha, metal, np.ones(len(alpha), np.float32), reflectance)
 
 
 @cache
@@ -34,3 +38,20 @@ def glossy_scene():
     lights = [(Environment.load(name), 0.7) for name in LIGHTS]
     live = live_of(LiveScene(relighter, look, splats, gloss=gloss), lights, SETTINGS)
     return relighter.scene, look, splats, gloss, live
+
+
+BULB = SphereLamp((1.6, 2.4, 1.4), 0.15, (90.0, 60.0, 20.0))
+PANEL = RectangleLamp((-0.4, 1.8, 0.2), (0.0, 0.0, 0.4), (0.4, 0.4, 0.0), (0.0, 30.0, 60.0), two_sided=True)
+
+
+@cache
+def glossy_scene_with_lamps():
+    """(Live, lamps in the frame of the scene): it beside a bulb and a panel, with a fifth of the captured light."""
+    relighter, _, splats, _ = live_scene()
+    _, look, _, gloss, _ = glossy_scene()
+    lamps = [BULB, PANEL]
+    mixture = Mixture(True, 0.2, light=LampLight(relighter, look, lamps, 0.05), lamps=lamps, names=["bulb", "panel"])
+    shown = LiveScene(relighter, look, splats, sources=mixture.sources(look), gloss=gloss)
+    lights = [(Environment.load(name), 0.7) for name in LIGHTS]
+    live = live_of(shown, lights, SETTINGS)
+    return live._replace(lights=[each._replace(captured=0.2, unit=0.7) for each in live.lights]), lamps

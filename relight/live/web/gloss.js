@@ -2,10 +2,10 @@
 
 import { BANDS, DIRECT, harmonics, linear, turned } from "./light.js";
 
-export const MIRROR = { rows: 32, columns: 64, spare: 3 }; // a blurred light, and the rows of materials behind all of them
+export const MIRROR = { rows: 32, columns: 64, spare: 3, level: 8, lamp: 64 }; // a blurred light, and the rows behind all of them
 
 // The gloss of a bundle: materials and levels, and for each splat 16 bytes in four numbers, all 0 where it is matt:
-// normal (2), material, colour of the occluders (3), coefficients of visibility (4). Throws an Error of one line.
+// normal (2), material, colour of the occluders (3), coefficients of visibility (4), light of up to 6 lamps. Throws an Error of one line.
 export function glossOf(meta, count, surface, bytes) {
   if (!meta) return null;
   const expected = 8 * meta.runs + meta.bytes * meta.rows, found = bytes ? bytes.length : 0;
@@ -16,10 +16,10 @@ export function glossOf(meta, count, surface, bytes) {
     for (let n = runs[run], end = n + runs[run + 1]; n < end; n++, at += meta.bytes) {
       if (!rows[at]) continue;
       packed.set(surface.subarray(8 * n, 8 * n + 2), 16 * n);
-      packed.set(rows.subarray(at, at + 8), 16 * n + 2);
+      packed.set(rows.subarray(at, at + meta.bytes), 16 * n + 2);
     }
   }
-  return { ...meta, captured: Float64Array.from(meta.captured.flat()), packed: new Uint32Array(packed.buffer) };
+  return { lamps: [], ...meta, captured: Float64Array.from(meta.captured.flat()), packed: new Uint32Array(packed.buffer) };
 }
 
 // Coefficients (K x 3, about +y) of a mirrored light: turned, with its suns, times an exposure, plus factors (3) times the
@@ -36,9 +36,10 @@ export function mirroredLight({ captured }, light, angle, exposure, suns, factor
 
 // The texture that the shader reads, RGBA floats, 128 x (32 a level + 3): the captured light on the left and the new one on
 // the right, blurred for each level of roughness, lat-long; then the materials, 128 to a row, reflectance and level, half
-// more for metals; then the peaks of visibility.
-export function mirrorTexture(gloss, coefficients, out = new Float32Array(mirrorSize(gloss).width * mirrorSize(gloss).height * 4)) {
-  const { rows, columns } = MIRROR, { width } = mirrorSize(gloss), { levels, materials, peaks } = gloss;
+// more for metals; then a row of the peaks of visibility, alpha of each level, and two texels a lamp: place and reach, steps of
+// its bytes and light. factors: of all terms (3).
+export function mirrorTexture(gloss, coefficients, factors = [], out = new Float32Array(mirrorSize(gloss).width * mirrorSize(gloss).height * 4)) {
+  const { rows, columns } = MIRROR, { width } = mirrorSize(gloss), { levels, materials, peaks, lamps } = gloss;
   gloss.basis ??= mirrorBasis();
   levels.forEach(({ factors }, level) => {
     blurred(gloss.basis, factors, coefficients, out, (level * rows * width + columns) * 4);
@@ -47,6 +48,10 @@ export function mirrorTexture(gloss, coefficients, out = new Float32Array(mirror
   const end = levels.length * rows * width * 4;
   materials.forEach(({ reflectance, level, metal }, number) => out.set([...reflectance, level + (metal ? 0.5 : 0)], end + 4 * number));
   peaks.forEach((peak, number) => { out[end + (2 * width + number) * 4] = peak / 127; });
+  levels.forEach(({ alpha }, level) => { out[end + (2 * width + MIRROR.level + level) * 4] = alpha; });
+  lamps.forEach(({ term, place, reach, peak, steps }, number) => {
+    out.set([...place, reach, ...factors[term].map((value) => value * peak), steps], end + (2 * width + MIRROR.lamp + 2 * number) * 4);
+  });
   gloss.drawn = true; // the left half stays, in the same array
   return out;
 }
@@ -88,7 +93,7 @@ function blurred(basis, factors, coefficients, out, start) {
 
 // The linear change (3) of splat n seen from `eye`, from its position and normal (3) in the scene frame and the change of
 // its diffuse light (3): a readable copy of the shader, for tests.
-export function glossChange({ packed, peaks, materials, levels }, texture, n, eye, place, normal, ratio, hidden) {
+export function glossChange({ packed, peaks, materials, levels, lamps }, texture, n, eye, place, normal, ratio, hidden) {
   const bytes = new Uint8Array(packed.buffer, 16 * n, 16), material = materials[bytes[2] - 1];
   if (!material) return [0, 0, 0];
   const away = eye.map((value, k) => value - place[k]), far = Math.hypot(...away), toward = away.map((value) => value / far);
@@ -98,11 +103,25 @@ export function glossChange({ packed, peaks, materials, levels }, texture, n, ey
   const basis = [0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x];
   const signed = new Int8Array(packed.buffer, 16 * n + 6, 4), seen = Math.min(Math.max(basis.reduce((sum, value, i) => sum + value * signed[i] * peaks[i] / 127, 0), 0), 1);
   const rise = material.metal ? 1 : 1 + 24 * (1 - Math.min(Math.max(cosine, 0), 1)) ** 5;
+  const alpha = levels[material.level].alpha, from = texture.length - 4 * (2 * MIRROR.columns - MIRROR.lamp);
+  const lobes = lamps.map((_, i) => bytes[10 + i] && lampLobe(texture.subarray(from + 8 * i, from + 8 * i + 4), alpha, place, n1, toward) * 2 ** ((bytes[10 + i] - 255) / texture[from + 8 * i + 7]));
+  const shines = [0, 1, 2].map((k) => lobes.reduce((sum, lobe, i) => sum + lobe * texture[from + 8 * i + 4 + k], 0));
   return [0, 1, 2].map((k) => {
     const strength = Math.min(material.reflectance[k] * rise, 1), stands = linear(bytes[3 + k] / 255);
     const [old, now] = [0, 1].map((side) => mirrorAt(texture, side, material.level, [x, y, z], k));
-    return strength * (seen * now + (1 - seen) * stands * hidden[k] - ratio[k] * (seen * old + (1 - seen) * stands));
+    return strength * (seen * now + (1 - seen) * stands * hidden[k] + shines[k] - ratio[k] * (seen * old + (1 - seen) * stands));
   });
+}
+
+// The lobe of a lamp of [x, y, z, reach] per light that arrives on what faces it: GGX, widened by half the angle of the lamp.
+function lampLobe([x, y, z, reach], alpha, place, normal, toward) {
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2], way = [x - place[0], y - place[1], z - place[2]], far = Math.max(Math.hypot(...way), 1e-9);
+  const light = way.map((value) => value / far), lit = dot(normal, light), seen = dot(normal, toward);
+  if (!(lit > 0)) return 0;
+  const half = light.map((value, k) => value + toward[k]), cosine = dot(half, normal) / Math.max(Math.hypot(...half), 1e-9);
+  const square = Math.min(alpha + reach / (2 * Math.max(far, reach)), 1) ** 2, spread = cosine * cosine * (square - 1) + 1;
+  const masking = (value) => 2 * value / (value + Math.sqrt(square + (1 - square) * value * value));
+  return square / (Math.PI * spread * spread) * masking(lit) * masking(seen) / (4 * seen);
 }
 
 function mirrorAt(texture, side, level, [x, y, z], k) {

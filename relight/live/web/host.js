@@ -47,6 +47,23 @@ vec3 liveLinear(vec3 c) {
 float liveByte(uint word, int at) {
   return float(int(word << uint(24 - at)) >> 24);
 }
+vec3 liveLamps(uvec4 g, int count, int row, float alpha, vec3 center, vec3 n, vec3 toward) {
+  vec3 sum = vec3(0.0);
+  float seen = dot(n, toward);
+  for (int i = 0; i < count; i++) {
+    uint word = i < 2 ? g.z >> uint(16 + 8 * i) : g.w >> uint(8 * i - 16);
+    vec4 lamp = texelFetch(uLiveMirror, ivec2(64 + 2 * i, row), 0), light = texelFetch(uLiveMirror, ivec2(65 + 2 * i, row), 0);
+    vec3 way = lamp.xyz - center;
+    float far = max(length(way), 1e-9), lit = dot(n, way) / far;
+    if ((word & 255u) == 0u || lit <= 0.0) continue;
+    vec3 h = way / far + toward;
+    float cosine = dot(h, n) / max(length(h), 1e-9), wide = min(alpha + lamp.w / (2.0 * max(far, lamp.w)), 1.0), square = wide * wide;
+    float spread = cosine * cosine * (square - 1.0) + 1.0;
+    float arriving = 2.0 * lit / (lit + sqrt(square + (1.0 - square) * lit * lit)), leaving = 2.0 * seen / (seen + sqrt(square + (1.0 - square) * seen * seen));
+    sum += square / (3.14159265 * spread * spread) * arriving * leaving / (4.0 * seen) * exp2((float(word & 255u) - 255.0) / light.w) * light.rgb;
+  }
+  return sum;
+}
 vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
   uvec4 g = loadGloss();
   int material = int(g.x >> 16 & 255u) - 1;
@@ -71,6 +88,7 @@ vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
   int row = 32 * int(floor(of.a));
   vec3 old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
   vec3 now = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uLiveHidden.rgb;
+  now += liveLamps(g, int(uLiveHidden.w) - 1, end + 2, texelFetch(uLiveMirror, ivec2(8 + int(floor(of.a)), end + 2), 0).r, center, n, toward);
   vec3 before = liveLinear(max(lit, vec3(0.0)));
   vec3 after = max(before + strength * (now - pow(gain, vec3(2.4)) * old), 0.02 * before);
   vec3 shown = mix(12.92 * after, 1.055 * pow(max(after, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), after));
@@ -102,6 +120,29 @@ fn liveLinear(c: vec3f) -> vec3f {
 fn liveByte(word: u32, at: u32) -> f32 {
   return f32(bitcast<i32>(word << (24u - at)) >> 24u);
 }
+fn liveLamps(g: vec4u, count: i32, row: i32, alpha: f32, center: vec3f, n: vec3f, toward: vec3f) -> vec3f {
+  var sum = vec3f(0.0);
+  let seen = dot(n, toward);
+  for (var i = 0; i < count; i++) {
+    var word = 0u;
+    if (i < 2) { word = (g.z >> u32(16 + 8 * i)) & 255u; } else { word = (g.w >> u32(8 * i - 16)) & 255u; }
+    let lamp = liveTexel(64 + 2 * i, row);
+    let light = liveTexel(65 + 2 * i, row);
+    let way = lamp.xyz - center;
+    let far = max(length(way), 1e-9);
+    let lit = dot(n, way) / far;
+    if (word == 0u || lit <= 0.0) { continue; }
+    let h = way / far + toward;
+    let cosine = dot(h, n) / max(length(h), 1e-9);
+    let wide = min(alpha + lamp.w / (2.0 * max(far, lamp.w)), 1.0);
+    let square = wide * wide;
+    let spread = cosine * cosine * (square - 1.0) + 1.0;
+    let arriving = 2.0 * lit / (lit + sqrt(square + (1.0 - square) * lit * lit));
+    let leaving = 2.0 * seen / (seen + sqrt(square + (1.0 - square) * seen * seen));
+    sum += square / (3.14159265 * spread * spread) * arriving * leaving / (4.0 * seen) * exp2((f32(word) - 255.0) / light.w) * light.rgb;
+  }
+  return sum;
+}
 fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
   let g = loadGloss();
   let material = i32((g.x >> 16u) & 255u) - 1;
@@ -127,7 +168,8 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
   let stands = liveLinear(vec3f(f32(g.x >> 24u), f32(g.y & 255u), f32((g.y >> 8u) & 255u)) / 255.0);
   let row = 32 * i32(floor(made.a));
   let old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
-  let now = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb;
+  let hidden = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb;
+  let now = hidden + liveLamps(g, i32(uniform.uLiveHidden.w) - 1, end + 2, liveTexel(8 + i32(floor(made.a)), end + 2).r, center, n, toward);
   let before = liveLinear(max(lit, vec3f(0.0)));
   let after = max(before + strength * (now - pow(gain, vec3f(2.4)) * old), 0.02 * before);
   let shown = select(12.92 * after, 1.055 * pow(max(after, vec3f(1e-9)), vec3f(1.0 / 2.4)) - 0.055, after > vec3f(0.0031308));
@@ -223,7 +265,7 @@ function shineOf(app, gsplat, resource, gloss) {
   look();
   return (mirrored) => {
     on = mirrored !== null;
-    gsplat.setParameter("uLiveHidden", on ? [...mirrored.hidden, 1] : [1, 1, 1, 0]);
+    gsplat.setParameter("uLiveHidden", on ? [...mirrored.hidden, 1 + gloss.lamps.length] : [1, 1, 1, 0]);
     if (!on) return;
     mirror.lock().set(mirrored.texture);
     mirror.unlock();

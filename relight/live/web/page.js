@@ -163,7 +163,7 @@ class Session {
   mirror(light, turn, exposure, lamps, factors, balance) {
     const { bundle } = this, own = bundle.terms.findIndex(({ kind }) => kind === "captured");
     const coefficients = Live.mirroredLight(bundle.gloss, light, turn, exposure, this.suns(), own < 0 ? [0, 0, 0] : factors[own]);
-    this.texture = Live.mirrorTexture(bundle.gloss, coefficients, this.texture);
+    this.texture = Live.mirrorTexture(bundle.gloss, coefficients, this.factors(light, [1, 1, 1]), this.texture);
     return { texture: this.texture, hidden: Live.meanChange(bundle, light, turn, exposure, lamps, factors, balance) };
   }
 

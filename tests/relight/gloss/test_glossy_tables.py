@@ -94,6 +94,10 @@ def test_metals_reflect_more_than_glazes_do(table):
     f0 = found.reflectance.mean(axis=1)
     assert np.median(f0[metal]) > 2 * np.median(f0[glaze])
     assert 0.02 < np.median(f0[glaze]) < 0.08  # .035 to .06 in truth
+    whole = found.whole[table.truth.metal[nodes] & found.metal & found.glossy]
+    share = np.median(whole, axis=0) / np.median(table.truth.reflectance[table.truth.metal], axis=0)
+    # The brightness of the light is known within a factor of two; the colour of metals is not lost by that.
+    assert 0.45 < share.min() and share.max() < 1.3 * share.min()
 
 
 def test_splats_come_nearer_to_the_truth(table):

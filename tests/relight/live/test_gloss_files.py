@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, chromium
-from glossy_scene import OWN, glossy_scene
+from glossy_scene import BULB, OWN, glossy_scene, glossy_scene_with_lamps
 from live_bundles import reader
 from live_scene import SETTINGS, TILT, live_scene
 
@@ -21,7 +21,7 @@ from relight.live.shine import ROW
 from relight.sh import harmonics
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
-from splat2mesh.scene.color import linear_from_srgb, srgb_from_linear
+from splat2mesh.scene.color import linear_from_srgb, luminance, srgb_from_linear
 from splat2mesh.splats.splats import SH_C0, Splats
 
 ROOT = Path(__file__).parents[3]
@@ -38,6 +38,14 @@ in_browser = pytest.mark.skipif(chromium() is None, reason="chromium is not inst
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("glossy")
     write_bundle(path, glossy_scene()[-1])
+    return path
+
+
+@pytest.fixture(scope="module")
+def by_lamps(tmp_path_factory):
+    """The bundle of the same beside two lamps."""
+    path = tmp_path_factory.mktemp("lamps")
+    write_bundle(path, glossy_scene_with_lamps()[0])
     return path
 
 
@@ -130,6 +138,37 @@ def test_changes_are_the_lobes_of_relights_own_pixels(folder, light, angle_deg):
 
 
 @in_node
+def test_a_bulb_shines_as_ggx_says(by_lamps):
+    """Light of a small ball on what faces it, radiance x pi sin^2, times D G / 4 n.v, widened by half of its angle."""
+    live, color, eye = glossy_scene_with_lamps()[0], np.array(BULB.radiance), np.array([1.2, 2.0, 3.0])
+    tint = color / luminance(color)
+    lit, places, normals = changes(by_lamps, eye=list(eye), factors=[[0, 0, 0], list(tint), [0, 0, 0]])
+    dark = changes(by_lamps, eye=list(eye), factors=[[0, 0, 0]] * 3)[0]
+    number = material_of_splats(live)
+    way, toward = np.array(BULB.position) - places, eye - places
+    far = np.linalg.norm(way, axis=1, keepdims=True)
+    way, toward = way / far, toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    half = way + toward
+    half /= np.linalg.norm(half, axis=1, keepdims=True)
+    facing, seen, cosine = (np.einsum("ij,ij->i", normals, each) for each in (way, toward, half))
+    alpha = np.where(number == 1, 0.15, 0.3) + BULB.radius / (2 * far[:, 0])
+    square = np.minimum(alpha, 1.0) ** 2
+    density = square / np.pi / (cosine**2 * (square - 1) + 1) ** 2
+    masks = [2 * x / (x + np.sqrt(square + (1 - square) * x**2)) for x in (facing, seen)]
+    reflectance = np.where((number == 1)[:, None], [0.05] * 3, [0.5, 0.4, 0.2])
+    rise = fresnel_rise(seen, number == 2)
+    arriving = np.pi * (BULB.radius / far[:, 0]) ** 2
+    expected = np.minimum(reflectance * rise[:, None], 1) * color
+    expected *= (density * masks[0] * masks[1] / (4 * np.maximum(seen, 1e-3)) * arriving)[:, None]
+    rows = (number > 0) & (facing > 0.2) & (seen > 0.2)
+    assert rows.sum() > 60 and expected[rows].max() > 0.05
+    # Bytes of light are 1.7% wide each way; a splat takes it from the corners of its face.
+    np.testing.assert_allclose((lit - dark)[rows], expected[rows], rtol=0.04, atol=1e-3 * expected[rows].max())
+    assert np.abs((lit - dark)[(number > 0) & (facing < -0.3) & (seen > 0.05)]).max() < 1e-9
+    assert not (lit - dark)[number == 0].any()
+
+
+@in_node
 def test_what_is_hidden_mirrors_what_hides_it(folder):
     """The underside of the ball mirrors the plate: brighter with the plate, whatever the sky does."""
     live = glossy_scene()[-1]
@@ -143,9 +182,9 @@ def test_what_is_hidden_mirrors_what_hides_it(folder):
 
 
 @in_browser
-def test_the_page_shows_the_lobes_as_the_eye_sees_them(folder, tmp_path):
+def test_the_page_shows_the_lobes_as_the_eye_sees_them(by_lamps, tmp_path):
     """Its picture, against the splats drawn here in colours of the same gains and of `glossChange`."""
-    live = glossy_scene()[-1]
+    live = glossy_scene_with_lamps()[0]
     write_page(tmp_path, live)
     with Browser(f"file://{tmp_path}/relit.html#renderer=webgl&noui&nopanel&sky=0", (240, 240)) as page:
         page.wait("window.relight && relight.drawn")
@@ -160,13 +199,15 @@ def test_the_page_shows_the_lobes_as_the_eye_sees_them(folder, tmp_path):
         gains = np.array(page.run("Array.from(relight.gains)")).reshape(-1, 4)[:, :3] / 1024.0
         light = "relight.lights[1], 140 * Math.PI / 180, relight.lights[1].exposure"
         hidden = page.run(f"relight.live.meanChange(relight.bundle, {light})")
+        factors = page.run("relight.live.factorsOf(relight.bundle, relight.lights[1])")
         assert page.said == []
     back = np.linalg.inv(TILT)
     eye, target = (back[:3, :3] @ camera[key] + back[:3, 3] for key in ("position", "target"))
     view = View.look_at(eye, target, back[:3, 1], camera["fov"], 240, 240)
     ratio = gains**2.4
     size = {"light": 1, "angle": np.radians(140), "eye": list(camera["position"]), "hidden": hidden}
-    new, old = (changes(folder, **size, ratio=[each] * 3)[0] for each in (0.0, 1.0))
+    size |= {"factor": factors[0], "factors": factors}
+    new, old = (changes(by_lamps, **size, ratio=[each] * 3)[0] for each in (0.0, 1.0))
     change = new + ratio * (old - new)
     plain = SH_C0 * live.splats.sh[:, 0] + 0.5
     lit = gains * (plain + 0.055) - 0.055

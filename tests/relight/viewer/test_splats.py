@@ -12,6 +12,7 @@ from viewer_scenes import SIZE, ball_on_plate, bare, session_of
 
 from relight.splats import Binding
 from relight.viewer.controls import CONTROLS
+from relight.viewer.mixture import SessionMixture
 from relight.viewer.splat_painter import SplatPainter, coarser
 from relight.viewer.splats import WAITING, SplatLook, SplatSource
 from relight.viewer.window import Window
@@ -89,6 +90,30 @@ def test_shares_that_are_kept_draw_what_is_rasterised(scene, splats, degree):
     brighter = Splats(some.means, some.scales, some.quats_wxyz, some.opacities, some.sh + np.float32(0.1))
     kept = painter.again(brighter, orbit, SIZE)
     assert np.abs(kept.color - painter.exact(brighter, orbit, SIZE).color).max() < 20 / 512
+
+
+def test_gloss_mirrors_the_environment_the_captured_light_and_lamps(scene, source):
+    """Of an environment of half its strength, at twice the level of the picture, beside .3 of the captured light."""
+    found = []
+
+    def gloss(relit, shining):
+        found.append(shining)
+        return relit
+
+    count = len(scene.vertices)
+    mixture = SessionMixture(*(np.full((count, 3), each, np.float32) for each in (0.2, 0.4)), 0.5, 2.0, 1.0, False, 0.3)
+    shines = source._replace(looks={"captured": source.looks["captured"]._replace(gloss=gloss)})
+    for light in (None, mixture):
+        window = window_of(scene, shines, mixture=light)
+        window.session.change(sky=False)
+        bare(window)
+        window.close()
+    alone, mixed = found
+    assert (alone.unit, alone.captured, len(alone.lamps)) == (1.0, 0.0, 0)
+    assert mixed.captured == 0.3 and mixed.unit == mixed.exposure / 2.0
+    scale = mixed.exposure / alone.exposure
+    np.testing.assert_allclose(mixed.light, 0.5 * scale * alone.light, rtol=1e-6)
+    np.testing.assert_allclose(mixed.radiance, 0.2 + 0.5 * alone.radiance, rtol=1e-6)
 
 
 def test_light_that_changes_nothing_changes_no_pixel(scene, source):
