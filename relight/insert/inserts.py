@@ -219,15 +219,20 @@ class InsertedLight:
         ratio[rows] = np.exp(shrunk)
         return ratio
 
-    def splats_put_in(self, exposure: float) -> "Splats | None":
-        """The splats among the objects, lit, in the frame of the place's splat; None without. exposure: units of the
+    def splat_put_in(self, number: int, exposure: float) -> "Splats | None":
+        """One of the objects as lit splats in the frame of the place's splat; None for a mesh. exposure: units of the
         picture per unit of the radiance."""
+        each, starts = self.standing.objects[number], self.standing.starts
+        if each.splat is None:
+            return None
+        back = np.linalg.inv(np.asarray(self.inserts.relighter.scene.scene_from_splat, np.float64))
+        light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
+        return each.splat.relit(light, back @ self.standing.placed[number])
+
+    def splats_put_in(self, exposure: float) -> "Splats | None":
+        """The splats among the objects together, as `splat_put_in` returns them; None without."""
         from splat2mesh.splats.joining import joined
 
-        back = np.linalg.inv(np.asarray(self.inserts.relighter.scene.scene_from_splat, np.float64))
-        found, starts = [], self.standing.starts
-        for number, each in enumerate(self.standing.objects):
-            if each.splat is not None:
-                light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
-                found.append(each.splat.relit(light, back @ self.standing.placed[number]))
+        each = [self.splat_put_in(number, exposure) for number in range(len(self.standing.objects))]
+        found = [splats for splats in each if splats is not None]
         return joined(found) if found else None
