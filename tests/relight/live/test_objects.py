@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import Browser, chromium
+from disc_scenes import form_factor
 from insert_places import card, disc, floor_place
 from live_scene import live_scene
 
@@ -116,9 +117,7 @@ def test_a_moved_disc_hides_its_form_factor_wherever_it_is_moved_and_however_tur
     command = ["node", script, ROOT / "relight/live/web/objects.js"]
     done = subprocess.run(command, input=json.dumps(wish), capture_output=True, text=True, check=True, timeout=60)
     before, after = (np.array(each).reshape(-1, 3) ** 2.4 for each in json.loads(done.stdout))
-    # An element parallel to a disc (Howell, A Catalog of Radiation Heat Transfer Configuration Factors, B-12).
-    h, r = height / distance, radius / distance
-    factor = 0.5 * (1.0 - (1.0 + h**2 - r**2) / np.sqrt((1.0 + h**2 + r**2) ** 2 - 4.0 * r**2))
+    factor = form_factor(distance, height, radius)
     # 1,024 directions give 2% of the light each way, and the map's offset moves the edge by 2% of the disc.
     np.testing.assert_allclose(before, np.maximum(1.0 - factor, 0.03)[:, None] * [1, 1, 1], atol=0.03)
     np.testing.assert_allclose(after, before, atol=0.03)
