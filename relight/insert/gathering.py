@@ -125,20 +125,14 @@ def change_at(
     return change
 
 
-def within(around: Surroundings, standing: Standing, at: Receiving, least: float) -> Indices:
-    """Rows of the points in the boxes that `in_reach` can change; all points where suns or lamps cast shadows, which
-    reach farther."""
-    if len(around.suns) or around.lamps is not None:
-        return np.arange(len(at.origins))
-    found = np.zeros(len(at.origins), bool)
-    for middle, radius in standing.spheres:
-        reach = BOX * radius / np.sqrt(least)
-        low, high = ((middle + side * reach).astype(np.float32) for side in (-1.0, 1.0))
-        inside = (at.origins[:, 0] > low[0]) & (at.origins[:, 0] < high[0])
-        for axis in (1, 2):
-            inside &= (at.origins[:, axis] > low[axis]) & (at.origins[:, axis] < high[axis])
-        found |= inside
-    return np.flatnonzero(found)
+def in_box(middle: NDArray[np.float64], radius: float, at: Receiving, least: float) -> Mask:
+    """Mask (M,) of the points in the box around all that `in_reach` accepts."""
+    reach = BOX * radius / np.sqrt(least)
+    low, high = ((middle + side * reach).astype(np.float32) for side in (-1.0, 1.0))
+    inside = (at.origins[:, 0] > low[0]) & (at.origins[:, 0] < high[0])
+    for axis in (1, 2):
+        inside &= (at.origins[:, axis] > low[axis]) & (at.origins[:, axis] < high[axis])
+    return np.asarray(inside)
 
 
 def in_reach(middle: NDArray[np.float64], radius: float, at: Receiving, least: float = LEAST_CONE) -> Mask:

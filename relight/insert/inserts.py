@@ -15,7 +15,7 @@ from splat2mesh.scene.color import luminance
 from ..engine.appearance import CAPTURE, CAPTURE_OF_PLACE
 from ..transfer.occluder import Frame
 from .asked import AskedInsert
-from .gathering import change_at, light_on, within
+from .gathering import change_at, light_on
 from .objects import InsertedObject, read_object
 from .placing import placed_by
 from .standing import Standing
@@ -26,12 +26,16 @@ if TYPE_CHECKING:
 
     from ..engine.appearance import Appearance
     from ..engine.relighter import Relighter
+    from .hidden import HiddenLight
 
 RAYS = 32
 """Rays from each vertex to each object, in the first pass over what it changes."""
 
 GLIMPSE_RAYS, GLIMPSE_CONE = 8, 1.0 / 16.0
-"""Rays of a quick preview, and the part of a hemisphere that an object must fill to be considered in it."""
+"""Rays of a quick preview with lamps, and the part of a hemisphere that an object must fill to be considered in it."""
+
+STRENGTHS = 0.5, 2.0
+"""Least and largest factor on the logarithm of a quick preview."""
 
 LATER_BOUNCES = 4
 """Bounces of the change: in a garden they darken the shadow of an object by a tenth."""
@@ -140,17 +144,24 @@ class Inserts:
         return InsertedLight(self, around, received, light, radiance, direct, self._later(direct))
 
     def glimpse(self, before: "InsertedLight") -> "InsertedLight":
-        """Return an approximation with few rays and without bounces. before: the result for the same objects at other
-        positions, whose light they keep."""
-        around = before.around
+        """Return an approximation without bounces. before: the result for the same objects at other positions, whose
+        light they keep.
+
+        Without lamps it hides the light that arrived at the last exact position, as bright as the exact result there;
+        with lamps it traces few rays.
+        """
+        around, none = before.around, np.zeros_like(before.direct)
         at = Receiving(around.occluder.origins, around.occluder.normals)
-        direct, rows = np.zeros(at.origins.shape, np.float32), within(around, self.standing, at, GLIMPSE_CONE)
-        direct[rows] = change_at(
-            around, self.standing, before.radiance, GLIMPSE_RAYS, at.of(rows), self.relighter.seed, least=GLIMPSE_CONE
+        kept = around, before.received, before.light, before.radiance
+        if around.lamps is None:
+            found = InsertedLight(self, *kept, none, none)
+            found.__dict__.update(softness=before.softness, hidden=before.hidden, strength=before.strength)
+            found.__dict__["ratio"] = _ratio_of(self.standing, before.hidden, at, before.strength)
+            return found
+        change = change_at(
+            around, self.standing, before.radiance, GLIMPSE_RAYS, at, self.relighter.seed, least=GLIMPSE_CONE
         )
-        found = InsertedLight(
-            self, around, before.received, before.light, before.radiance, direct, np.zeros_like(direct)
-        )
+        found = InsertedLight(self, *kept, change, none)
         found.__dict__["softness"] = before.softness  # of what is received, which is the same
         return found
 
@@ -204,6 +215,22 @@ class InsertedLight:
         return SOFTNESS * float(np.median(self.received))
 
     @cached_property
+    def hidden(self) -> "list[HiddenLight]":
+        """What each object hides of the light that arrives at it."""
+        from .hidden import HiddenLight
+
+        standing = self.standing
+        return [HiddenLight.of(self.around, standing, number, self.radiance) for number in range(len(standing.objects))]
+
+    @cached_property
+    def strength(self) -> float:
+        """Factor on the logarithms of that which fits the exact ratio best: bounces, and what other surfaces hide."""
+        at = Receiving(self.around.occluder.origins, self.around.occluder.normals)
+        found, exact = np.log(_ratio_of(self.standing, self.hidden, at, 1.0)), np.log(self.ratio)
+        own = float((found * found).sum(dtype=np.float64))
+        return float(np.clip((found * exact).sum(dtype=np.float64) / own, *STRENGTHS)) if own > 0.0 else 1.0
+
+    @cached_property
     def ratio(self) -> NDArray[np.float32]:
         """(V, 3) ratio of the light at the scene's vertices with and without the objects; exactly 1 where no change is
         visible."""
@@ -219,15 +246,33 @@ class InsertedLight:
         ratio[rows] = np.exp(shrunk)
         return ratio
 
-    def splats_put_in(self, exposure: float) -> "Splats | None":
-        """The splats among the objects, lit, in the frame of the place's splat; None without. exposure: units of the
+    def splat_put_in(self, number: int, exposure: float) -> "Splats | None":
+        """One of the objects as lit splats in the frame of the place's splat; None for a mesh. exposure: units of the
         picture per unit of the radiance."""
+        each, starts = self.standing.objects[number], self.standing.starts
+        if each.splat is None:
+            return None
+        back = np.linalg.inv(np.asarray(self.inserts.relighter.scene.scene_from_splat, np.float64))
+        light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
+        return each.splat.relit(light, back @ self.standing.placed[number])
+
+    def splats_put_in(self, exposure: float) -> "Splats | None":
+        """The splats among the objects together, as `splat_put_in` returns them; None without."""
         from splat2mesh.splats.joining import joined
 
-        back = np.linalg.inv(np.asarray(self.inserts.relighter.scene.scene_from_splat, np.float64))
-        found, starts = [], self.standing.starts
-        for number, each in enumerate(self.standing.objects):
-            if each.splat is not None:
-                light = self.light[starts[number] : starts[number + 1]] * np.float32(exposure)
-                found.append(each.splat.relit(light, back @ self.standing.placed[number]))
+        each = [self.splat_put_in(number, exposure) for number in range(len(self.standing.objects))]
+        found = [splats for splats in each if splats is not None]
         return joined(found) if found else None
+
+
+def _ratio_of(standing: Standing, hidden: "list[HiddenLight]", at: Receiving, strength: float) -> NDArray[np.float32]:
+    """The ratio (V, 3) of light with and without objects, by what they hide, times a strength."""
+    logs = np.zeros(at.origins.shape, np.float32)
+    for each in hidden:
+        rows = np.flatnonzero(each.reached(standing, at, GLIMPSE_CONE))
+        logs[rows] += each.logarithms(standing, at.of(rows))
+    rows = np.flatnonzero(logs[:, 1])
+    ratio = np.ones_like(logs)
+    shown = np.float32(strength) * logs[rows]
+    ratio[rows] = np.where(np.abs(shown) > LEAST_CHANGE, np.exp(np.maximum(shown, np.log(LEAST_RATIO))), 1.0)
+    return ratio

@@ -10,6 +10,7 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
 
 from .lights import IMAGE, rgbe
+from .movable import FILE as MOVABLE_FILE
 from .objects import FILE as OBJECTS_FILE
 from .objects import MESH
 from .proxy import write_proxy
@@ -45,9 +46,15 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
     if live.objects is not None:
         contents[OBJECTS_FILE] = live.objects.tobytes()
         contents.update({MESH: live.objects.glb} if live.objects.glb else {})
+        if live.objects.movable:
+            contents[MOVABLE_FILE] = b"".join(each.tobytes() for each in live.objects.movable)
     for name, content in contents.items():
         (folder / name).write_bytes(content)
     names = [f"splat.{kind}" for kind in kinds] + list(contents)
+    for number, each in enumerate(() if live.objects is None else live.objects.movable):
+        if each.splats is not None:
+            names.append(each.file_of_splats(number))
+            write_splats(folder / names[-1], each.splats, "compressed.ply")
     for file, light in zip(light_files(live), live.lights, strict=True):
         (folder / file).parent.mkdir(exist_ok=True)
         (folder / file).write_bytes(rgbe(light.image).tobytes())

@@ -178,6 +178,7 @@ class Results:
         """The inserted objects in the form of the page and the bundle, or None."""
         if shaded.inserted is None:
             return None
+        from ..live.movable import movables_of
         from ..live.objects import objects_of
         from .inserted_glb import write_inserted_glb
 
@@ -187,7 +188,8 @@ class Results:
                 write_inserted_glb(Path(staging) / INSERTED[0], shaded.inserted, shaded.exposure)
                 content = (Path(staging) / INSERTED[0]).read_bytes()
         relit = self._relit.relit(shaded) if relit is None else relit
-        return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg)
+        movable = movables_of(shaded.inserted, shaded.exposure)
+        return objects_of(self._relit.without_objects(shaded), relit, content, shaded.light.rotation_deg, movable)
 
     def object_painter(
         self, shaded: "Shaded", poses: "list[InsertedLight]"

@@ -9,6 +9,7 @@ from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import describe
 from splat2mesh.splats.formats.inria import write_inria_ply
+from splat2mesh.splats.splats import SH_C0
 
 GREY = 127
 
@@ -39,6 +40,22 @@ def obj(path, mesh):
 
 def disc(tmp_path, radius=0.5):
     return obj(tmp_path / "disc.obj", trimesh.creation.cylinder(radius, 0.01, sections=64).apply_transform(_upright()))
+
+
+def card(tmp_path, color=None):
+    """A card of splats of 1 x 1 that faces +z, from its middle below: its scene folder, and the splats. color: (3,) of
+    them."""
+    own = wall([-0.5, 0, 0], [1, 0, 0], [0, 1, 0], 0.1)
+    if color is not None:
+        own.sh[:, 0] = (np.float32(color) - 0.5) / SH_C0
+    write_inria_ply(tmp_path / "card.ply", own)
+    side = grid_floor(11, 1.0)
+    vertices = np.stack([side.vertices[:, 0], 0.5 - side.vertices[:, 2], 0 * side.vertices[:, 0]], 1).astype(np.float32)
+    facing = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
+    colors = side.colors_srgb if color is None else np.tile(np.uint8(255 * np.array(color)), (len(vertices), 1))
+    scene = Scene([Mesh(vertices, facing, side.faces, colors)], source=describe(tmp_path / "card.ply"))
+    scene.save(tmp_path / "card")
+    return tmp_path / "card", own
 
 
 def _upright():

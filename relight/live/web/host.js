@@ -216,34 +216,87 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   gsplat.setWorkBufferModifier(modifierOf(options.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
-  const objects = options.objects ? await meshOf(app, options.objects) : () => {};
+  const objects = options.objects ? await objectsIn(app, options.objects, frame) : { show() {}, move() {} };
   return { viewer, app, entity, camera, show, objects, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
-// A function that shows a mesh among the splats, so many times as bright, or hides it. bytes: a binary glTF, unlit.
-function meshOf(app, bytes) {
-  const contents = bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
-  const asset = new Asset("inserted", "container", { url: "inserted.glb", filename: "inserted.glb", contents });
-  return new Promise((resolve, reject) => {
-    asset.once("error", (error) => reject(new Error(`inserted.glb: ${error}`)));
-    asset.ready(() => {
-      const entity = asset.resource.instantiateRenderEntity();
-      entity.name = "inserted";
-      app.root.addChild(entity);
-      const materials = new Set(entity.findComponents("render").flatMap(({ meshInstances }) => meshInstances.map(({ material }) => material)));
-      resolve((factor) => {
-        entity.enabled = factor > 0;
-        for (const material of factor > 0 ? materials : []) {
-          material.diffuse.set(0, 0, 0); // the viewer's ambient light shines on unlit materials too
-          material.emissiveIntensity = factor;
-          material.update();
-        }
-      });
+// Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,
+// middle) moves one, turned about the vertical through its middle. mesh: a binary glTF, unlit, or null.
+async function objectsIn(app, { mesh, movable }, frame) {
+  const root = new Entity("inserted"), shows = [], pivots = movable.map(({ name }) => new Entity(name));
+  app.root.addChild(root);
+  for (const pivot of pivots) root.addChild(pivot);
+  if (mesh) {
+    const entity = await meshOf(app, mesh), materials = new Set(entity.findComponents("render").flatMap(({ meshInstances }) => meshInstances.map(({ material }) => material)));
+    root.addChild(entity);
+    for (const node of entity.find(({ name }) => /^\d+ /.test(name))) pivots[parseInt(node.name) - 1]?.addChild(node);
+    shows.push((factor) => {
+      for (const material of materials) {
+        material.diffuse.set(0, 0, 0); // the viewer's ambient light shines on unlit materials too
+        material.emissiveIntensity = factor;
+        material.update();
+      }
     });
+  }
+  for (const [number, { splats }] of movable.entries()) if (splats) shows.push(await splatsOf(app, splats, frame, pivots[number]));
+  return {
+    show(factor) {
+      root.enabled = factor > 0;
+      if (factor > 0) for (const each of shows) each(factor);
+    },
+    move(number, { x, y, z, turn }, [mx, , mz]) {
+      const c = Math.cos(turn), s = Math.sin(turn);
+      pivots[number].setLocalEulerAngles(0, turn * 180 / Math.PI, 0);
+      pivots[number].setLocalPosition(x + mx - c * mx - s * mz, y, z + mz - c * mz + s * mx);
+      app.renderNextFrame = true;
+    },
+  };
+}
+
+function arrived(app, kind, name, contents) {
+  const asset = new Asset(name, kind, { url: name, filename: name, contents });
+  return new Promise((resolve, reject) => {
+    asset.once("error", (error) => reject(new Error(`${name}: ${error}`)));
+    asset.ready(() => resolve(asset));
     app.assets.add(asset);
     app.assets.load(asset);
   });
 }
+
+async function meshOf(app, bytes) {
+  const asset = await arrived(app, "container", "inserted.glb", bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
+  return asset.resource.instantiateRenderEntity();
+}
+
+// Inserted splats below an entity: a function that shows them so many times as bright.
+async function splatsOf(app, bytes, frame, parent) {
+  const asset = await arrived(app, "gsplat", "inserted.compressed.ply", Promise.resolve(new Response(bytes)));
+  const entity = placed(new Entity("inserted splats"), frame);
+  entity.addComponent("gsplat", { unified: true, asset });
+  parent.addChild(entity);
+  const { gsplat } = entity;
+  gsplat.setParameter("uInsertedGain", 1);
+  gsplat.setWorkBufferModifier(INSERTED);
+  return (factor) => gsplat.setParameter("uInsertedGain", factor ** (1 / 2.4));
+}
+
+// An inserted splat at an exposure: its colour times a gain, by the curve of the others.
+const INSERTED = {
+  glsl: `
+uniform float uInsertedGain;
+void modifySplatCenter(inout vec3 center) {}
+void modifySplatRotationScale(vec3 originalCenter, vec3 modifiedCenter, inout vec4 rotation, inout vec3 scale) {}
+void modifySplatColor(vec3 center, inout vec4 color) {
+  color.rgb = uInsertedGain * (color.rgb + 0.055) - 0.055;
+}`,
+  wgsl: `
+uniform uInsertedGain: f32;
+fn modifySplatCenter(center: ptr<function, vec3f>) {}
+fn modifySplatRotationScale(originalCenter: vec3f, modifiedCenter: vec3f, rotation: ptr<function, vec4f>, scale: ptr<function, vec3f>) {}
+fn modifySplatColor(center: vec3f, color: ptr<function, vec4f>) {
+  *color = vec4f(uniform.uInsertedGain * ((*color).rgb + 0.055) - 0.055, (*color).a);
+}`,
+};
 
 // A function that shows what is mirrored: {texture, hidden}, of `mirrorTexture` and how much brighter the scene is, or null
 // for none. Splats are coloured anew wherever the eye goes.
@@ -274,25 +327,26 @@ function shineOf(app, gsplat, resource, gloss) {
 
 // The splats' entity, as it arrives, turned so that the world is the scene.
 function arrival(app, frame) {
-  const place = (entity) => {
-    const matrix = new Mat4().set([0, 1, 2, 3].flatMap((column) => frame.map((row) => row[column])));
-    entity.setLocalPosition(matrix.getTranslation());
-    entity.setLocalRotation(new Quat().setFromMat4(matrix));
-    entity.setLocalScale(matrix.getScale());
-    return entity;
-  };
   const found = app.root.findByName("gsplat");
-  if (found) return Promise.resolve(place(found));
+  if (found) return Promise.resolve(placed(found, frame));
   return new Promise((resolve) => {
     const add = app.root.addChild;
     app.root.addChild = function (child) {
       if (child.name === "gsplat") {
         app.root.addChild = add;
-        resolve(place(child));
+        resolve(placed(child, frame));
       }
       return add.call(this, child);
     };
   });
+}
+
+function placed(entity, frame) {
+  const matrix = new Mat4().set([0, 1, 2, 3].flatMap((column) => frame.map((row) => row[column])));
+  entity.setLocalPosition(matrix.getTranslation());
+  entity.setLocalRotation(new Quat().setFromMat4(matrix));
+  entity.setLocalScale(matrix.getScale());
+  return entity;
 }
 
 function settingsFor({ position, target, fov }) {

@@ -3,6 +3,7 @@
 
 import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
 import { glossOf } from "./gloss.js";
+import { objectsOf } from "./objects.js";
 import { readCompressed } from "./splats.js";
 
 const LAMPS = DIRECT + SPREAD, COEFFICIENTS = LAMPS + 1;
@@ -31,22 +32,6 @@ export function readBundle(meta, files, splatFile) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
   return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]), objects: objectsOf(meta.objects, files) };
-}
-
-// Inserted objects: {light, angle, mesh} with the rows of the splats that they change, and their gains (M, 3); null without.
-function objectsOf(entry, files) {
-  if (!entry) return null;
-  const bytes = files[entry.file], size = entry.rows * 10;
-  if (bytes?.length !== size) throw new Error(`${entry.file} holds ${bytes?.length ?? 0} bytes, live.json says ${size}: export it again`);
-  const rows = new Uint32Array(bytes.slice(0, 4 * entry.rows).buffer), gains = new Uint16Array(bytes.slice(4 * entry.rows).buffer);
-  return { light: entry.light, angle: entry.angle_deg, unit: entry.unit, mesh: entry.mesh ? files[entry.mesh] : null, rows, gains };
-}
-
-// The gains of splats (N, 4) with what objects do to them, in place.
-export function besideObjects({ rows, gains: theirs, unit }, out) {
-  for (let i = 0; i < rows.length; i++) {
-    for (let k = 0, at = 4 * rows[i]; k < 3; k++) out[at + k] = Math.min(Math.round(out[at + k] * theirs[3 * i + k] / unit), 65535);
-  }
 }
 
 // Light beside the environment: {kind, name, color, place, mean} of each, with its runs, and a table of its bytes for each

@@ -15,7 +15,7 @@ async function start() {
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects?.mesh });
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, notify);
     window.relight.begin(query);
@@ -62,7 +62,7 @@ class Session {
     this.most = [1, 1, 1];
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => {
-      stage.objects(captured ? 0 : this.objects());
+      stage.objects.show(captured ? 0 : this.objects());
       return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
     });
     this.strip = Live.indicator(element("r-strip"));
@@ -84,6 +84,7 @@ class Session {
     });
     if (query.has("nopanel")) element("relight").style.display = "none";
     addSliders(this);
+    letMove(this);
     listen(this);
     this.set({});
   }
@@ -121,6 +122,14 @@ class Session {
     return 2 ** state.exposure;
   }
 
+  // The gains with what objects change where they are.
+  putObjects(gains) {
+    const { bundle: { objects, surface }, stage } = this;
+    objects.movable.forEach(({ pose, middle }, number) => stage.objects.move(number, pose, middle));
+    if (!objects.movable.some(({ pose }) => pose.away)) return Live.besideObjects(objects, gains);
+    Live.besideMoved(objects, this.surface, (row) => (surface[8 * row + 7] & 3) === Live.LIT, gains);
+  }
+
   // What the light depends on, but for the exposure.
   lightText() {
     const { light, turn, tint, sun, azimuth, height, lamps, terms, captured } = this.state;
@@ -143,7 +152,7 @@ class Session {
         Live.addTerms(bundle, factors, ratio);
       }
       Live.gains(bundle, ratio, gains);
-      if (this.objects()) Live.besideObjects(bundle.objects, gains);
+      if (this.objects()) this.putObjects(gains);
       if (state.view === "relit") Live.showSky(bundle, light, turn, exposure, gains, factors[0]);
     }
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;

@@ -13,6 +13,7 @@ const PANEL = `
 <label>Lamps <input id="r-lamps" type="range" min="0" max="2" step="0.05"><output></output></label>
 <div id="r-terms"></div>
 <small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
+<small id="r-move" hidden>Drag an object to move it, with shift up and down; 7 and 8 turn it, a double click puts it back. Its shadow is then approximate.</small>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
 <div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
 <div class="row"><button id="r-load">Load light</button><button id="r-save">Save relit .ply</button></div>
@@ -76,6 +77,7 @@ function refreshPanel(session) {
   for (const key of ["turn", "sky", "strip"]) element(`r-${key}`).closest("label, button, canvas").style.display = captured ? "none" : "";
   for (const button of document.querySelectorAll("#relight [data-view]")) button.setAttribute("aria-pressed", button.dataset.view === state.view);
   element("r-objects").hidden = !session.bundle.objects || state.view !== "relit" || session.objects() > 0;
+  element("r-move").hidden = !session.bundle.objects?.movable.length || !(session.objects() > 0);
   element("r-compare").setAttribute("aria-pressed", state.compare);
   element("r-sky").setAttribute("aria-pressed", state.sky);
 }

@@ -7,8 +7,7 @@ import pygltflib
 import pytest
 import trimesh
 from gltf_check import validator_issues
-from insert_places import disc, floor_place, grid_floor, obj, request, rows
-from place_splats import wall
+from insert_places import card, disc, floor_place, grid_floor, obj, request, rows
 
 from relight import RelightRequest
 from relight.cli import main
@@ -20,8 +19,6 @@ from relight.transfer.occluder import Occluder
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
-from splat2mesh.scene.sources import describe
-from splat2mesh.splats.formats.inria import write_inria_ply
 from splat2mesh.splats.splats import SH_C0, Splats
 
 UPSIDE_DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -103,20 +100,14 @@ def test_a_mesh_keeps_material_and_picture_and_validates(place, tmp_path):
 
 @pytest.mark.slow
 def test_a_splat_takes_the_light_of_the_place_and_stands_behind_its_rows(place, tmp_path):
-    own = wall([-0.5, 0, 0], [1, 0, 0], [0, 1, 0], 0.1)
-    write_inria_ply(tmp_path / "card.ply", own)
-    upright = np.stack([own.means[:, 0], own.means[:, 1], own.means[:, 2]], axis=1)
-    side = grid_floor(11, 1.0)
-    vertices = np.stack([side.vertices[:, 0], 0.5 - side.vertices[:, 2], 0 * side.vertices[:, 0]], 1).astype(np.float32)
-    facing = np.tile(np.float32([0, 0, 1]), (len(vertices), 1))
-    scene = Scene([Mesh(vertices, facing, side.faces, side.colors_srgb)], source=describe(tmp_path / "card.ply"))
-    scene.save(tmp_path / "card")
+    folder, own = card(tmp_path)
     with pytest.warns(DataWarning, match="could not be separated"):
-        relight_files(request(place, [f"{tmp_path / 'card'} at=1,.2,0 turn=90 scale=2"], tmp_path / "out"))
+        relight_files(request(place, [f"{folder} at=1,.2,0 turn=90 scale=2"], tmp_path / "out"))
     found = Splats.load(tmp_path / "out" / "relit_splat.ply")
     count = len(Splats.load(tmp_path / "floor.ply"))
     assert len(found) == count + len(own)
-    moved = np.stack([1 + 2 * upright[:, 2], 0.2 + 2 * upright[:, 1], -2 * upright[:, 0]], axis=1)
+    x, y, z = own.means.T
+    moved = np.stack([1 + 2 * z, 0.2 + 2 * y, -2 * x], axis=1)
     np.testing.assert_allclose(found.means[count:], moved, atol=1e-5)
     np.testing.assert_allclose(found.scales[count:], 2 * own.scales, rtol=1e-5)
     assert not (tmp_path / "out" / "inserted.glb").exists()
