@@ -12,7 +12,8 @@ from ..base.arrays import Faces, Floats, Mask, Points, Vector
 from ..base.calibration import Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
-from ..render.opacityfield import FieldDepth, field_depth
+from ..render.opacityfield import FieldDepth, field_depth, thickness_of
+from ..render.transmittance import LevelByThickness
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
@@ -20,7 +21,7 @@ from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
 from .decimate import decimate
-from .extract import dilated, thickness_of, training_pixel
+from .extract import dilated, training_pixel
 from .fair import fair
 from .refine import refine_by_color
 from .sight import FusionSight
@@ -34,11 +35,11 @@ SMALLEST_FACES = 100
 class PlaceCalibration:
     """The surfaces of a place.
 
-    fogs, levels: typical thickness of a place's surfaces over their distance, and the opacity at which they lie;
-    between them it is interpolated, outside held. True meshes ask for a late level where surfaces are thin. In fog
-    there is no surface to find: there it is put where the mean of what is seen lies. dilation: share of the training
-    pixel by which the splats are dilated: cameras among its surfaces see them frontally, where the dilation on screen
-    moves nothing.
+    thicknesses, levels: of a surface, in training pixels along its normal, and the share of the light that has faded
+    where it lies; between them it is interpolated, outside held. Thin surfaces are the front of solid Gaussians. Where
+    Gaussians pile up loosely, as before plain walls, the surface is near the end of the pile. dilation: share of the
+    training pixel by which the splats are dilated: cameras among its surfaces see them frontally, where the dilation
+    on screen moves nothing.
     """
 
     provenance: ClassVar = Provenance(
@@ -47,13 +48,13 @@ class PlaceCalibration:
         held_out="of four real captures, without truth: .0001 to .015 holes, .39 to .99 within 5% of the splat's depth",
     )
 
-    fogs: tuple[float, float] = (0.06, 0.16)
-    levels: tuple[float, float] = (0.6, 0.45)
+    thicknesses: tuple[float, ...] = (0.3, 0.75, 1.25, 2.0, 3.0)
+    levels: tuple[float, ...] = (0.34, 0.54, 0.66, 0.78, 0.83)
     dilation: float = 0.35
 
-    def level(self, fog: float) -> float:
-        """The opacity at which surfaces of a fog lie."""
-        return float(np.interp(fog, self.fogs, self.levels))
+    def by_thickness(self, pixel: float) -> LevelByThickness:
+        """The levels for a training pixel of this size."""
+        return LevelByThickness(tuple(pixel * thickness for thickness in self.thicknesses), self.levels)
 
 
 PLACE = PlaceCalibration()
@@ -91,11 +92,11 @@ def reconstruct_place(
     pixel = training_pixel(splats)
     splats, seen = dilated(splats, PLACE.dilation * pixel), []
     fog = _fog(splats, views, near)
-    level = PLACE.level(fog)
+    by_thickness = PLACE.by_thickness(pixel)
     statistics["fog"] = round(fog, 4)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view, plane in zip(views, near, strict=True):
-            seen.append(field_depth(splats, view, float(plane), level))
+            seen.append(field_depth(splats, view, float(plane), by_thickness=by_thickness))
             advance()
     depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
     if len(depths) < LEAST_POINTS:
