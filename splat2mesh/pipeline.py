@@ -259,7 +259,9 @@ def place_views(
             return views, np.full(len(views), plane)
         views, near = around(standing.eyes, effort.pixels, up)
         if standing.kind == "both":
-            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed)
+            # From below, a floor shows its back: a second layer, which no camera saw.
+            lowest = min(float(eye.center @ up) for eye in standing.eyes)
+            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed, lowest)
             views, near = views + more, np.append(near, np.full(len(more), plane))
         return views, near
 
