@@ -40,7 +40,8 @@ def test_half_of_what_fades_lies_at_the_same_place_from_both_sides():
     behind.camera_from_world[:3, :3] = Rotation.from_euler("y", 180, degrees=True).as_matrix()
     left = np.prod(1 - OpacityField(splats, facing(distance)).alpha)
     level = flat(float(1 - np.sqrt(left)))
-    front, back = (field_depth(splats, v, level=0.3, by_thickness=level).depth.item() for v in (facing(distance), behind))
+    views = facing(distance), behind
+    front, back = (field_depth(splats, view, level=0.3, by_thickness=level).depth.item() for view in views)
     thickness = field_depth(splats, facing(distance), level=0.3).spread.item()
     # The lists drop what adds less than .004 behind the others, which differs from the two sides.
     assert thickness > 0.1
@@ -72,7 +73,7 @@ def test_one_gaussian_in_closed_form_before_and_after_its_peak(level):
 def test_agrees_with_the_plain_twin():
     splats, view = scattered(200, 1, 0.18, 1.0), View.look_at((1, 2, 5), (0, 0, 0), (0, 1, 0), 50, 36, 28)
     levels = LevelByThickness((0.02, 0.3), (0.3, 0.85))
-    fast, slow = field_depth(splats, view, by_thickness=levels), field_depth_reference(splats, view, by_thickness=levels)
+    fast, slow = (find(splats, view, by_thickness=levels) for find in (field_depth, field_depth_reference))
     both = np.isfinite(fast.depth) & np.isfinite(slow.depth)
     # Rounding may move a splat over a cutoff: one pixel in 200.
     assert both.sum() > 150 and np.mean(np.isfinite(fast.depth) != np.isfinite(slow.depth)) <= 0.005
