@@ -114,7 +114,8 @@ def convert(
         seen_from = sum(map(len, views))
     else:
         seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
-        mesh, seen_from = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics), len(seen)
+        room, seen_from = standing.kind == "inside", len(seen)
+        mesh = reconstruct_place(splats, seen, near, room, asked.vertices, stages, statistics)
         looks = [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), seen, near)]
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)
@@ -259,9 +260,7 @@ def place_views(
             return views, np.full(len(views), plane)
         views, near = around(standing.eyes, effort.pixels, up)
         if standing.kind == "both":
-            # From below, a floor shows its back: a second layer, which no camera saw.
-            lowest = min(float(eye.center @ up) for eye in standing.eyes)
-            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed, lowest)
+            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed)
             views, near = views + more, np.append(near, np.full(len(more), plane))
         return views, near
 

@@ -69,7 +69,7 @@ def look(store: Store, key: str, tile: int, sources: dict[int, list[int]]) -> di
         if number % 6 == 0:  # views of one station
             away = np.linalg.norm(splats.means - view.center.astype(np.float32), axis=1)
             reached = splats.take(np.flatnonzero(away <= known.reach + EXTENT * sizes))
-        seen = field_depth(reached, view, float(plane), by_thickness=PLACE.by_thickness(known.trained))
+        seen = field_depth(reached, view, float(plane), known.level)
         rays = np.linalg.norm(view.ray_directions(), axis=-1)
         with np.errstate(invalid="ignore"):
             depth = np.where(seen.depth * rays <= known.reach, seen.depth, np.nan).astype(np.float32)

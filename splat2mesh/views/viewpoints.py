@@ -79,18 +79,16 @@ def near_plane(bounds: Bounds) -> float:
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
-def virtual_views(
-    splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, lowest: float = -np.inf
-) -> list[View]:
+def virtual_views(splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
     up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
-    lowest: along `up`, where no view stands below. Returns a list of View, the ones that show most first.
+    Returns a list of View, the ones that show most first.
     """
     bounds = bounds_of(splats)
     near = near_plane(bounds)
-    candidates = [view for view in candidate_views(splats, count, up, seed) if view.center @ up >= lowest]
+    candidates = candidate_views(splats, count, up, seed)
     sketch = thinned(splats, np.random.default_rng(seed))
     coverage, fuzziness = [], []
     for view in candidates:

@@ -1,6 +1,7 @@
-"""The parts of the way of places by themselves: floaters, far background, and the level of a thickness."""
+"""The parts of the way of places by themselves: floaters, far background, and the levels of fog and thickness."""
 
 import numpy as np
+import pytest
 
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.surface.place import PLACE, SMALLEST_FACES, parted, without_floaters
@@ -53,8 +54,15 @@ def test_a_mesh_parted_by_a_ball_is_whole_together_and_shares_no_face():
         assert near is mesh and far is None
 
 
-def test_thick_surfaces_lie_later_in_units_of_the_training_pixel():
-    assert list(PLACE.levels) == sorted(PLACE.levels) and list(PLACE.thicknesses) == sorted(PLACE.thicknesses)
+def test_the_level_falls_with_the_fog_and_is_held_outside():
+    clear, foggy = PLACE.fogs
+    assert [PLACE.level(0.0), PLACE.level(clear)] == [PLACE.levels[0]] * 2
+    assert [PLACE.level(foggy), PLACE.level(1.0)] == [PLACE.levels[1]] * 2
+    assert PLACE.level((clear + foggy) / 2) == pytest.approx(sum(PLACE.levels) / 2)
+
+
+def test_thick_surfaces_of_rooms_lie_later_in_units_of_the_training_pixel():
+    assert list(PLACE.room_levels) == sorted(PLACE.room_levels)
     for pixel in (0.01, 2.0):
-        levels = PLACE.by_thickness(pixel).of(pixel * np.array(PLACE.thicknesses))
-        np.testing.assert_allclose(levels, PLACE.levels, rtol=1e-6)
+        levels = PLACE.in_rooms(pixel).of(pixel * np.array(PLACE.room_thicknesses))
+        np.testing.assert_allclose(levels, PLACE.room_levels, rtol=1e-6)

@@ -166,13 +166,6 @@ def test_views_are_the_same_every_time_and_as_large_as_wanted(monkeypatch):
     assert {max(view.width, view.height) for view in first} == {100}
 
 
-def test_no_view_stands_below_the_lowest_place():
-    splats = dilated_splats("object")
-    free, bounded = (virtual_views(splats, 8, 64, UP, lowest=lowest) for lowest in (-np.inf, 0.5))
-    assert min(view.center @ UP for view in free) < 0.5 <= min(view.center @ UP for view in bounded)
-    assert len(bounded) >= 6  # others take their place
-
-
 def test_a_sketch_covers_what_the_splats_cover(monkeypatch):
     splats = dilated_splats("object")
     monkeypatch.setattr(viewpoints, "SKETCH_SPLATS", 4000)
