@@ -12,8 +12,8 @@ from .api import view_request as view_request
 from .engine.appearance import Appearance as Appearance
 from .engine.relighter import Relighter as Relighter
 from .engine.relighter import Shading as Shading
-from .folders import RelitFiles as RelitFiles
-from .folders import relight_files as relight_files
+from .jobs.folders import RelitFiles as RelitFiles
+from .jobs.folders import relight_files as relight_files
 from .light.environment import Environment as Environment
 from .options import LightingOptions as LightingOptions
 from .planning.plan import Plan as Plan

@@ -28,8 +28,10 @@ from splat2mesh.splats.splats import Splats
 
 from .engine.appearance import Appearance, appearance_of
 from .engine.relighter import Relighter, Shaded
-from .folders import lights_of, meshed_request, planned_request
-from .job import Job
+from .jobs.folders import lights_of, meshed_request, planned_request
+from .jobs.job import Job
+from .jobs.session import session_of
+from .jobs.writer import Writer, report_of
 from .light.daylight import DaylightRequest
 from .light.environment import Environment
 from .light.loading import light_of
@@ -37,9 +39,7 @@ from .light.tonemap import tone_map
 from .options import LightingOptions
 from .planning.plan import Plan
 from .request import AUTO, AnyLight, RelightRequest
-from .showing import session_of
 from .splats import write_relit_ply
-from .writing import Writer, report_of
 
 if TYPE_CHECKING:
     import pyvista

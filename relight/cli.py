@@ -23,7 +23,7 @@ from .request import MOST_ANGLES, RelightRequest
 from .transfer import METHODS
 
 if TYPE_CHECKING:
-    from .job import Job
+    from .jobs.job import Job
 
 LIGHT_STAGES = frozenset(
     {"occluder", "rays", "keep", "transfer", "transfer kept", "bounce rays kept"}
@@ -109,7 +109,7 @@ def _command(words: argparse.Namespace, display: Display) -> tuple[list[str], An
     port = getattr(words, "serve", None)
     _check_session(words, port)
 
-    from .folders import is_city, relight_files
+    from .jobs.folders import is_city, relight_files
 
     if is_city(request):
         for name in ("plan", "view", "screenshot", "serve"):

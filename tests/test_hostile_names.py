@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from relight.cli import main
-from relight.folders import lights_of, output_folders
+from relight.jobs.folders import lights_of, output_folders
 from relight.light.environment import Environment
 from relight.live.page import page_of
 from relight.request import RelightRequest

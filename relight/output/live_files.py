@@ -149,15 +149,15 @@ class LiveFiles:
         return found._replace(captured=captured, unit=unit).times(captured if steady else self._mixture.env_scale)
 
     def _captured(self, light: "Environment") -> float:
-        """How much of the captured light is beside a light, as `Beside.captured_factor` has it."""
+        """How much of the captured light is beside a light, as `ExtraLight.captured_factor` has it."""
         steady = self._room is not None and self._room.steady
         given = self._mixture.captured
         return float(isinstance(light, CapturedLight) or steady) if given is None else given
 
     @property
     def _assumed(self) -> bool:
-        """Whether environments change the room by an assumption, as `Beside` has it: no environment is known to get in,
-        and nothing was said of the captured light."""
+        """Whether environments change the room by an assumption, as in `ExtraLight`: no environment is known to get in, and
+        the request leaves the captured light as it is."""
         asked = self._mixture.captured is not None or self._mixture.light is not None
         return self._room is not None and self._room.steady and self._appearance.kept and not asked
 

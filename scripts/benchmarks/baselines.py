@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.harness import GROUND_TRUTH
 from benchmarks.truths import generated, score, trained
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.sh.harmonics import evaluate
 from relight.sh.normals import unit_normals

@@ -10,9 +10,9 @@ from pathlib import Path
 from benchmarks import baselines
 from benchmarks.harness import GROUND_TRUTH
 from benchmarks.truths import clipped
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.request import RelightRequest
-from relight.writing import Writer
 from splat2mesh.scene.color import srgb_from_linear
 
 QUICK = baselines.QUICK

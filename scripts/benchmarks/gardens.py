@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.harness import GROUND_TRUTH
 from benchmarks.truths import generated, score
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.request import RelightRequest
-from relight.writing import Writer
 from splat2mesh.scene.color import luminance
 
 CAPTURES = ("overcast", "cloudy", "noon", "sunset"), ("overcast", "cloudy", "rnl", "campus", "noon", "kitchen")

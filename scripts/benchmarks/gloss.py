@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 from benchmarks.harness import GROUND_TRUTH
 from relight.gloss.fits import PatchFits
 from relight.gloss.material import GLOSS, Lobe, best_lobe
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.request import RelightRequest
 from relight.sh import harmonics
-from relight.writing import Writer
 from scenes import capture_views, seen_faces
 from scenes.cameras import FLIP
 from scenes.ceramics import ceramics

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.gloss import EFFECTS, Table, _balanced
+from relight.jobs.writer import Writer
 from relight.live.page import PAGE
-from relight.writing import Writer
 from scenes.cameras import FLIP
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View

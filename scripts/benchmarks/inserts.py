@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.shapes import shape
 from relight import RelightRequest, relight_scene
 from relight.insert.asked import AskedInsert
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.light.environment import Environment
 from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.scene.color import bytes_from_unit, srgb_from_linear

@@ -14,12 +14,12 @@ import numpy as np
 from benchmarks.harness import relative_error, timed
 from benchmarks.shapes import MADE_VERTICES, shape
 from relight import LightingOptions, RelightRequest
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.session import session_of
 from relight.lamps.emitters import emitters_of
 from relight.lamps.shapes import RectangleLamp, SphereLamp, TubeLamp
 from relight.lamps.tracing import LitVertices, lamplight
 from relight.planning.lamp_plan import plan_lamps
-from relight.showing import session_of
 from relight.transfer.occluder import Frame, Occluder
 
 QUICK = [

@@ -13,7 +13,7 @@ from benchmarks.bounces import PathTracer
 from benchmarks.harness import relative_error, timed
 from benchmarks.shapes import Shape, shape
 from relight import LightingOptions, RelightRequest
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.lamps.shapes import RectangleLamp, SphereLamp, SpotLamp, TubeLamp
 from scenes.places import build_place
 

@@ -77,8 +77,7 @@ def test_no_arrow_runs_back(package, forbidden):
 ORDER = {
     "splat2mesh": "base options splats scene render views surface texture tiles proxy pipeline layout summary api cli",
     "relight": "sh light transfer lamps options planning albedo rooms engine splats gloss insert live texture output "
-    "animation request loaded earlier tiles viewer meshing beside known inserting job showing writing folders api "
-    "arguments cli",
+    "animation request tiles viewer jobs api arguments cli",
 }
 """Rooms and top-level modules of each package: a module imports what stands before it, or its own room."""
 

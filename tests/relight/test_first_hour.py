@@ -11,16 +11,16 @@ import pytest
 from ball_splats import GREEN, RADIUS, RED, solid_ball
 from viewer_scenes import ball_on_plate
 
-import relight.meshing
+import relight.jobs.meshing
 from relight.cli import main
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.light import skies
 from relight.options import LightingOptions
 from relight.request import RelightRequest
 from relight.texture.baking import Baked
 from relight.transfer import store
 from relight.transfer.store import Cache
-from relight.writing import Writer
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene
@@ -72,7 +72,7 @@ def run(capsys, *arguments):
 def test_one_command_meshes_keeps_the_scene_and_shows_the_relit_splat(here, capsys, monkeypatch):
     shutil.rmtree(here / "ball")
     asked = []
-    monkeypatch.setattr("relight.meshing.convert", lambda path, *_, **__: asked.append(path) or meshed(path))
+    monkeypatch.setattr("relight.jobs.meshing.convert", lambda path, *_, **__: asked.append(path) or meshed(path))
     code, out, err = run(capsys, "ball.ply", "--env", "SUNSET", "--sheet", *FAST)
     assert code == 0 and "error" not in err
     assert (here / "ball" / "scene.json").is_file() and (here / "ball" / "preview.png").is_file()
@@ -98,10 +98,10 @@ def test_a_plan_of_a_splat_meshes_nothing(here, capsys):
 
 def test_splats_and_meshes_are_recognised_by_their_content(here, tmp_path):
     ball_on_plate().save(tmp_path / "scene")
-    assert relight.meshing.is_splat("ball.ply") and not relight.meshing.is_splat("ball")
-    assert not relight.meshing.is_splat(tmp_path / "scene" / "chunks" / "0000.ply")
+    assert relight.jobs.meshing.is_splat("ball.ply") and not relight.jobs.meshing.is_splat("ball")
+    assert not relight.jobs.meshing.is_splat(tmp_path / "scene" / "chunks" / "0000.ply")
     (tmp_path / "tiles").mkdir()
-    assert relight.meshing.is_splat(tmp_path / "tiles")
+    assert relight.jobs.meshing.is_splat(tmp_path / "tiles")
 
 
 def test_a_folder_that_is_in_the_way_is_left_alone(here, capsys):

@@ -11,7 +11,7 @@ from viewer_scenes import ball_on_plate
 import relight.cli
 import splat2mesh.cli
 from relight import Environment, LightingOptions
-from relight.folders import relight_files
+from relight.jobs.folders import relight_files
 from relight.request import RelightRequest
 from splat2mesh.base.console import Display
 from splat2mesh.base.errors import InputError

@@ -35,13 +35,13 @@ def _lighten():
     """Leave out what only takes time: the mesh of a splat is known, pictures are small. All files are still there."""
     from fault_cases import scene_of
 
-    import relight.meshing
+    import relight.jobs.meshing
+    import relight.jobs.writer
     import relight.output.results
-    import relight.writing
     import splat2mesh.api
 
-    relight.meshing.convert = splat2mesh.api.convert = lambda path, *_, **__: scene_of(path)
-    relight.output.results.PICTURE_SIZE = relight.writing.PICTURE_SIZE = (64, 48)
+    relight.jobs.meshing.convert = splat2mesh.api.convert = lambda path, *_, **__: scene_of(path)
+    relight.output.results.PICTURE_SIZE = relight.jobs.writer.PICTURE_SIZE = (64, 48)
 
 
 def _started(commands, shim, run):

@@ -3,8 +3,8 @@
 from viewer_scenes import Clock
 
 from relight import LightingOptions, RelightRequest
-from relight.job import Job
-from relight.showing import session_of
+from relight.jobs.job import Job
+from relight.jobs.session import session_of
 from relight.viewer.session import Session
 from relight.viewer.worker import InlineWorker
 

@@ -8,9 +8,9 @@ def shrink(set_attribute):
     second each in full size. To find the camera positions takes 640,000 rays, of which a twelfth distinguish a room
     from an object as well.
     """
+    import relight.jobs.writer
     import relight.output.catcher
     import relight.output.results
-    import relight.writing
     import splat2mesh.cli
     import splat2mesh.render.beside
     import splat2mesh.views.standpoints
@@ -22,4 +22,4 @@ def shrink(set_attribute):
     set_attribute(relight.output.catcher, "SIDE", 32)
     set_attribute(relight.output.catcher, "DIRECTIONS", 64)
     set_attribute(relight.output.results, "PICTURE_SIZE", (96, 72))
-    set_attribute(relight.writing, "PICTURE_SIZE", (96, 72))
+    set_attribute(relight.jobs.writer, "PICTURE_SIZE", (96, 72))

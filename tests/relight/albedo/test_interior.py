@@ -7,12 +7,12 @@ from relight import Environment, Relighter
 from relight.albedo.interior import MOST_CLOSED, closed_part, within
 from relight.engine.appearance import appearance_of
 from relight.engine.relighter import Shaded, Shading
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import report_of
 from relight.output.results import Results
 from relight.output.subject import WrittenScene
 from relight.request import RelightRequest
 from relight.transfer.bounces import visible_fraction
-from relight.writing import report_of
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.scene.scene import Scene

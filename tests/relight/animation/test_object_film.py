@@ -11,9 +11,9 @@ from insert_places import disc, floor_place, request
 
 from relight.animation.acting import Acting
 from relight.cli import main
-from relight.folders import relight_files
 from relight.insert.shadowed import ShadowedSplats, shadowed
-from relight.job import Job
+from relight.jobs.folders import relight_files
+from relight.jobs.job import Job
 from splat2mesh.base.errors import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore:the light of the capture is unknown")

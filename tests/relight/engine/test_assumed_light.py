@@ -11,9 +11,9 @@ from lit_rooms import room
 from relight import Environment, LightingOptions
 from relight.engine.assumed_light import LEAST, OUTSIDE, assumed_change, assumed_exposure
 from relight.insert.asked import AskedInsert
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import report_of
 from relight.request import RelightRequest
-from relight.writing import report_of
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import luminance
 from splat2mesh.scene.mesh import Mesh

@@ -13,7 +13,7 @@ from relight.engine.lamp_scale import lamp_scale
 from relight.engine.mixing import CapturedPart, mixed
 from relight.engine.placed import LampLight
 from relight.engine.relighter import Relighter, Shading
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.lamps.shapes import SphereLamp
 from relight.light.captured import CapturedLight
 from relight.splats import Binding

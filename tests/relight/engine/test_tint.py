@@ -8,7 +8,7 @@ import pytest
 from relight import Environment, Relighter
 from relight.engine.appearance import appearance_of, bounced_light
 from relight.engine.tint import color_where_white, retinted
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.lamps.color import parse_color
 from relight.request import RelightRequest
 from scenes import build

@@ -8,11 +8,11 @@ from insert_places import disc, floor_place, grid_floor, request, rows
 
 from relight import plan_relight
 from relight.cli import main
-from relight.folders import relight_files
 from relight.insert.gathering import change_at
 from relight.insert.insert_plan import evenly_lit, plan_inserts
 from relight.insert.surroundings import Receiving
-from relight.job import Job
+from relight.jobs.folders import relight_files
+from relight.jobs.job import Job
 
 pytestmark = pytest.mark.filterwarnings("ignore:the light of the capture is unknown")
 

@@ -11,10 +11,10 @@ from insert_places import card, disc, floor_place, grid_floor, obj, request, row
 
 from relight import RelightRequest
 from relight.cli import main
-from relight.folders import relight_files
 from relight.insert.asked import AskedInsert
 from relight.insert.placing import placed_by
-from relight.job import Job
+from relight.jobs.folders import relight_files
+from relight.jobs.job import Job
 from relight.transfer.occluder import Occluder
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh

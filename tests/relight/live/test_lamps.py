@@ -14,7 +14,8 @@ from lit_rooms import room
 from live_scene import TILT, scene_and_splats
 
 from relight import LightingOptions
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.lamps.files import read_lamps
 from relight.lamps.shapes import SphereLamp, SpotLamp
 from relight.light.captured import CapturedLight
@@ -22,7 +23,6 @@ from relight.live.terms import Source, as_white, term_of
 from relight.request import RelightRequest
 from relight.splats import Binding
 from relight.splats.light_ratio import CURVE_POWER
-from relight.writing import Writer
 from splat2mesh.base.errors import DataWarning
 from splat2mesh.scene.color import linear_from_srgb
 from splat2mesh.scene.mesh import Mesh

@@ -14,7 +14,7 @@ from insert_places import card, disc, floor_place
 from live_scene import live_scene
 
 from relight import RelightRequest
-from relight.folders import relight_files
+from relight.jobs.folders import relight_files
 from relight.live.movable import FILE as MOVABLE_FILE
 from relight.live.objects import FILE, MESH, UNIT, objects_of
 from relight.sh.sphere import fibonacci_sphere

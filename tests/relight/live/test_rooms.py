@@ -8,7 +8,7 @@ from lit_rooms import room
 
 from relight import Environment, LightingOptions, Relighter
 from relight.engine.relit_room import RelitRoom
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.live.harmonics import about_y
 from relight.live.lights import capture_light
 from relight.live.response import LAMPS, SPREAD_BANDS, light_vector, response_of

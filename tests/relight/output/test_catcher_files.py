@@ -8,7 +8,7 @@ from place_splats import wall
 
 from relight import RelightRequest
 from relight.cli import main
-from relight.folders import relight_files
+from relight.jobs.folders import relight_files
 from relight.output.catcher_files import BLACK, RATIOS, ratios
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import linear_from_srgb

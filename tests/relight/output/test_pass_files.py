@@ -9,8 +9,8 @@ from hard_scenes import knobbed_torus, sheet
 
 from relight import Environment, LightingOptions, RelightRequest
 from relight.cli import main
-from relight.folders import relight_files
-from relight.job import Job
+from relight.jobs.folders import relight_files
+from relight.jobs.job import Job
 from relight.output.color_spaces import SPACES, converted
 from relight.output.pass_views import moved_view
 from relight.output.preview import NOWHERE, Preview

@@ -8,7 +8,7 @@ import pytest
 from lit_rooms import room
 
 from relight import LightingOptions
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.request import RelightRequest
 from splat2mesh.base.errors import DataWarning, InputError
 from splat2mesh.scene.mesh import Mesh

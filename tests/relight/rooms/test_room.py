@@ -11,7 +11,7 @@ from relight.albedo import samples
 from relight.albedo.check import DOUBT, trust_in
 from relight.albedo.interior import within
 from relight.engine.relit_room import RelitRoom
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.rooms import lamps
 from relight.rooms.seen import seen_from

@@ -10,11 +10,11 @@ from lit_ball import TILT, albedo_at, ball_scene, received_at, splats_of_ball
 
 from relight import LightingOptions
 from relight.engine.appearance import Appearance
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer
 from relight.request import RelightRequest
 from relight.splats import Binding, albedo_splats, normals_of
 from relight.splats.write import HIDDEN
-from relight.writing import Writer
 from splat2mesh.base.errors import InputError
 from splat2mesh.scene.color import srgb_from_linear
 from splat2mesh.splats.formats import read_splats, write_splats

@@ -9,7 +9,7 @@ from place_splats import garden, joined, room, wall
 
 from relight import Environment, RelightRequest
 from relight.cli import main
-from relight.folders import relight_files
+from relight.jobs.folders import relight_files
 from relight.splats.floaters import floaters
 from scenes.cameras import FLIP, SCENE_FROM_SPLAT, capture_views
 from scenes.capture import FLOATER, LEAF, SKY, SOLID, capture

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from relight import Environment, LightingOptions
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.request import RelightRequest
 from relight.splats import Binding
 from scenes import capture_views

@@ -11,8 +11,8 @@ pytest.importorskip("pyvista")
 from viewer_scenes import SIZE, Clock, ball_on_plate
 
 from relight import LightingOptions, RelightRequest
-from relight.job import Job
-from relight.showing import session_of
+from relight.jobs.job import Job
+from relight.jobs.session import session_of
 from relight.viewer.session import Session
 from relight.viewer.window import Window
 from relight.viewer.worker import InlineWorker

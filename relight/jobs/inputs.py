@@ -16,22 +16,22 @@ from splat2mesh.scene.scene import Scene
 from splat2mesh.scene.sources import source_splats
 from splat2mesh.splats.splats import Splats
 
-from .light.daylight import DaylightRequest
-from .light.environment import Environment
-from .light.loading import light_of
-from .options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
-from .output.kinds import AROUND, FILES, OF_SPLATS, WITHOUT_LIGHT
-from .request import RelightRequest
+from ..light.daylight import DaylightRequest
+from ..light.environment import Environment
+from ..light.loading import light_of
+from ..options import DEFAULT_TOLERANCE, PLACE_TOLERANCE, LightingOptions
+from ..output.kinds import AROUND, FILES, OF_SPLATS, WITHOUT_LIGHT
+from ..request import RelightRequest
 
 if TYPE_CHECKING:
-    from .insert.asked import AskedInsert
-    from .lamps.asked import AskedLamp
+    from ..insert.asked import AskedInsert
+    from ..lamps.asked import AskedLamp
 
 DEFAULT_FORMATS = ("glb", "png")
 """Default outputs; with a splat, the relit splat too."""
 
 
-class Loaded:
+class Inputs:
     """The inputs of a RelightRequest. Each is read on first use.
 
     request: RelightRequest of one light. stages: Stages that time the work. Raises InputError, at that time, for input
@@ -106,21 +106,21 @@ class Loaded:
     @cached_property
     def asked_lamps(self) -> "list[AskedLamp]":
         """The added lamps as requested."""
-        from .lamps.placing import asked_lamps
+        from ..lamps.placing import asked_lamps
 
         return asked_lamps(self.request.lighting.placed)
 
     @cached_property
     def asked_inserts(self) -> "list[AskedInsert]":
         """The inserted objects as requested."""
-        from .insert.asked import asked_inserts
+        from ..insert.asked import asked_inserts
 
         return asked_inserts(self.request.inserted)
 
     @cached_property
     def animation(self) -> Any:
         """The Animation that the scene is a frame of."""
-        from .animation.animation import Animation
+        from ..animation.animation import Animation
 
         return Animation(str(self.request.scene))
 

@@ -11,7 +11,7 @@ from viewer_scenes import ball_on_plate
 
 from relight import Environment, LightingOptions, relight_scene
 from relight.cli import main
-from relight.earlier import Earlier, settings_of
+from relight.jobs.earlier_results import Earlier, settings_of
 from splat2mesh.base.errors import DataWarning, InputError
 
 LIGHT = "--env", "noon", "--method", "analytic", "--bands", "3", "--albedo", "captured", "-q"

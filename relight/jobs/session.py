@@ -8,26 +8,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .engine.appearance import CHOICES, LEAST_ALBEDO
-from .engine.placed import Placed
+from ..engine.appearance import CHOICES, LEAST_ALBEDO
+from ..engine.placed import Placed
+from ..lamps.asked import AskedLamp
+from ..lamps.color import WHITE
+from ..lamps.shapes import SphereLamp
+from ..transfer.occluder import Frame
+from ..viewer.request import SessionRequest
 from .job import Job
-from .lamps.asked import AskedLamp
-from .lamps.color import WHITE
-from .lamps.shapes import SphereLamp
-from .transfer.occluder import Frame
-from .viewer.request import SessionRequest
 
 if TYPE_CHECKING:
     from splat2mesh.render.raycaster import Hits
     from splat2mesh.splats.splats import Splats
 
-    from .insert.asked import AskedInsert
-    from .insert.inserts import InsertedLight
-    from .splats import Binding
-    from .viewer.lamp_source import LampParts, LampSource
-    from .viewer.mixture import SessionMixture
-    from .viewer.object_source import ObjectSource, ObjectsUnder
-    from .viewer.splats import Shining, SplatSource
+    from ..insert.asked import AskedInsert
+    from ..insert.inserts import InsertedLight
+    from ..splats import Binding
+    from ..viewer.lamp_source import LampParts, LampSource
+    from ..viewer.mixture import SessionMixture
+    from ..viewer.object_source import ObjectSource, ObjectsUnder
+    from ..viewer.splats import Shining, SplatSource
 
 
 def session_of(job: Job) -> SessionRequest:
@@ -70,7 +70,7 @@ def session_of(job: Job) -> SessionRequest:
 
 def _lamp_source(job: Job) -> "LampSource":
     """The LampSource of a session, with the mixture of `Job.shaded`."""
-    from .viewer.lamp_source import LampSource
+    from ..viewer.lamp_source import LampSource
 
     beside, light = job.beside, job.lights[0]
     found: list[float] = []
@@ -129,10 +129,10 @@ def _received_of(job: Job) -> "Callable[[NDArray[np.float32], float], NDArray[np
 
 def _object_source(job: Job) -> "ObjectSource":
     """The ObjectSource of a session."""
-    from .insert.shadowed import shadowed
-    from .inserting import surroundings_in
-    from .output.inserted_picture import with_objects
-    from .viewer.object_source import ObjectSource
+    from ..insert.shadowed import shadowed
+    from ..output.inserted_picture import with_objects
+    from ..viewer.object_source import ObjectSource
+    from .object_surroundings import surroundings_in
 
     inserts = job.inserts
     assert inserts is not None
@@ -156,10 +156,10 @@ def _object_source(job: Job) -> "ObjectSource":
 
 def _splats(job: Job, chosen: str, mixture: "SessionMixture | None") -> "SplatSource":
     """The splats as a session shows them: by its own albedo, or by the captured colours."""
-    from .gloss.scene_gloss import NewLight
-    from .sh import harmonics
-    from .splats import shown_as_sky
-    from .viewer.splats import SplatLook, SplatSource
+    from ..gloss.scene_gloss import NewLight
+    from ..sh import harmonics
+    from ..splats import shown_as_sky
+    from ..viewer.splats import SplatLook, SplatSource
 
     look, room, splats = job.appearance, job.room, job.splats
     assert splats is not None

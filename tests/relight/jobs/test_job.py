@@ -7,9 +7,9 @@ import pytest
 from viewer_scenes import ball_on_plate
 
 from relight import Environment, LightingOptions, Scene
-from relight.job import Job
+from relight.jobs.job import Job
+from relight.jobs.writer import Writer, report_of
 from relight.request import RelightRequest
-from relight.writing import Writer, report_of
 from splat2mesh.base.errors import InputError
 
 FAST = LightingOptions("analytic", bands=3)

@@ -12,28 +12,28 @@ from splat2mesh.render.view import View
 from splat2mesh.scene.mesh import Mesh
 from splat2mesh.splats.cleaning import clean
 
-from .engine.appearance import Appearance, appearance_of, bounced_light
-from .engine.exposure import level_of
-from .engine.relighter import Relighter
-from .light.captured import CapturedLight
-from .light.environment import Environment
-from .light.loading import light_of
-from .loaded import Loaded
+from ..engine.appearance import Appearance, appearance_of, bounced_light
+from ..engine.exposure import level_of
+from ..engine.relighter import Relighter
+from ..light.captured import CapturedLight
+from ..light.environment import Environment
+from ..light.loading import light_of
+from ..output.pass_views import moved_view
+from ..transfer.store import Cache
+from .inputs import Inputs
 from .meshing import of_splats
-from .output.pass_views import moved_view
-from .transfer.store import Cache
 
 if TYPE_CHECKING:
-    from .beside import Beside
-    from .engine.placed import LampLight
-    from .engine.relit_room import RelitRoom
-    from .gloss import SceneGloss
-    from .insert.asked import AskedInsert
-    from .insert.objects import InsertedObject
-    from .splats import Binding
+    from ..engine.placed import LampLight
+    from ..engine.relit_room import RelitRoom
+    from ..gloss import SceneGloss
+    from ..insert.asked import AskedInsert
+    from ..insert.objects import InsertedObject
+    from ..splats import Binding
+    from .extra_light import ExtraLight
 
 
-class KnownScene(Loaded):
+class KnownScene(Inputs):
     """The part of a relight request that needs no tracing of light. Reads on first use."""
 
     @cached_property
@@ -44,7 +44,7 @@ class KnownScene(Loaded):
             self.require("splats")  # so does a missing splat
         self.require("pass_views")
         if "usd" in (self.request.formats or ()):
-            from .output.usd import library
+            from ..output.usd import library
 
             library()  # so is a package
         shown = (lambda: self.binding.used) if self._shows_splats_alone else None
@@ -58,7 +58,7 @@ class KnownScene(Loaded):
     @cached_property
     def binding(self) -> "Binding":
         """The Binding of the splats. Raises InputError where there are none."""
-        from .splats import Binding
+        from ..splats import Binding
 
         if self.splats is None:
             raise InputError(f"{self.name}: this scene has no splats")
@@ -70,7 +70,7 @@ class KnownScene(Loaded):
         """The glossy surfaces; None without an estimate of the captured light or without splats that show gloss."""
         if self.choice_name != "estimated" or not self.options.wants_gloss or self.splats is None:
             return None
-        from .gloss import SceneGloss
+        from ..gloss import SceneGloss
 
         seed = self.request.lighting.seed
         asked = self.cache, seed, self.stages, self._lamp_light
@@ -100,7 +100,7 @@ class KnownScene(Loaded):
         tint, place = self.request.capture_tint, self.request.white_at
         if tint is None and place is None:
             return look
-        from .engine.tint import color_where_white, retinted
+        from ..engine.tint import color_where_white, retinted
 
         name = "capture_tint" if place is None else "white_at"
         if look.environment is None or look.room is not None or look.kept or not (look.capture or {}).get("separable"):
@@ -118,7 +118,7 @@ class KnownScene(Loaded):
     @cached_property
     def inserted_meshes(self) -> "dict[AskedInsert, InsertedObject]":
         """The objects that are meshes, read."""
-        from .insert.objects import read_object
+        from ..insert.objects import read_object
 
         splats = {each for each in self.asked_inserts if not isinstance(each.source, Mesh) and of_splats(each.source)}
         return {each: read_object(each) for each in self.asked_inserts if each not in splats}
@@ -132,7 +132,7 @@ class KnownScene(Loaded):
             raise InputError("`opened` ceiling: expected a closed room that was captured from inside, found none")
         room = None
         if closed:
-            from .engine.relit_room import RelitRoom
+            from ..engine.relit_room import RelitRoom
 
             room = RelitRoom(look, self.relighter, self._level)
         if isinstance(options.lamps, tuple):
@@ -185,12 +185,12 @@ class KnownScene(Loaded):
         return others or self.keeps_captured
 
     @cached_property
-    def beside(self) -> "Beside":
+    def beside(self) -> "ExtraLight":
         """The light beside an environment."""
-        from .beside import Beside
+        from .extra_light import ExtraLight
 
         asked = self.options, self.asked_lamps, self.environment, self.request.exposure_ev
-        return Beside(*asked, self.relighter, self.appearance, self.room)
+        return ExtraLight(*asked, self.relighter, self.appearance, self.room)
 
     @cached_property
     def pass_views(self) -> "list[View] | None":

@@ -21,14 +21,14 @@ from splat2mesh.base.outputs import check_output
 from splat2mesh.base.strictjson import text_of
 from splat2mesh.base.version import VERSION
 
-from .insert.asked import asked_inserts, described
-from .lamps.placing import asked_lamps, in_brief
-from .light.daylight import DaylightRequest
+from ..insert.asked import asked_inserts, described
+from ..lamps.placing import asked_lamps, in_brief
+from ..light.daylight import DaylightRequest
 
 if TYPE_CHECKING:
-    from .insert.asked import AskedInsert
-    from .lamps.asked import AskedLamp
-    from .request import AnyLight, RelightRequest
+    from ..insert.asked import AskedInsert
+    from ..lamps.asked import AskedLamp
+    from ..request import AnyLight, RelightRequest
 
 REPORT = "report.json"
 """In every folder of results; it distinguishes them from other folders."""

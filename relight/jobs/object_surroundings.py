@@ -8,33 +8,33 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.errors import DataWarning
 
-from .engine.appearance import Appearance
-from .engine.relighter import Relighter, Shaded
-from .light.captured import CapturedLight
-from .light.environment import Environment
-from .light.loading import light_of
+from ..engine.appearance import Appearance
+from ..engine.relighter import Relighter, Shaded
+from ..light.captured import CapturedLight
+from ..light.environment import Environment
+from ..light.loading import light_of
 
 if TYPE_CHECKING:
-    from .beside import Beside
-    from .insert.probe import Light
-    from .insert.surroundings import Surroundings
-    from .lamps.shapes import Lamp
-    from .viewer.object_source import ObjectsUnder
+    from ..insert.probe import Light
+    from ..insert.surroundings import Surroundings
+    from ..lamps.shapes import Lamp
+    from ..viewer.object_source import ObjectsUnder
+    from .extra_light import ExtraLight
 
 
 def surroundings_under(
-    shaded: Shaded, relighter: Relighter, look: Appearance, beside: "Beside", mixes: bool, steady: bool
+    shaded: Shaded, relighter: Relighter, look: Appearance, beside: "ExtraLight", mixes: bool, steady: bool
 ) -> "Surroundings":
     """Return the Surroundings of a scene in a light, in the unit of its radiance.
 
     mixes: whether that has other parts than an environment. steady: whether no environment gets in.
     """
-    from .insert.surroundings import surroundings_of
+    from ..insert.surroundings import surroundings_of
 
     light, level = light_under(shaded, look, beside, mixes, steady), _level(shaded, beside, mixes)
     lamps: list[Lamp] = []
     if mixes and beside.lamp_light is not None:
-        from .lamps.photometry import times
+        from ..lamps.photometry import times
 
         lamps = [times(lamp, 1.0 / level) for lamp in beside.lamp_light.lamps]
     radiance = shaded.shading.radiance
@@ -42,11 +42,11 @@ def surroundings_under(
 
 
 def surroundings_in(
-    now: "ObjectsUnder", relighter: Relighter, look: Appearance, beside: "Beside", mixes: bool, steady: bool
+    now: "ObjectsUnder", relighter: Relighter, look: Appearance, beside: "ExtraLight", mixes: bool, steady: bool
 ) -> "Surroundings":
     """Return the Surroundings of a scene in the light of its session. Other arguments as of `surroundings_under`."""
-    from .insert.surroundings import Sky, surroundings_of
-    from .lamps.photometry import times
+    from ..insert.surroundings import Sky, surroundings_of
+    from ..lamps.photometry import times
 
     captured = 1.0 if steady and not mixes and now.captured == 0.0 else now.captured
     skies, lamps = [], []
@@ -62,10 +62,10 @@ def surroundings_in(
     return surroundings_of(relighter.scene, relighter.occluder, now.radiance, skies, lamps, glow)
 
 
-def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool, steady: bool) -> "Light":
+def light_under(shaded: Shaded, look: Appearance, beside: "ExtraLight", mixes: bool, steady: bool) -> "Light":
     """Return the skies of a light, and what captured lamps send in it. Arguments as of `surroundings_under`."""
-    from .insert.probe import Light
-    from .insert.surroundings import Sky
+    from ..insert.probe import Light
+    from ..insert.surroundings import Sky
 
     level = _level(shaded, beside, mixes)
     captured = beside.captured_factor if mixes else float(steady)
@@ -76,7 +76,7 @@ def light_under(shaded: Shaded, look: Appearance, beside: "Beside", mixes: bool,
     return Light(skies, _glow(shaded.shading.radiance, look, beside, (captured if mixes else 1.0) / level))
 
 
-def _level(shaded: Shaded, beside: "Beside", mixes: bool) -> float:
+def _level(shaded: Shaded, beside: "ExtraLight", mixes: bool) -> float:
     """Units of the picture per unit of the radiance."""
     return beside.level(shaded.shading.radiance) if mixes else shaded.exposure
 
@@ -91,14 +91,14 @@ def captured_sky(look: Appearance) -> Environment:
     return Environment(np.array(even, np.float32), "even")
 
 
-def _captured_sky_now(look: Appearance, beside: "Beside") -> Environment:
+def _captured_sky_now(look: Appearance, beside: "ExtraLight") -> Environment:
     """The light of the capture from far away, as it is assumed to change where no environment is known to get in."""
     sky, change = captured_sky(look), beside.assumed
     return sky if change is None else Environment(sky.radiance * change, sky.name, sky.rotation_deg)
 
 
 def _glow(
-    radiance: NDArray[np.float32], look: Appearance, beside: "Beside", factor: float
+    radiance: NDArray[np.float32], look: Appearance, beside: "ExtraLight", factor: float
 ) -> NDArray[np.float32] | None:
     """(V, 3) float32: what the captured lamps of a closed room send, in the unit of the radiance; None without any.
 

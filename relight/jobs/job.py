@@ -17,26 +17,26 @@ from splat2mesh.base.errors import DataWarning
 from splat2mesh.options import ConvertOptions
 from splat2mesh.scene.mesh import Mesh
 
-from .engine.appearance import albedo_kept
-from .engine.exposure import exposure_as_captured, level_of
-from .engine.relighter import Shaded, Shading
-from .known import KnownScene
-from .light import CAPTURED
-from .light.captured import CapturedLight
-from .light.environment import Environment
-from .light.tonemap import auto_exposure
+from ..engine.appearance import albedo_kept
+from ..engine.exposure import exposure_as_captured, level_of
+from ..engine.relighter import Shaded, Shading
+from ..light import CAPTURED
+from ..light.captured import CapturedLight
+from ..light.environment import Environment
+from ..light.tonemap import auto_exposure
+from ..output.kinds import SUN
+from ..request import AnyLight, RelightRequest
+from .known_scene import KnownScene
 from .meshing import is_scene, scene_folder
-from .output.kinds import SUN
-from .request import AnyLight, RelightRequest
 
 if TYPE_CHECKING:
-    from .insert.asked import AskedInsert
-    from .insert.insert_plan import InsertPlan
-    from .insert.inserts import Inserts
-    from .insert.objects import InsertedObject
-    from .insert.probe import Light
-    from .output.lamps_glb import PlacedLamps
-    from .planning.plan import Plan
+    from ..insert.asked import AskedInsert
+    from ..insert.insert_plan import InsertPlan
+    from ..insert.inserts import Inserts
+    from ..insert.objects import InsertedObject
+    from ..insert.probe import Light
+    from ..output.lamps_glb import PlacedLamps
+    from ..planning.plan import Plan
 
 OF_ONE_LIGHT = frozenset({"environment", "plan", "lights", "room", "beside"})
 """Stages of a Job that another light does not share."""
@@ -103,7 +103,7 @@ class Job(KnownScene):
         """The inserted objects at their positions, or None."""
         if not self.asked_inserts:
             return None
-        from .insert.inserts import Inserts
+        from ..insert.inserts import Inserts
 
         return Inserts(self.asked_inserts, self.relighter, lambda: self.appearance, self._object_of)
 
@@ -112,7 +112,7 @@ class Job(KnownScene):
         """The share of the scene that the objects change, and its cost; None without objects."""
         if self.inserts is None:
             return None
-        from .insert.insert_plan import evenly_lit, plan_inserts
+        from ..insert.insert_plan import evenly_lit, plan_inserts
 
         around = evenly_lit(self.scene, self.relighter.occluder)
         splats = self.splats[0] if self.shows_splats and self.splats is not None else None
@@ -122,7 +122,7 @@ class Job(KnownScene):
         """A requested object. A splat is meshed first, as a scene is, and its captured light is removed."""
         if asked in self.inserted_meshes:
             return self.inserted_meshes[asked]
-        from .insert.splat_insert import splat_object
+        from ..insert.splat_insert import splat_object
 
         folder, source = asked.source, asked.source
         if not isinstance(source, Mesh) and not is_scene(source):
@@ -143,12 +143,12 @@ class Job(KnownScene):
 
     def light_around(self, shaded: Shaded) -> "Light":
         """The skies of one of the lights, and the radiance of captured lamps in it."""
-        from .inserting import light_under
+        from .object_surroundings import light_under
 
         return light_under(shaded, self.appearance, self.beside, self.mixes, self.steady)
 
     def _with_objects(self, shaded: Shaded, inserts: "Inserts") -> Shaded:
-        from .inserting import surroundings_under
+        from .object_surroundings import surroundings_under
 
         look, shading = self.appearance, shaded.shading
         around = surroundings_under(shaded, self.relighter, look, self.beside, self.mixes, self.steady)

@@ -7,27 +7,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .engine.appearance import Appearance
-from .engine.assumed_light import assumed_change
-from .engine.exposure import level_of
-from .engine.mixing import CapturedPart, mixed
-from .engine.relighter import Relighter, Shaded, Shading
-from .light.captured import CapturedLight
-from .light.environment import Environment
-from .light.tonemap import auto_exposure
-from .options import DEFAULT_TOLERANCE, LightingOptions
+from ..engine.appearance import Appearance
+from ..engine.assumed_light import assumed_change
+from ..engine.exposure import level_of
+from ..engine.mixing import CapturedPart, mixed
+from ..engine.relighter import Relighter, Shaded, Shading
+from ..light.captured import CapturedLight
+from ..light.environment import Environment
+from ..light.tonemap import auto_exposure
+from ..options import DEFAULT_TOLERANCE, LightingOptions
 
 if TYPE_CHECKING:
-    from .engine.placed import LampLight, Placed
-    from .engine.relit_room import RelitRoom
-    from .lamps.asked import AskedLamp, LampScale
-    from .lamps.shapes import Lamp
-    from .live.mixture import Mixture
-    from .output.lamps_glb import PlacedLamps
-    from .viewer.mixture import SessionMixture
+    from ..engine.placed import LampLight, Placed
+    from ..engine.relit_room import RelitRoom
+    from ..lamps.asked import AskedLamp, LampScale
+    from ..lamps.shapes import Lamp
+    from ..live.mixture import Mixture
+    from ..output.lamps_glb import PlacedLamps
+    from ..viewer.mixture import SessionMixture
 
 
-class Beside:
+class ExtraLight:
     """All of a light on a scene but its environment, computed on first use.
 
     options: LightingOptions. asked_lamps: the requested lamps. environment: Environment, unrotated.
@@ -82,7 +82,7 @@ class Beside:
     @cached_property
     def scale(self) -> "LampScale":
         """How long a metre is here, and how bright the captured light, for what is asked of lamps."""
-        from .engine.lamp_scale import lamp_scale
+        from ..engine.lamp_scale import lamp_scale
 
         return lamp_scale(self._relighter.scene, self._look, self._relighter.occluder)
 
@@ -94,7 +94,7 @@ class Beside:
     @cached_property
     def lamps(self) -> "list[Lamp]":
         """The added lamps, in the frame of the splat and in units of the picture."""
-        from .lamps.asked import resolve
+        from ..lamps.asked import resolve
 
         return [resolve(each, self.scale) for each in self.asked_lamps]
 
@@ -103,8 +103,8 @@ class Beside:
         """The light of the added lamps, or None."""
         if not self.asked_lamps:
             return None
-        from .engine.placed import LampLight
-        from .lamps.moving import moved
+        from ..engine.placed import LampLight
+        from ..lamps.moving import moved
 
         tolerance = self._options.tolerance or DEFAULT_TOLERANCE
         lamps = [moved(lamp, self._relighter.scene.scene_from_splat) for lamp in self.lamps]
@@ -112,8 +112,8 @@ class Beside:
 
     def light_of(self, asked_lamps: Sequence["AskedLamp"], captured: float) -> "LampLight":
         """The light of other lamps, beside so much of the captured light."""
-        from .lamps.asked import resolve
-        from .lamps.moving import moved
+        from ..lamps.asked import resolve
+        from ..lamps.moving import moved
 
         motion = self._relighter.scene.scene_from_splat
         return self._lamp_ground.of([moved(resolve(each, self.scale), motion) for each in asked_lamps], captured)
@@ -121,7 +121,7 @@ class Beside:
     @cached_property
     def _lamp_ground(self) -> "LampLight":
         """The shared part of the light of all lamps."""
-        from .engine.placed import LampLight
+        from ..engine.placed import LampLight
 
         if self.lamp_light is not None:
             return self.lamp_light
@@ -130,8 +130,8 @@ class Beside:
     @property
     def in_words(self) -> list[str]:
         """A line on each added lamp: its position and brightness."""
-        from .lamps.asked import in_words
-        from .lamps.placing import in_brief
+        from ..lamps.asked import in_words
+        from ..lamps.placing import in_brief
 
         place = "room" if self._relighter.scene.capture.get("from") == "inside" else "scene"
         return [f"{in_brief(lamp)}: {in_words(lamp, self.scale, place)}" for lamp in self.lamps]
@@ -139,8 +139,8 @@ class Beside:
     def lamps_shown(self, light: Environment, radiance: NDArray[np.float32], exposure: float) -> "PlacedLamps":
         """The lamps beside a light that gives a radiance (V, 3) and is shown at an exposure, in the frame of the scene
         and in display values."""
-        from .lamps.photometry import times
-        from .output.lamps_glb import PlacedLamps
+        from ..lamps.photometry import times
+        from ..output.lamps_glb import PlacedLamps
 
         if self.lamp_light is None:
             return PlacedLamps()
@@ -204,7 +204,7 @@ class Beside:
 
     def live(self) -> "Mixture":
         """It for what is live."""
-        from .live.mixture import Mixture
+        from ..live.mixture import Mixture
 
         options, room = self._options, self._room
         asked = bool(self.asked_lamps) or options.captured is not None or options.env_scale != 1.0
@@ -218,7 +218,7 @@ class Beside:
     ) -> "SessionMixture":
         """It for a session under a light, of which a unit is `level` of the picture, with so much of the captured light
         and what lamps do."""
-        from .viewer.mixture import SessionMixture
+        from ..viewer.mixture import SessionMixture
 
         options = self._options
         nothing = Shading(np.zeros_like(self._look.captured), 0, [], options.unplanned)

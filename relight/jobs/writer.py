@@ -21,22 +21,22 @@ from splat2mesh.base.version import VERSION
 from splat2mesh.scene.scene import Scene
 from splat2mesh.splats.splats import Splats
 
-from .earlier import REPORT, Earlier, check_results, is_results, settings_of
-from .engine.relighter import Shaded
-from .insert.asked import described
+from ..engine.relighter import Shaded
+from ..insert.asked import described
+from ..light.loading import light_of
+from ..light.skies import BUILTIN
+from ..options import LightingOptions, lamp_name
+from ..output.around_files import AroundFiles
+from ..output.clean_files import CleanFiles
+from ..output.engine_files import EngineFiles
+from ..output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
+from ..output.live_files import LiveFiles
+from ..output.pass_files import PassFiles
+from ..output.results import PICTURE_SIZE, OwnWriters, Results
+from ..output.subject import WrittenScene
+from ..request import AnyLight
+from .earlier_results import REPORT, Earlier, check_results, is_results, settings_of
 from .job import Job
-from .light.loading import light_of
-from .light.skies import BUILTIN
-from .options import LightingOptions, lamp_name
-from .output.around_files import AroundFiles
-from .output.clean_files import CleanFiles
-from .output.engine_files import EngineFiles
-from .output.kinds import AROUND, FOR_ENGINES, WITHOUT_LIGHT
-from .output.live_files import LiveFiles
-from .output.pass_files import PassFiles
-from .output.results import PICTURE_SIZE, OwnWriters, Results
-from .output.subject import WrittenScene
-from .request import AnyLight
 
 
 class Writer:
@@ -89,7 +89,7 @@ class Writer:
         self, folder: str | os.PathLike[str], fps: float = 24.0, overwrite: bool = False
     ) -> tuple[str, dict[str, Any]]:
         """Light every frame of an animated scene into a folder: a note on what is missing, or "", and the report."""
-        from .animation.film import FILM, FilmRequest, Frames, Shot, animate, frame_times
+        from ..animation.film import FILM, FilmRequest, Frames, Shot, animate, frame_times
 
         job = self.job
         if job.asked_inserts:
@@ -127,9 +127,9 @@ class Writer:
         self, folder: str | os.PathLike[str], fps: float, overwrite: bool
     ) -> tuple[str, dict[str, Any]]:
         """Light the inserted objects frame by frame, in a static place."""
-        from .animation.acting import Acting
-        from .animation.film import FILM, FilmRequest, Frames, frame_times
-        from .animation.object_film import film_objects
+        from ..animation.acting import Acting
+        from ..animation.film import FILM, FilmRequest, Frames, frame_times
+        from ..animation.object_film import film_objects
 
         job, results = self.job, self._results
         assert job.inserts is not None

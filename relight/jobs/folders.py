@@ -18,14 +18,14 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.outputs import check_output, staged_file
 from splat2mesh.base.progress import Stages
 
-from .earlier import check_results, is_results, settings_of
+from ..light.daylight import DaylightRequest
+from ..light.environment import Environment
+from ..output.kinds import FILES, SHEET
+from ..request import AnyLight, RelightRequest
+from .earlier_results import check_results, is_results, settings_of
 from .job import Job
-from .light.daylight import DaylightRequest
-from .light.environment import Environment
 from .meshing import existing_folder, is_splat, refuse_meshing, scene_folder
-from .output.kinds import FILES, SHEET
-from .request import AnyLight, RelightRequest
-from .writing import Writer
+from .writer import Writer
 
 CITY = "city.json"
 """In the folder of a city that splat2mesh made in tiles."""
@@ -174,7 +174,7 @@ def _exposure_of_day(request: RelightRequest, stages: Stages) -> float:
 
 def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | None, str]:
     """Join the pictures of a day: the film's path, or None and the reason."""
-    from .animation.film import FILM, encode
+    from ..animation.film import FILM, encode
 
     pictures = [folder / FILES["png"] for folder in folders]
     with tempfile.TemporaryDirectory() as work:
@@ -191,7 +191,7 @@ def _film_of_day(folders: list[Path], request: RelightRequest) -> tuple[Path | N
 
 
 def _relit_city(request: RelightRequest, stages: Stages) -> RelitFiles:
-    from .tiles.city import relight_city
+    from ..tiles.city import relight_city
 
     report = relight_city(request, stages=stages)
     lines = [f"{report['output']}: {report['vertices']:,} vertices in {report['tiles']} tiles"]
