@@ -156,8 +156,8 @@ class LiveFiles:
 
     @property
     def _assumed(self) -> bool:
-        """Whether environments change the room by an assumption, as in `ExtraLight`: no environment is known to get in, and
-        the request leaves the captured light as it is."""
+        """Whether environments change the room by an assumption, as in `ExtraLight`: no environment is known to get
+        in, and the request leaves the captured light as it is."""
         asked = self._mixture.captured is not None or self._mixture.light is not None
         return self._room is not None and self._room.steady and self._appearance.kept and not asked
 
