@@ -35,8 +35,8 @@ BOUNCE_NOISE = {8: 0.083, 16: 0.051, 32: 0.03, 64: 0.021, 128: 0.014, 256: 0.008
 meet anything, the noisier. Upper end of three scenes with shares of .06 to .15; a corner with .33 has two thirds."""
 
 FORETOLD = 1.06
-"""Noise where neighbours foretell some of the rays over that where all are traced, after averaging: 1.01 to 1.09 on a
-room, a garden and two objects (`scripts/bench rays --spare`)."""
+"""Noise where neighbours foretell some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
+3 and 8 bands on a room, two gardens and an object (`scripts/bench rays --spare`)."""
 
 NEURAL_GAIN = {32: 0.88, 64: 0.84}
 """Noise of the method "neural" over that of averaging, in 3 bands (docs/networks.md); it is not planned beyond 5."""
