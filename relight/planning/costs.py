@@ -12,7 +12,7 @@ from ..transfer.settings import Settings
 
 # Of a vertex, in shadow rays.
 RAY = 1.0  # that is traced
-DIRECTION = 0.1  # of each ray, traced or foretold: its direction, and its sums in few bands
+DIRECTION = 0.1  # of each ray, traced or predicted: its direction, and its sums in few bands
 RAY_COEFFICIENT = 0.0016  # per ray and coefficient, in the sums
 VERTEX = 9.0  # neighbours, and what is done once
 COEFFICIENT = 0.22  # averaging and completing, per coefficient
@@ -34,8 +34,8 @@ BOUNCE_NOISE = {8: 0.083, 16: 0.051, 32: 0.03, 64: 0.021, 128: 0.014, 256: 0.008
 """Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
 meet anything, the noisier. Upper end of three scenes with shares of .06 to .15; a corner with .33 has two thirds."""
 
-FORETOLD = 1.06
-"""Noise where neighbours foretell some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
+PREDICTED = 1.06
+"""Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in
 3 and 8 bands on a room, two gardens and an object (`scripts/bench rays --spare`)."""
 
 NEURAL_GAIN = {32: 0.88, 64: 0.84}
@@ -93,5 +93,5 @@ def noise(rays: int, bands: int, method: str = "raytraced") -> float:
     five meshes (scripts/bench rays): .38 with 8 rays, all of it with a thousand.
     """
     left = min(max(0.19 * rays**0.31 * (3.0 / bands) ** 0.17, 0.38), 1.0) if steps_for(rays, bands) else 1.0
-    left *= FORETOLD if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
+    left *= PREDICTED if consensus.worth(rays, consensus.LEAST_VERTICES) else 1.0
     return math.sqrt(NOISE * rays**NOISE_POWER) * left * NEURAL_GAIN.get(rays, 1.0) ** (method == "neural")

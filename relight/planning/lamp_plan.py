@@ -27,7 +27,7 @@ MORE_CHOICES = 512, 1024
 
 BLOCKS, JUDGED, MANY_PAIRS = 96, 4, 2**22
 """Blocks in the sample, vertices in each that have a reference, and how many pairs of vertex and emitter that has at
-most. With 13 blocks and all of their vertices the error of 10,000 lamps was foreseen as .028, and was .037."""
+most. With 13 blocks and all of their vertices the error of 10,000 lamps was predicted as .028, and was .037."""
 
 MANY_REFERENCE = 64
 """Rays of that reference in half-shadows."""

@@ -46,7 +46,7 @@ class Planner:
     def settled(self, environment: "Environment", albedo: NDArray[np.floating] | None) -> "Settings":
         """The Settings of the plan, after their transfer was computed and checked on the sample.
 
-        Where it shows more noise than was foreseen, too much for the tolerance, the rays are doubled.
+        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled.
         """
         plan = self.plan(environment, albedo)
         if plan.checked is None:

@@ -30,7 +30,7 @@ counts: the first batch wakes threads."""
 
 
 BLOCKS = 32
-"""Blocks of vertices by which the share of the rays is measured that neighbours do not foretell: 65,000 rays in all."""
+"""Blocks of vertices by which the share of the rays is measured that neighbours do not predict: 65,000 rays in all."""
 
 
 class Sample:
@@ -42,7 +42,7 @@ class Sample:
     solid: (S,) float32 in [0, 1], how far each row is a surface: 1 unless the sample is `thickened`.
     hidden: (C,) the share of the light of an even sky that is hidden, by chunk, root mean square, by the scan.
     ray_s: seconds per ray of the work, on this machine and scene. unsure: share of the rays whose outcome neighbours
-    do not foretell. rays: shot in all. traced_share: of the vertices.
+    do not predict. rays: shot in all. traced_share: of the vertices.
     """
 
     def __init__(

@@ -90,7 +90,7 @@ def hidden_rays(occluder: Occluder, places: RaySet, earlier: KnownRays | None = 
     hidden, ends = np.zeros((count, rays), np.uint8), np.zeros(count + 1, np.int64)
     met_any, met_all = seen.hidden.any(axis=(0, 2)), seen.hidden.all(axis=(0, 2))
     own = np.where(met_all, HIDDEN, np.where(met_any, UNSURE, OPEN))
-    in_slices(_foretell, count, *places, met, own, known, hidden, ends)
+    in_slices(_predict, count, *places, met, own, known, hidden, ends)
     np.cumsum(ends, out=ends)
     asked = np.zeros((ends[-1], 6), np.float32)
     in_slices(_aim_others, count, *places, hidden, ends, asked)
@@ -192,7 +192,7 @@ def _agree(
 
 
 @kernel
-def _foretell(
+def _predict(
     begin: int,
     end: int,
     origins: NDArray[np.float32],

@@ -36,7 +36,7 @@ def run(options, report):
     for light in {case.split(":")[2] for case in options.cases}:  # compiled
         Relighter(warm, tolerance=0.03).shade(Environment.load(light), np.full(warm.vertices.shape, 0.5, np.float32))
     columns = {"scene": "<14", "vertices": ",d", "light": "<9", "tolerance": ".3f", "planned": "d", "traced": "d"}
-    table = report.table("seconds", **columns, ray_ns=".0f", foreseen=".3f", took=".3f", ratio=".2f")
+    table = report.table("seconds", **columns, ray_ns=".0f", predicted=".3f", took=".3f", ratio=".2f")
     made = None
     for case in options.cases:
         name, count, light, tolerance = case.split(":")
@@ -44,8 +44,8 @@ def run(options, report):
         scene, albedo, environment = made[1].scene, made[1].albedo, Environment.load(light)
         relighter = Relighter(scene, tolerance=float(tolerance))
         plan = relighter.plan_for(environment, albedo)
-        foreseen, planned = plan.seconds, plan.settings.rays
+        predicted, planned = plan.seconds, plan.settings.rays
         took = timed(lambda r=relighter, e=environment, a=albedo: r.shade(e, a)).cpu
         row = {"scene": name, "vertices": scene.vertex_count, "light": light, "tolerance": float(tolerance)}
         row |= {"planned": planned, "traced": plan.settings.rays, "ray_ns": 1e9 * plan.choice.measured.sample.ray_s}
-        table.add(**row, foreseen=foreseen, took=took, ratio=foreseen / took)
+        table.add(**row, predicted=predicted, took=took, ratio=predicted / took)

@@ -158,11 +158,11 @@ def measure(name, scene, albedo, lights, options, found):
             traced = np.ones(len(scene.chunks)) if settings.shadowed is None else np.array(settings.shadowed)
             traced = int(traced @ [len(chunk.vertices) for chunk in scene.chunks])
             unsure = plan.choice.measured.sample.unsure
-            foreseen = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count, unsure=unsure))
+            predicted = sum(costs.seconds(plan.settings, count, traced, 1.0 / count, plan.sun_count, unsure=unsure))
             off = relative_error(shading.radiance[rows], expected[light])
             row = {"scene": name, "light": light, "tolerance": tolerance, "plan": str(settings)}
             row |= {"predicted": plan.error, "checked": plan.checked, "true": off, "suns_predicted": plan.sun_count}
-            row |= {"suns": shading.sun_count, "work_predicted": foreseen}
+            row |= {"suns": shading.sun_count, "work_predicted": predicted}
             row |= {
                 key: float(np.median([run[at] for run in runs])) / unit for key, at in (("work", 2), ("planning", 3))
             }

@@ -9,7 +9,7 @@ scene         ... averaged over neighbours: `raytraced_scene`; worst: the larges
 Then the variance that `filtering` expects of a coefficient of `linear` below degree 3. Times are processor microseconds
 per vertex; `shared` counts its occlusion queries only.
 
---spare measures the rays that neighbours foretell (`transfer.consensus`), at every vertex of MESH, in turn with all of
+--spare measures the rays that neighbours predict (`transfer.consensus`), at every vertex of MESH, in turn with all of
 them traced: the share that is traced, processor seconds of both and their ratio, errors after averaging at 1,500
 vertices, and the ratio of seconds at equal error, by the power of the rays with which the error falls on the mesh.
 
@@ -43,7 +43,7 @@ def arguments(parser):
     parser.add_argument("--rays", type=int, nargs="+", default=[8, 16, 32, 64, 128, 256])
     parser.add_argument("--reference", type=int, default=4096, help="rays of the reference")
     parser.add_argument("--vertices", type=int, default=MADE_VERTICES, help="of generated meshes")
-    parser.add_argument("--spare", action="store_true", help="what neighbours foretell, in the most bands")
+    parser.add_argument("--spare", action="store_true", help="what neighbours predict, in the most bands")
     parser.add_argument("--speed", action="store_true", help=f"of {DEFAULT_RAYS} rays in {DEFAULT_BANDS} bands")
 
 
@@ -104,7 +104,7 @@ def errors_and_times(meshes, options, report):
 
 
 def spared(meshes, options, report):
-    """A row for each mesh and number of rays: rays foretold against all of them traced."""
+    """A row for each mesh and number of rays: rays predicted against all of them traced."""
     columns = {"mesh": "<12", "rays": "d", "traced": ".2f", "all_s": ".2f", "spared_s": ".2f", "seconds": ".2f"}
     table = report.table(**columns, error_all=".4f", error_spared=".4f", equal_error=".2f")
     bands = max(options.bands)

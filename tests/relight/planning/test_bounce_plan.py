@@ -1,4 +1,4 @@
-"""The plan of the first bounce: none for even light, more rays for a pool of light, and errors as foreseen."""
+"""The plan of the first bounce: none for even light, more rays for a pool of light, and errors as predicted."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_other_light_hides_the_noise(ball):
 
 
 @pytest.mark.slow
-def test_the_error_is_as_foreseen(ball):
+def test_the_error_is_as_predicted(ball):
     """Over all vertices against 4,096 rays; the sample of 1,024 of 2,562 leaves some percent of it."""
     sent = pool(ball, 0.05)
     plan = plan_first_bounce(ball, sent, Interreflection(ball, 16), 0 * ball.origins, 0.05)

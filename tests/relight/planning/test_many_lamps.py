@@ -38,7 +38,7 @@ def test_every_lamp_is_the_sum_of_single_ones(street):
     np.testing.assert_allclose(every, alone, rtol=0.02)
 
 
-def test_a_plan_foresees_the_error_of_the_choice_and_keeps_to_the_tolerance(street):
+def test_a_plan_predicts_the_error_of_the_choice_and_keeps_to_the_tolerance(street):
     occluder, emitters = street
     assert LAMPS > MANY
     nothing = np.zeros_like(occluder.origins)

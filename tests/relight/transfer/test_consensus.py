@@ -1,4 +1,4 @@
-"""Rays that neighbours foretell: right wherever they agree, and few are traced where shadows are smooth."""
+"""Rays that neighbours predict: right wherever they agree, and few are traced where shadows are smooth."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def occluder():
 
 @pytest.fixture(scope="module")
 def seen(occluder):
-    """(every ray traced, some foretold)."""
+    """(every ray traced, some predicted)."""
     return Visibility(occluder, RAYS), Visibility(occluder, RAYS, sparing=True)
 
 
@@ -61,7 +61,7 @@ def test_a_cell_holds_its_directions():
         assert (own @ own.T).min() > np.cos(2.5 * np.pi / side)
 
 
-def test_most_rays_are_foretold_and_nearly_all_rightly(occluder, seen):
+def test_most_rays_are_predicted_and_nearly_all_rightly(occluder, seen):
     every, some = seen
     assert every.shot == RAYS * len(every.traced) > 1.4 * some.shot  # on so coarse a mesh
     bits = [np.unpackbits(each.bits[0], axis=1) for each in seen]
