@@ -64,6 +64,11 @@ class HiddenLight:
         sent = shown_along(stood.vertices[first:last], faces, radiance[first:last], directions)
         return cls(stood, number, light, sent, _maps_of(stood, number, directions))
 
+    @property
+    def suns(self) -> int:
+        """Number of suns and lamps with a direction of their own."""
+        return len(self.light) - DIRECTIONS
+
     def reached(self, standing: Standing, at: Receiving, least: float) -> Mask:
         """Mask (M,) of the points near the object where it stands now, and where a sun may throw its shadow.
 

@@ -147,13 +147,14 @@ class Inserts:
         """Return an approximation without bounces. before: the result for the same objects at other positions, whose
         light they keep.
 
-        Without lamps it hides the light that arrived at the last exact position, as bright as the exact result there;
-        with lamps it traces few rays.
+        In soft light it hides what arrived at the last exact position, as strong as the exact result there. Under lamps
+        and strong suns it traces few rays, which find their shadows better.
         """
         around, none = before.around, np.zeros_like(before.direct)
         at = Receiving(around.occluder.origins, around.occluder.normals)
         kept = around, before.received, before.light, before.radiance
-        if around.lamps is None:
+        soft = around.lamps is None and not any(each.suns for each in before.hidden)
+        if soft:
             found = InsertedLight(self, *kept, none, none)
             found.__dict__.update(softness=before.softness, hidden=before.hidden, strength=before.strength)
             found.__dict__["ratio"] = _ratio_of(self.standing, before.hidden, at, before.strength)
@@ -163,6 +164,8 @@ class Inserts:
         )
         found = InsertedLight(self, *kept, change, none)
         found.__dict__["softness"] = before.softness  # of what is received, which is the same
+        if around.lamps is None:
+            found.__dict__["hidden"] = before.hidden
         return found
 
     def _later(self, direct: NDArray[np.float32]) -> NDArray[np.float32]:
