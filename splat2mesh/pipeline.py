@@ -114,8 +114,7 @@ def convert(
         seen_from = sum(map(len, views))
     else:
         seen, near = place_views(standing, foreground, trained, rotation[1, :3], effort, asked.seed, stages)
-        room, seen_from = standing.kind == "inside", len(seen)
-        mesh = reconstruct_place(splats, seen, near, room, asked.vertices, stages, statistics)
+        mesh, seen_from = reconstruct_place(splats, seen, near, asked.vertices, stages, statistics), len(seen)
         looks = [Look(dilated(splats, PLACE.dilation * training_pixel(splats)), seen, near)]
         if asked.background == "cut":
             mesh, backdrop = parted(mesh, center, radius)

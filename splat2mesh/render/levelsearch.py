@@ -42,10 +42,8 @@ ENTRY = 3
 ALPHA, PEAK, PRECISION = lanes(ENTRY)
 
 # What the search keeps of a pixel row.
-SEARCH = 15
-LANES = lanes(SEARCH)
-FIRST, LAST, THROUGH, FRONT, LOW, HIGH, AT, MISSED = LANES[:8]
-SLOPE, RATE, DEPTH_RATE, ACTIVE, TARGET, DEPTH, SPREAD = LANES[8:]
+SEARCH = 14
+FIRST, LAST, THROUGH, FRONT, LOW, HIGH, AT, MISSED, SLOPE, RATE, DEPTH_RATE, ACTIVE, DEPTH, SPREAD = lanes(SEARCH)
 ZERO, HALF, ONE = np.float32(0), np.float32(0.5), np.float32(1)
 
 
@@ -149,12 +147,12 @@ def _reach(entries: Floats, longest: int, target: np.float32, search: Floats) ->
     """
     for column in range(np.uint64(TILE)):
         reached = ONE - search[THROUGH + column] >= target
-        search[ACTIVE + column], search[TARGET + column] = ONE if reached else ZERO, target
+        search[ACTIVE + column] = ONE if reached else ZERO
         search[AT + column] = search[AT + column] if reached else search[LAST + column]
         search[MISSED + column] = np.float32(np.inf)
     for _ in range(MOST_STEPS):
         _look(entries, longest, search)
-        if not step(search):
+        if not _step(target, search):
             break
 
 
@@ -177,12 +175,12 @@ def _look(entries: Floats, longest: int, search: Floats) -> None:
 
 
 @kernel
-def step(search: Floats) -> int:
-    """One step of the search for TARGET in each ACTIVE pixel; returns how many go on."""
+def _step(target: np.float32, search: Floats) -> int:
+    """One step of the search in each ACTIVE pixel; returns how many go on."""
     going = 0
     for column in range(np.uint64(TILE)):
         at, active = search[AT + column], search[ACTIVE + column] > ZERO
-        missing, slope = search[TARGET + column] - (ONE - search[FRONT + column]), search[SLOPE + column]
+        missing, slope = target - (ONE - search[FRONT + column]), search[SLOPE + column]
         low = at if missing > ZERO else search[LOW + column]
         high = search[HIGH + column] if missing > ZERO else at
         newton = at + missing / max(slope, np.float32(1e-12))

@@ -24,7 +24,6 @@ from ..splats.splats import Splats
 from .footprints import NEAR, TILE, Batch, Camera, Footprint, camera_of, footprint_batches, pixel_range
 from .levelsearch import ENTRY, FARTHEST_Q, lanes, search_level
 from .rasterize import exp_minus_half
-from .transmittance import LevelByThickness, search_transmittance
 from .view import View
 
 FIELD_LEVEL = 0.45
@@ -59,19 +58,11 @@ class FieldDepth:
     alpha: NDArray[np.float32]
 
 
-def field_depth(
-    splats: Splats,
-    view: View,
-    near: float = NEAR,
-    level: float = FIELD_LEVEL,
-    by_thickness: LevelByThickness | None = None,
-) -> FieldDepth:
+def field_depth(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
     """Find the surface of `splats` in one view.
 
     splats: Splats, N >= 0; rows whose geometry is not finite are not seen. view: View in their frame.
-    near: camera z > 0 of the near plane. level: opacity in (0, 1). by_thickness: the depth is that of a level of the
-    transmittance, by the thickness that the opacity field shows; None for the opacity field itself.
-    Returns a FieldDepth.
+    near: camera z > 0 of the near plane. level: opacity in (0, 1). Returns a FieldDepth.
     Raises InputError when `near` or `level` lies outside its range.
     """
     if not 0 < level < 1:
@@ -98,17 +89,7 @@ def field_depth(
     depth, spread, alpha = (np.full((height, width), np.nan, np.float32) for _ in range(3))
     normal, color = (np.zeros((height, width, 3), np.float32) for _ in range(2))
     _assemble(height, pixels, found, camera, depth, normal, spread, color, alpha)
-    seen = FieldDepth(depth, normal @ camera.rotation.astype(np.float32), spread, color, alpha)
-    if by_thickness:
-        levels = by_thickness.of(thickness_of(seen, view))
-        search_transmittance(tiles, lists.reshape(tiles, TILE, -1), counts, dealt, levels, depth)
-        depth[~(depth > near)] = np.nan
-    return seen
-
-
-def thickness_of(seen: FieldDepth, view: View) -> Floats:
-    """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
-    return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
+    return FieldDepth(depth, normal @ camera.rotation.astype(np.float32), spread, color, alpha)
 
 
 # What is kept of a pixel row while Gaussians are blended into it.

@@ -8,17 +8,10 @@ from .footprints import MIN_ALPHA, NEAR
 from .levelsearch import FARTHEST_Q, SPREAD_FROM, SPREAD_TO
 from .opacityfield import ENOUGH, FIELD_LEVEL, LIST, MAX_ALPHA, MIN_WEIGHT, FieldDepth
 from .rasterize_reference import project
-from .transmittance import LevelByThickness
 from .view import View
 
 
-def field_depth_reference(
-    splats: Splats,
-    view: View,
-    near: float = NEAR,
-    level: float = FIELD_LEVEL,
-    by_thickness: LevelByThickness | None = None,
-) -> FieldDepth:
+def field_depth_reference(splats: Splats, view: View, near: float = NEAR, level: float = FIELD_LEVEL) -> FieldDepth:
     """`field_depth`, every splat against every pixel. Same arguments, same FieldDepth."""
     field = OpacityField(splats, view, near)
     depth, behind, before = (field.reach(at) for at in (level, float(SPREAD_TO), float(SPREAD_FROM)))
@@ -27,9 +20,6 @@ def field_depth_reference(
     found = np.isfinite(depth)
     normal = np.where(found[..., None], field.normal / np.maximum(length, 1e-30), 0) @ view.camera_from_world[:3, :3]
     spread = np.where(found, np.where(np.isnan(behind), field.last, behind) - before, np.nan)
-    if by_thickness:
-        thickness = spread * -(view.ray_directions() * normal).sum(axis=-1)
-        depth = np.where(found, field.reach_through(by_thickness.of(thickness)), np.nan)
     alpha = 1 - field.transmittance
     color = field.color / np.maximum(alpha, 1e-6)[..., None]
     return FieldDepth(*(a.astype(np.float32) for a in (depth, normal, spread, color, alpha)))
@@ -80,25 +70,6 @@ class OpacityField:
         """Opacity in front of camera z t: (H, W) -> (H, W)."""
         q = np.maximum(self.peak - t[..., None], 0) ** 2 * self.precision
         return 1 - np.prod(1 - self.alpha * np.exp(-q / 2) * (q < FARTHEST_Q), axis=-1)
-
-    def through(self, t: Floats) -> Floats:
-        """Light left at camera z t, where it fades on both sides of the peaks: (H, W) -> (H, W)."""
-        ahead = self.peak - t[..., None]
-        q = ahead**2 * self.precision
-        clear = 1 - self.alpha * np.exp(-q / 2) * (q < FARTHEST_Q)
-        return np.prod(np.where(ahead > 0, np.sqrt(clear), (1 - self.alpha) / np.sqrt(clear)), axis=-1)
-
-    def reach_through(self, levels: Floats) -> Floats:
-        """Camera z at which 1 - levels (H, W) of the light is left, by bisection; NaN where more is: (H, W)."""
-        listed, sigma = self.alpha > 0, 1 / np.sqrt(np.where(self.alpha > 0, self.precision, 1))
-        reached = np.prod(1 - self.alpha, axis=-1) <= 1 - levels
-        low = np.where(reached, np.where(listed, self.peak - 4 * sigma, np.inf).min(axis=-1), 0)
-        high = np.where(reached, np.where(listed, self.peak + 4 * sigma, -np.inf).max(axis=-1), 0)
-        for _ in range(60):
-            middle = (low + high) / 2
-            lit = self.through(middle) > 1 - levels
-            low, high = np.where(lit, middle, low), np.where(lit, high, middle)
-        return np.where(reached, high, np.nan)
 
     def reach(self, level: float) -> Floats:
         """Camera z at which the opacity reaches `level`, by bisection; NaN where it never does: (H, W)."""

@@ -6,7 +6,7 @@ sugar   points on a level of the density field, Poisson: the method of the SuGaR
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from ..render.view import View
 from ..splats.splats import Splats
 from ..views.viewpoints import bounds_of, near_plane
 from .color import RenderedPicture
+
+if TYPE_CHECKING:
+    from ..render.opacityfield import FieldDepth
 
 TRAINING_DILATION = 0.3
 """Variance in square pixels that training added to every Gaussian on screen (Kerbl et al. 2023)."""
@@ -112,7 +115,7 @@ def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: flo
     The Gaussians of a thin surface reach in front of it and are crossed early; where they pile up loosely, the surface
     lies nearer to their middle. Calibrated on trained scenes with true meshes: see docs/surface.md.
     """
-    from ..render.opacityfield import field_depth, thickness_of
+    from ..render.opacityfield import field_depth
 
     found: list[Floats] = [np.zeros(0)]
     for view in views[:: max(1, len(views) // LEVEL_PROBES)]:
@@ -123,6 +126,11 @@ def surface_level(splats: Splats, views: Sequence[View], pixel: float, near: flo
     if len(thickness) == 0:
         return LEVEL.levels[1]
     return float(np.interp(np.median(thickness), LEVEL.thicknesses, LEVEL.levels))
+
+
+def thickness_of(seen: "FieldDepth", view: View) -> Floats:
+    """How thick the surface is along its normal, (H, W) in world units, NaN where there is none: FieldDepth, View."""
+    return seen.spread * -(view.ray_directions() * seen.normal).sum(axis=-1)
 
 
 def extract(
@@ -140,7 +148,7 @@ def extract(
 def _field(
     splats: Splats, views: Sequence[View], pixel: float, effort: Effort, vertices: int, stages: Stages
 ) -> tuple[Any, list[RenderedPicture]]:
-    from ..render.opacityfield import field_depth, thickness_of
+    from ..render.opacityfield import field_depth
     from .fusion import PlaneMap, fuse
 
     bounds = bounds_of(splats)

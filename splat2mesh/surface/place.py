@@ -12,8 +12,7 @@ from ..base.arrays import Faces, Floats, Mask, Points, Vector
 from ..base.calibration import Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
-from ..render.opacityfield import FieldDepth, field_depth, thickness_of
-from ..render.transmittance import LevelByThickness
+from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..scene.mesh import Mesh, vertex_normals
 from ..splats.splats import Splats
@@ -21,7 +20,7 @@ from .adaptive import SLABS, fuse_adaptively
 from .album import Album, filled_in
 from .clean import fill_holes
 from .decimate import decimate
-from .extract import dilated, training_pixel
+from .extract import dilated, thickness_of, training_pixel
 from .fair import fair
 from .refine import refine_by_color
 from .sight import FusionSight
@@ -39,9 +38,7 @@ class PlaceCalibration:
     between them it is interpolated, outside held. True meshes ask for a late level where surfaces are thin. In fog
     there is no surface to find: there it is put where the mean of what is seen lies. dilation: share of the training
     pixel by which the splats are dilated: cameras among its surfaces see them frontally, where the dilation on screen
-    moves nothing. room_thicknesses, room_levels: of a surface of a closed room, in training pixels along its normal,
-    and the share of the light that has faded where it lies. Gaussians pile up before plain walls, which are near the
-    end of the pile.
+    moves nothing.
     """
 
     provenance: ClassVar = Provenance(
@@ -53,16 +50,10 @@ class PlaceCalibration:
     fogs: tuple[float, float] = (0.06, 0.16)
     levels: tuple[float, float] = (0.6, 0.45)
     dilation: float = 0.35
-    room_thicknesses: tuple[float, ...] = (0.3, 0.75, 1.25, 2.0, 3.0)
-    room_levels: tuple[float, ...] = (0.34, 0.54, 0.66, 0.78, 0.83)
 
     def level(self, fog: float) -> float:
         """The opacity at which surfaces of a fog lie."""
         return float(np.interp(fog, self.fogs, self.levels))
-
-    def in_rooms(self, pixel: float) -> LevelByThickness:
-        """The levels of a closed room with a training pixel of this size."""
-        return LevelByThickness(tuple(pixel * thickness for thickness in self.room_thicknesses), self.room_levels)
 
 
 PLACE = PlaceCalibration()
@@ -88,24 +79,23 @@ def reconstruct_place(
     splats: Splats,
     views: Sequence[View],
     near: Floats,
-    room: bool,
     vertices: int | None,
     stages: Stages,
     statistics: dict[str, Any],
 ) -> Mesh:
     """The mesh of a place in the splats' frame, as views see it: a Mesh; counts are added to `statistics`.
 
-    splats: Splats as the file has them. views: list of View; near: (M,) their near planes. room: whether it is closed.
-    vertices: wanted, or None for as many as the capture asks for. Raises InputError when hardly any surface is found.
+    splats: Splats as the file has them. views: list of View; near: (M,) their near planes. vertices: wanted, or None
+    for as many as the capture asks for. Raises InputError when hardly any surface is found.
     """
     pixel = training_pixel(splats)
     splats, seen = dilated(splats, PLACE.dilation * pixel), []
     fog = _fog(splats, views, near)
-    level, in_rooms = PLACE.level(fog), PLACE.in_rooms(pixel) if room else None
+    level = PLACE.level(fog)
     statistics["fog"] = round(fog, 4)
     with stages.stage("depth maps", total=len(views)) as advance:
         for view, plane in zip(views, near, strict=True):
-            seen.append(field_depth(splats, view, float(plane), level, in_rooms))
+            seen.append(field_depth(splats, view, float(plane), level))
             advance()
     depths = np.concatenate([each.depth[np.isfinite(each.depth)][::SAMPLED] for each in seen])
     if len(depths) < LEAST_POINTS:

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arrays import DepthMap, Floats
-from ..render.opacityfield import FieldDepth, field_depth, thickness_of
+from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
-from ..surface.extract import dilated
+from ..surface.extract import dilated, thickness_of
 from ..surface.place import PLACE
 from ..surface.sight import FusionSight
 from ..views.eyes import Eye, around

@@ -1,4 +1,4 @@
-"""The parts of the way of places by themselves: floaters, far background, and the levels of fog and thickness."""
+"""The parts of the way of places by themselves: floaters, far background, and the level that a fog calls for."""
 
 import numpy as np
 import pytest
@@ -59,10 +59,3 @@ def test_the_level_falls_with_the_fog_and_is_held_outside():
     assert [PLACE.level(0.0), PLACE.level(clear)] == [PLACE.levels[0]] * 2
     assert [PLACE.level(foggy), PLACE.level(1.0)] == [PLACE.levels[1]] * 2
     assert PLACE.level((clear + foggy) / 2) == pytest.approx(sum(PLACE.levels) / 2)
-
-
-def test_thick_surfaces_of_rooms_lie_later_in_units_of_the_training_pixel():
-    assert list(PLACE.room_levels) == sorted(PLACE.room_levels)
-    for pixel in (0.01, 2.0):
-        levels = PLACE.in_rooms(pixel).of(pixel * np.array(PLACE.room_thicknesses))
-        np.testing.assert_allclose(levels, PLACE.room_levels, rtol=1e-6)
