@@ -13,7 +13,7 @@ from benchmarks.inserts import SIZE, _ball
 from benchmarks.shapes import shape
 from relight import RelightRequest
 from relight.insert.asked import AskedInsert
-from relight.job import Job
+from relight.jobs.job import Job
 from relight.light.environment import Environment
 from splat2mesh.scene.color import bytes_from_unit, luminance, srgb_from_linear
 from splat2mesh.scene.mesh import Mesh
