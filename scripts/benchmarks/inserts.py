@@ -47,7 +47,7 @@ def run(options, report):
 def errors(mesh, light, options):
     """Relative errors of the light on the ball under one light."""
     scene = Scene([Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(mesh.albedo)))])
-    ball = _ball(SIZE * scene.diagonal)
+    ball = ball_object(SIZE * scene.diagonal)
     low, high = scene.bounds
     x, z = (float(share) for share in options.at.split(","))
     at = (low[0] + x * (high[0] - low[0]), float(high[1]), low[2] + z * (high[2] - low[2]))
@@ -147,7 +147,7 @@ class _Both:
         self.albedo = np.concatenate([mesh.albedo, standing.albedo])
 
 
-def _ball(radius):
+def ball_object(radius):
     import trimesh
 
     ball = trimesh.creation.icosphere(3, radius=radius)

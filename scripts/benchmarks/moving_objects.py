@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.inserts import SIZE, _ball
+from benchmarks.inserts import SIZE, ball_object
 from benchmarks.shapes import shape
 from relight import RelightRequest
 from relight.insert.asked import AskedInsert
@@ -44,7 +44,7 @@ def rows(mesh, light, positions):
     scene = Scene([Mesh(mesh.vertices, mesh.normals, mesh.faces, bytes_from_unit(srgb_from_linear(mesh.albedo)))])
     low, high = scene.bounds
     middle = 0.5 * (low + high)
-    asked = AskedInsert(_ball(SIZE * scene.diagonal), (middle[0], float(high[1]), middle[2]), on="floor")
+    asked = AskedInsert(ball_object(SIZE * scene.diagonal), (middle[0], float(high[1]), middle[2]), on="floor")
     known = {"inserted": (asked,), "caching": "none", "formats": ("npy",)}
     rest = next(Job(RelightRequest(scene, light, albedo=mesh.albedo, **known)).shaded()).inserted
     rest.strength  # noqa: B018 - once a rest
