@@ -78,25 +78,32 @@ def hidden_rays(occluder: Occluder, places: RaySet, earlier: KnownRays | None = 
     """
     count, rays = len(places.origins), len(places.azimuths)
     if earlier is None:
-        shot = np.zeros((count, rays // PILOTS, 6), np.float32)
-        in_slices(_aim_pilots, count, *places, shot)
-        met = occluder.occluded(shot).view(np.uint8)
+        piloted = np.arange(rays) % PILOTS == np.arange(count)[:, None] % PILOTS  # from another ray on in each vertex
+        pilots = np.where(piloted, UNSURE, OPEN)
+        met = occluder.occluded(_aimed(places, pilots)).reshape(count, -1).view(np.uint8)
         side, step, seen = _side(rays), PILOTS, KnownRays(places.offsets[None], met[None])
     else:
         met = np.zeros((count, 0), np.uint8)
         side, step, seen = _side(rays * (len(earlier.hidden) + 1)), 1, earlier
     known = np.zeros((-(-count // BLOCK), side * side), np.uint8)
     shared(_agree)(len(known), places.normals, places.azimuths, *seen, step, _around(side), known)
-    hidden, ends = np.zeros((count, rays), np.uint8), np.zeros(count + 1, np.int64)
+    hidden = np.zeros((count, rays), np.uint8)
     met_any, met_all = seen.hidden.any(axis=(0, 2)), seen.hidden.all(axis=(0, 2))
     own = np.where(met_all, HIDDEN, np.where(met_any, UNSURE, OPEN))
-    in_slices(_predict, count, *places, met, own, known, hidden, ends)
-    np.cumsum(ends, out=ends)
-    asked = np.zeros((ends[-1], 6), np.float32)
-    in_slices(_aim_others, count, *places, hidden, ends, asked)
+    in_slices(_predict, count, *places, met, own, known, hidden)
+    asked = _aimed(places, hidden)
     if len(asked):
         hidden[hidden == UNSURE] = occluder.occluded(asked)
     return hidden, met.size + len(asked)
+
+
+def _aimed(places: RaySet, hidden: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The rays that are UNSURE in hidden (N, R), vertex by vertex: (M, 6) float32, origin and direction."""
+    ends = np.zeros(len(hidden) + 1, np.int64)
+    np.cumsum(np.count_nonzero(hidden == UNSURE, axis=1), out=ends[1:])
+    asked = np.zeros((ends[-1], 6), np.float32)
+    in_slices(_aim, len(hidden), *places, hidden, ends, asked)
+    return asked
 
 
 def _side(rays: int) -> int:
@@ -130,26 +137,6 @@ def _cell(x: np.float32, y: np.float32, z: np.float32, side: int) -> int:
         u, v = (one - abs(v)) * np.copysign(one, u), (one - abs(u)) * np.copysign(one, v)
     half = np.float32(0.5 * side)
     return min(int((u + one) * half), side - 1) * side + min(int((v + one) * half), side - 1)
-
-
-@kernel
-def _aim_pilots(
-    begin: int,
-    end: int,
-    origins: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    azimuths: NDArray[np.float32],
-    offsets: NDArray[np.float32],
-    shot: NDArray[np.float32],
-) -> None:
-    """The pilots of each vertex: every fourth ray, from another one on beside it."""
-    for v in range(begin, end):
-        px, py, pz = origins[v]
-        frame, turn = tangents(normals[v, 0], normals[v, 1], normals[v, 2]), turned(offsets[v, 1])
-        for p in range(shot.shape[1]):
-            shot[v, p, 0], shot[v, p, 1], shot[v, p, 2] = px, py, pz
-            x, y, z = direction(p * PILOTS + v % PILOTS, offsets[v, 0], turn, frame, azimuths)
-            shot[v, p, 3], shot[v, p, 4], shot[v, p, 5] = x, y, z
 
 
 @kernel
@@ -203,13 +190,12 @@ def _predict(
     own: NDArray[np.uint8],
     known: NDArray[np.uint8],
     hidden: NDArray[np.uint8],
-    ends: NDArray[np.int64],
 ) -> None:
-    """Fill `hidden` with what is known of each ray; how many of vertex v are UNSURE goes into ends[v + 1]."""
+    """Fill `hidden` with what is known of each ray."""
     side = int(np.sqrt(known.shape[1]))
     for v in range(begin, end):
         frame, turn = tangents(normals[v, 0], normals[v, 1], normals[v, 2]), turned(offsets[v, 1])
-        block, first, unsure = v // BLOCK, v % PILOTS, 0
+        block, first = v // BLOCK, v % PILOTS
         for i in range(len(azimuths)):
             if met.shape[1] > 0 and i % PILOTS == first:
                 hidden[v, i] = met[v, i // PILOTS]
@@ -219,12 +205,10 @@ def _predict(
             if own[v] != UNSURE and guess != own[v]:
                 guess = UNSURE
             hidden[v, i] = guess
-            unsure += guess == UNSURE
-        ends[v + 1] = unsure
 
 
 @kernel
-def _aim_others(
+def _aim(
     begin: int,
     end: int,
     origins: NDArray[np.float32],
