@@ -14,10 +14,10 @@ from splat2mesh.base.kernels import kernel
 from splat2mesh.scene.color import luminance
 
 from ..lamps.emitters import Emitters
-from ..lamps.unoccluded import TUBE_NODES, unoccluded
+from ..lamps.unoccluded import unoccluded
 from ..splats.attachment import Surface
 from ..transfer.occluder import Frame
-from .lamp_lobes import brightest, sees
+from .lamp_lobes import brightest, sees, tube_rule
 
 
 class Facing(NamedTuple):
@@ -40,19 +40,13 @@ def facing(
     unit = (points @ scene_from_splat[:3, :3].T + scene_from_splat[:3, 3] - frame.center) / frame.diagonal
     if not len(emitters.kind) or not len(points):
         return None
-    at, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
-    rule = (at + 1.0) / 2.0, weights / 2.0
-    scale = float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
-    back = np.linalg.inv(scene_from_splat)
     chosen = brightest(emitters, unit)
     total, shares = np.zeros(len(points)), np.zeros(len(chosen))
     for row, number in enumerate(chosen):
         found = np.zeros(len(points))
-        _facing(emitters, number, unit, *rule, found)
+        _facing(emitters, number, unit, *tube_rule(), found)
         lit = np.flatnonzero(found)
-        middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
-        aim, reach = (back @ np.append(middle, 1.0))[:3], float(emitters.reach[number]) * frame.diagonal / scale
-        found[lit] *= sees(points[lit], normals[lit], aim, reach, surface)
+        found[lit] *= sees(emitters, number, frame, scene_from_splat, points[lit], normals[lit], surface)
         found *= float(luminance(emitters.color[number].astype(np.float64)))
         total += found
         shares[row] = found.sum()

@@ -39,18 +39,13 @@ def lamp_lobes(
     total = np.zeros((len(points), 3))
     if not len(points):
         return total
-    nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
-    rule = (nodes + 1.0) / 2.0, weights / 2.0
     for number in brightest(emitters, points):
         found = np.zeros(len(points))
-        _lobe(emitters, number, points, normals, toward, view.alpha.astype(np.float64), *rule, found)
+        _lobe(emitters, number, points, normals, toward, view.alpha.astype(np.float64), *tube_rule(), found)
         lit = np.flatnonzero(found)
         if not len(lit):
             continue
-        middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
-        aim = (np.append(middle, 1.0) @ np.linalg.inv(scene_from_splat).T)[:3]
-        reach = float(emitters.reach[number]) * frame.diagonal / float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
-        seen = sees(pixels.points[lit], pixels.normals[lit], aim, reach, surface)
+        seen = sees(emitters, number, frame, scene_from_splat, pixels.points[lit], pixels.normals[lit], surface)
         total[lit] += (found[lit] * seen)[:, None] * emitters.color[number].astype(np.float64)
     return total * view.strength
 
@@ -63,14 +58,28 @@ def brightest(emitters: Emitters, points: NDArray[np.float64]) -> NDArray[np.int
     return np.argsort(-power, kind="stable")[:MOST_EMITTERS]
 
 
+def tube_rule() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes and weights along a tube, from 0 to 1, as `unoccluded` takes them."""
+    nodes, weights = np.polynomial.legendre.leggauss(TUBE_NODES)
+    return (nodes + 1.0) / 2.0, weights / 2.0
+
+
 def sees(
+    emitters: Emitters,
+    number: int,
+    frame: Frame,
+    scene_from_splat: Matrix4,
     points: Points,
     normals: Directions,
-    aim: NDArray[np.float64],
-    reach: float,
     surface: Surface,
 ) -> NDArray[np.bool_]:
-    """(Q,) bool: whether nothing hides a place `aim`, or what stands within `reach` of it, from points."""
+    """(Q,) bool: whether nothing hides the middle of an emitter, or what stands within its reach of it, from points.
+
+    frame: that the emitters are in, of the frame of the scene. points, normals: (Q, 3), frame of the splat.
+    """
+    middle = frame.center + frame.diagonal * emitters.middle[number].astype(np.float64)
+    aim = (np.append(middle, 1.0) @ np.linalg.inv(scene_from_splat).T)[:3]
+    reach = float(emitters.reach[number]) * frame.diagonal / float(np.cbrt(np.linalg.det(scene_from_splat[:3, :3])))
     start = points + LIFT * surface.diagonal * normals
     way = aim - start
     length = np.linalg.norm(way, axis=1, keepdims=True)
