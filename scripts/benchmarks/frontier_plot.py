@@ -10,6 +10,7 @@ COLORS = {
     "blinn-phong": "#9a9a9a",
 }
 PLAN_COLOR = "#c22f2f"
+PLAN_LABEL = {"textcoords": "offset points", "color": PLAN_COLOR, "weight": "bold"}
 
 
 def label(row):
@@ -125,3 +126,44 @@ def draw(found, path):
     axes.set_title(f"Error against work, geometric means over {len(found['scenes'])} scenes under {lights} lights")
     figure.tight_layout()
     figure.savefig(path)
+
+
+def draw_panels(panels, path):
+    """A plot for each panel of `frontier_places`: log work, log error, the grid, what nothing quicker beats, plans."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    across = min(3, len(panels))
+    down = -(-len(panels) // across)
+    figure, axes = plt.subplots(down, across, figsize=(4.6 * across, 3.8 * down), dpi=110, squeeze=False)
+    for spot, panel in zip(axes.flat, panels, strict=False):
+        rows = [row for row in panel["rows"] if row["error"] > 0.0]
+        fixed, plans = ([row for row in rows if row["plan"] == kind] for kind in (False, True))
+        best, least = [], np.inf
+        for row in sorted(fixed, key=lambda row: row["work"]):
+            if row["error"] < least:
+                best.append((row["work"], row["error"]))
+                least = row["error"]
+        spot.scatter(*_places(fixed), s=16, color=COLORS["raytraced"], alpha=0.5, linewidths=0)
+        spot.plot(*np.array(best).T, color="#333333", lw=1.2, zorder=3)
+        spot.plot(*_places(plans), "*-", color=PLAN_COLOR, ms=12, zorder=5, mec="white", mew=0.8)
+        for row in plans:
+            name = row["setting"].split(":")[0] if ":" in row["setting"] else row["setting"]
+            spot.annotate(name, (row["work"], row["error"]), (6, 4), fontsize=8, **PLAN_LABEL)
+        spot.set(xscale="log", yscale="log", title=f"{panel['scene']}, {panel['panel']}")
+        spot.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g}%")
+        spot.grid(color="#dddddd", lw=0.7)
+        spot.set_axisbelow(True)
+        spot.spines[["top", "right"]].set_visible(False)
+    for spot in axes.flat[len(panels) :]:
+        spot.remove()
+    figure.supxlabel("work per vertex, in shadow rays of bare Embree", fontsize=10)
+    figure.supylabel("relative error", fontsize=10)
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+def _places(rows):
+    return np.array([(row["work"], row["error"]) for row in rows]).T.reshape(2, -1)
