@@ -117,7 +117,7 @@ class RelitSplat:
     _sources: list[Path]
 
     def save(self, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-        """Write the splats in the format of the name: .ply, .spz, .compressed.ply or another that has a writer.
+        """Write the splats in the format of the name: .ply, .spz, .compressed.ply or .sog.
 
         From a .ply to a .ply all but the colours stays the same to the bit. Raises InputError for other names, and
         for a file that exists, unless `overwrite`.

@@ -5,7 +5,6 @@ photographs, as in 3D Gaussian splatting (Kerbl et al., 2023) without its densif
 """
 
 import time
-from dataclasses import replace
 
 import numpy as np
 import torch
@@ -23,7 +22,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from .blending import PARTS, draw, gradients
 
 RATES = {"means": 0.02, "log_scales": 0.01, "quats": 0.003, "logits": 0.05, "dc": 0.01}
-"""Largest steps of Adam; of means in units of each splat's own size. All fall to a tenth."""
+"""Largest steps of Adam; of means in units of each splat's own size. """
 
 LEAST_OPACITY = 0.02
 """Fainter splats are left out at the end."""
@@ -32,56 +31,52 @@ STRUCTURE, WINDOW = 0.2, 11
 """Weight of structural similarity in the loss, beside that of absolute differences, and its window in pixels."""
 
 HELD_OUT = 8
-"""Every so manieth view is not trained on."""
+"""One view of so many is not trained on."""
 
-SMALL = 0.5, 0.4
-"""Scale of the pictures at first, and the share of the steps for which it holds."""
+SMALL_UNTIL, LAST_PACE = 0.4, 0.1
+"""Share of the training in which pictures have half their size, and the pace at its end over that at first."""
+
+SAMPLES, REPORTED = 2, 100
+"""Samples along a side of a photograph's pixel; steps from one line of progress to the next."""
 
 
 def train_capture(options):
-    """Train and save a capture; returns lines to print.
+    """Train a capture and save it to `out`, as `.ply` or `.sog`; returns lines to print.
 
-    options: kind, seed, env, splats, views, pixels, minutes or steps, out, say.
+    options: kind, seed, env, splats, vertices (of the place), views, pixels (their sides), minutes and steps (the most
+    of both), out, say (takes lines of progress).
     """
     say, rng = options.say, np.random.default_rng(options.seed)
     place = build_place(options.kind, options.seed, options.vertices)
     views = capture_views(place, options.views, options.pixels)
     lighting = light(place, capture_sky(options.env))
     made = capture(place, lighting, views, options.splats, options.seed)
-    kept = np.flatnonzero(made.region != FLOATER)
-    splats = made.splats.take(kept)
-    say(f"{len(splats)} splats, {len(views)} views of {options.pixels} pixels")
-    photographs = []
-    for number, view in enumerate(views):
-        photographs.append(np.uint8(255 * display(made.exposure * photograph(lighting, view, 2)[0]) + 0.5))
-        if number % 20 == 0:
-            say(f"photograph {number + 1}")
-    held = list(range(HELD_OUT // 2, len(views), HELD_OUT))
-    shown = [number for number in range(len(views)) if number not in held]
-    student = Student(splats)
-    start, before = time.monotonic(), quality(student.splats(), [views[n] for n in held], [photographs[n] for n in held])
-    say(f"before: {before:.2f} dB in views that are not trained on")
-    order = []
+    student = Student(made.splats.take(np.flatnonzero(made.region != FLOATER)))
+    say(f"{len(student.steps)} splats, {len(views)} views of {options.pixels} pixels")
+    photographs = [
+        np.uint8(255 * display(made.exposure * photograph(lighting, view, SAMPLES)[0]) + 0.5) for view in views
+    ]
+    held, shown = np.arange(len(views))[HELD_OUT // 2 :: HELD_OUT], []
+    before, start, seconds = quality(student.splats(), views, photographs, held), time.monotonic(), 60 * options.minutes
     for step in range(options.steps):
-        if time.monotonic() - start > 60.0 * options.minutes:
+        done = max(step / options.steps, (time.monotonic() - start) / seconds)
+        if done >= 1.0:
             break
-        order = order or list(rng.permutation(shown))
-        number = order.pop()
-        done = max(step / options.steps, (time.monotonic() - start) / (60.0 * options.minutes))
+        shown = shown or rng.permutation(np.setdiff1d(np.arange(len(views)), held)).tolist()
+        number = shown.pop()
         view, photo = views[number], photographs[number].astype(np.float32) / 255.0
-        if done < SMALL[1]:
-            view, photo = view.resized(round(SMALL[0] * view.width)), halved(photo)
-        loss = student.step(view, photo, 0.1**done)
-        if step % 50 == 0:
+        if done < SMALL_UNTIL:
+            view, photo = view.resized(view.width // 2), halved(photo)
+        loss = student.step(view, photo, LAST_PACE**done)
+        if step % REPORTED == 0:
             say(f"step {step}, {time.monotonic() - start:.0f} s: loss {loss:.4f}")
-        if step % 200 == 199:
             student.splats().save(options.out, overwrite=True)
-    result = student.splats()
-    after = quality(result, [views[n] for n in held], [photographs[n] for n in held])
-    result = result.take(result.opacities > LEAST_OPACITY)
-    result.save(options.out, overwrite=True)
-    size = options.out.stat().st_size / 1e6
-    return [f"{options.out}: {len(result)} splats, {size:.1f} MB; {before:.2f} to {after:.2f} dB in views not trained on"]
+    trained = student.splats()
+    after = quality(trained, views, photographs, held)
+    trained = trained.take(np.flatnonzero(trained.opacities > LEAST_OPACITY))
+    trained.save(options.out, overwrite=True)
+    gain = f"{before:.2f} to {after:.2f} dB in views that were not trained on"
+    return [f"{options.out}: {len(trained)} splats, {options.out.stat().st_size / 1e6:.1f} MB; {gain}"]
 
 
 def display(linear):
@@ -90,18 +85,15 @@ def display(linear):
 
 
 def halved(picture):
-    """A picture of half the size."""
-    height, width = picture.shape[0] // 2 * 2, picture.shape[1] // 2 * 2
-    return picture[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
+    """A square picture (S, S, 3) of half the size, S even."""
+    side = len(picture) // 2
+    return picture.reshape(side, 2, side, 2, 3).mean(axis=(1, 3))
 
 
-def quality(splats, views, photographs):
-    """Mean PSNR in dB of splats from views, against photographs (H, W, 3) uint8."""
-    errors = [
-        np.mean((np.clip(draw(splats, view).picture, 0, 1) - photo / 255.0) ** 2)
-        for view, photo in zip(views, photographs, strict=True)
-    ]
-    return float(-10 * np.log10(errors).mean())
+def quality(splats, views, photographs, chosen):
+    """Mean PSNR in dB of splats from the chosen views, against photographs (H, W, 3) uint8."""
+    pairs = [(np.clip(draw(splats, views[number]).picture, 0, 1), photographs[number] / 255.0) for number in chosen]
+    return float(np.mean([-10 * np.log10(np.mean((shown - true) ** 2)) for shown, true in pairs]))
 
 
 class Student:

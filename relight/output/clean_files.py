@@ -8,7 +8,7 @@ import numpy as np
 from splat2mesh.base.arrays import Mask
 from splat2mesh.base.progress import Stages
 from splat2mesh.scene.scene import Scene
-from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
+from splat2mesh.splats.formats import can_hold, kind_of, write_splats
 from splat2mesh.splats.formats.selected import write_selected
 from splat2mesh.splats.splats import Splats
 
@@ -53,7 +53,7 @@ class CleanFiles:
                 return [name]
             kept = self._splats.take(np.flatnonzero(keep))
             write_splats(folder / name, kept)
-            if kind not in WRITERS:
+            if not can_hold(kind, kept):
                 return [name]
             write_splats(folder / f"clean_splat.{kind}", kept, kind)
         return [name, f"clean_splat.{kind}"]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splat2mesh.scene.color import luminance
-from splat2mesh.splats.formats import WRITERS, kind_of, write_splats
+from splat2mesh.splats.formats import can_hold, kind_of, write_splats
 from splat2mesh.splats.splats import Splats
 
 from ..engine.assumed_light import assumed_change
@@ -84,7 +84,7 @@ class RelitSource:
             source = self._paths[0] if len(self._paths) == 1 else None
             write_relit_ply(folder / FILES["splat"], relit, source)
             kind = kind_of(source) if source else "ply"
-            if kind == "ply" or kind not in WRITERS:
+            if kind == "ply" or not can_hold(kind, relit):
                 return []
             name = f"relit_splat.{kind}"
             write_splats(folder / name, relit, kind)

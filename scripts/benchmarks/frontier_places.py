@@ -5,11 +5,11 @@ are measured for each, with the albedo that `relight` estimates:
 sky     the light of --env: bands, rays and suns, bounces, leaves as volumes
 lamp    one bulb, alone: rays in half-shadows, rays of the first bounce
 gloss   rays of a glossy pixel's lobe, and no gloss at all; on the relit splat
-Errors are relative L2: of exit radiance over 1,500 vertices, for gloss of the drawn colours of glossy pixels. The truth is
-the same code with its finest settings and another seed; of the sky's direct light its distance from
-`relight.transfer.reference` is printed. Times are processor seconds of all threads over those in which bare Embree shoots
-one shadow ray from every vertex. The time of a plan includes planning; what the estimate of the captured light left in
-memory is not used.
+Errors are relative L2: of exit radiance over 1,500 vertices, for gloss of the colours of eight pictures. The truth is
+the same code with its finest settings and another seed; how far the sky's direct light is there from
+`relight.transfer.reference` is printed. Times are processor seconds of all threads over those in which bare Embree
+shoots one shadow ray from every vertex. The time of a plan includes planning. Nothing that the estimate of the captured
+light has traced is used, but for the bounces of lamps.
 """
 
 import json
@@ -90,7 +90,7 @@ def made(kind, options):
     if not folder.exists():
         words = ["--kind", kind, "--splats", str(options.splats), *MADE.get(kind, []), "--overwrite", "-q"]
         subprocess.run([sys.executable, "-m", "scenes", capture, *words], check=True, cwd=ROOT)
-        source = next(capture.rglob("point_cloud.ply"))
+        source = next(path for path in capture.rglob("*.ply") if path.stem in ("point_cloud", "splat"))
         convert(source, vertices=options.vertices, texture="none").save(folder)
     return folder
 

@@ -123,7 +123,7 @@ class Splats:
         Parameters
         ----------
         path : path
-            Ends in .ply, which is exact, or in .spz or .compressed.ply, which are small and quantised.
+            Ends in .ply, which is exact, or in .spz, .compressed.ply or .sog, which are small and quantised.
         overwrite : bool
             Whether a file of that name may be replaced.
 

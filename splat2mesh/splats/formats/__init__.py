@@ -3,10 +3,11 @@
 from .inria import write_inria_ply
 from .parts import check_lod, parts_of
 from .read import kind_of, read_splats
-from .write import WRITERS, kind_of_name, write_splats
+from .write import WRITERS, can_hold, kind_of_name, write_splats
 
 __all__ = [
     "WRITERS",
+    "can_hold",
     "check_lod",
     "kind_of",
     "kind_of_name",

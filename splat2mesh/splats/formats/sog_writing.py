@@ -6,13 +6,16 @@ Source: developer.playcanvas.com, "The SOG format".
 import io
 import json
 import math
+import os
 import warnings
+import zipfile
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...base.errors import DataWarning
+from ...base.outputs import staged_file
 from ...base.version import VERSION
 from ..splats import Splats
 from .encoding import hide_unusable, levels, smallest_three
@@ -22,6 +25,26 @@ ENTRIES, BINS, ROUNDS = 256, 1 << 16, 12
 
 LEAST_SCALE_LOG = -30.0
 """A scale of 0 counts as this: a tenth of a million-millionth."""
+
+
+def write(path: str | os.PathLike[str], splats: Splats) -> None:
+    """Write a SOG in one file, a zip, row i being splat i; the file appears only once it is complete.
+
+    Parameters
+    ----------
+    path : path
+    splats : Splats
+        Their neighbours in space are best neighbours in the file, too, which makes it smaller: `Splats.spatial_order`.
+
+    Warns
+    -----
+    DataWarning
+        As `sog_files`.
+    """
+    files = sog_files(splats, os.fspath(path))
+    with staged_file(path) as staging, zipfile.ZipFile(staging, "w") as archive:  # images are compressed already
+        for name, data in files.items():
+            archive.writestr(zipfile.ZipInfo(name), data)
 
 
 def sog_files(splats: Splats, path: str = "splats") -> dict[str, bytes]:

@@ -5,13 +5,14 @@ from collections.abc import Callable
 
 from ...base.errors import InputError
 from ..splats import Splats
-from . import compressed_ply, spz
+from . import compressed_ply, sog_writing, spz
 from .inria import write_inria_ply
 
 WRITERS: dict[str, Callable[[str | os.PathLike[str], Splats], None]] = {
     "ply": write_inria_ply,
     "spz": spz.write,
     "compressed.ply": compressed_ply.write,
+    "sog": sog_writing.write,
 }
 """Writers by kind, which is also the suffix of the file; they take a path and Splats."""
 
@@ -42,6 +43,23 @@ def kind_of_name(path: str | os.PathLike[str]) -> str:
     return max(kinds, key=len)
 
 
+def can_hold(kind: str, splats: Splats) -> bool:
+    """Return whether a kind of file has a writer that keeps all colours of some splats.
+
+    Parameters
+    ----------
+    kind : str
+        Of any splat file.
+    splats : Splats
+
+    Returns
+    -------
+    bool
+        False for "sog" and splats with harmonics beyond the first, which its writer leaves out.
+    """
+    return kind in WRITERS and (kind != "sog" or not splats.degree)
+
+
 def write_splats(path: str | os.PathLike[str], splats: Splats, kind: str = "ply") -> None:
     """Write splats, row i being splat i; the file appears only once it is complete.
 
@@ -53,7 +71,7 @@ def write_splats(path: str | os.PathLike[str], splats: Splats, kind: str = "ply"
         N Gaussians in the frame of an INRIA PLY. Rows that hold no finite values go out as they are in a PLY, else as
         transparent splats.
     kind : str
-        A key of `WRITERS`: "ply" is exact, "spz" and "compressed.ply" are small and quantised.
+        A key of `WRITERS`: "ply" is exact, "spz", "compressed.ply" and "sog" are small and quantised.
 
     Raises
     ------

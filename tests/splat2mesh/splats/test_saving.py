@@ -22,7 +22,14 @@ def test_a_ply_comes_back(tmp_path):
     np.testing.assert_allclose(found.opacities, splats.opacities, rtol=1e-6)
 
 
-NAMES = {"a.ply": "ply", "a.spz": "spz", "a.compressed.ply": "compressed.ply", "A.PLY": "ply", "a.ply.SPZ": "spz"}
+NAMES = {
+    "a.ply": "ply",
+    "a.spz": "spz",
+    "a.compressed.ply": "compressed.ply",
+    "A.PLY": "ply",
+    "a.ply.SPZ": "spz",
+    "a.sog": "sog",
+}
 
 
 @pytest.mark.parametrize(("name", "kind"), NAMES.items())
@@ -46,9 +53,9 @@ def test_a_file_that_exists_is_replaced_only_by_overwrite(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
 
 
-@pytest.mark.parametrize("name", ["a.splat", "a.sog", "a", "ply"])
+@pytest.mark.parametrize("name", ["a.splat", "a.sog.zip", "a", "ply"])
 def test_a_name_of_no_kind_is_refused_before_anything_is_written(tmp_path, name):
-    with pytest.raises(InputError, match=r"expected a name that ends in \.ply \.spz \.compressed\.ply"):
+    with pytest.raises(InputError, match=r"expected a name that ends in \.ply \.spz \.compressed\.ply \.sog"):
         make_splats(20, 0).save(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sog_samples import store_folder
-from splat_samples import make_splats
+from splat_samples import assert_same, make_splats
 
 from splat2mesh.base.errors import DataWarning
-from splat2mesh.splats.formats.read import read_splats
+from splat2mesh.splats.formats import can_hold, kind_of, read_splats, write_splats
 from splat2mesh.splats.formats.sog_writing import sog_files
 
 
@@ -40,3 +40,14 @@ def test_what_it_cannot_hold_is_reported(tmp_path):
     with pytest.warns(DataWarning, match="1 of 20"):
         files = sog_files(replace(splats, means=broken))
     assert read_splats(store_folder(tmp_path, files)).opacities[3] == 0.0
+
+
+def test_one_file_holds_the_same_as_the_folder(tmp_path):
+    splats = make_splats(400, 0)
+    write_splats(tmp_path / "a.sog", splats, "sog")
+    assert kind_of(tmp_path / "a.sog") == "sog"
+    assert_same(read_splats(tmp_path / "a.sog"), read_splats(store_folder(tmp_path, sog_files(splats))))
+    before = (tmp_path / "a.sog").read_bytes()
+    write_splats(tmp_path / "a.sog", splats, "sog")
+    assert (tmp_path / "a.sog").read_bytes() == before
+    assert can_hold("sog", splats) and not can_hold("sog", make_splats(20, 1)) and can_hold("spz", make_splats(20, 1))
