@@ -254,7 +254,7 @@ def test_a_failed_write_leaves_nothing(tmp_path, kind):
 
 def test_an_unknown_kind_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot write splats as 'splat': expected one of ply spz compressed"):
-        write_splats(tmp_path / "a.sog", make_splats(20, 0), "sog")
+        write_splats(tmp_path / "a.splat", make_splats(20, 0), "splat")
 
 
 def test_the_spz_header_is_version_3_without_flags(tmp_path):
