@@ -33,7 +33,7 @@ WAY = 11
 """Version of the estimate of light and albedo. It increases when the numbers change, and invalidates cached
 estimates."""
 
-CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (32, 64))
+CAPTURE, CAPTURE_OF_PLACE = (Settings("raytraced", 8, 64, bounce_rays=rays) for rays in (16, 32))
 """Transfer and bounces for the estimate of the captured light. In a place they are those that most lights need later,
 and the cache then holds them."""
 

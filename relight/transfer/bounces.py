@@ -18,14 +18,16 @@ from collections import deque
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splat2mesh.base.arrays import Floats, Integers, Transfer
+from splat2mesh.base.arrays import Floats, Transfer
 from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
+from .bounce_blend import FIELDS, BounceBlend, Rings, known_lights
 from .bounce_places import BouncePlaces, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
+from .neighbors import Neighbors
 from .occluder import Occluder
 from .receivers import Receivers
 from .settings import BOUNCE_TOLERANCE
@@ -52,7 +54,7 @@ class Interreflection:
     scene into chunks changes no bit. rays: per vertex. hits: (V,) int32, how many of them met something. back_hits:
     which share of these, over the scene, met the back of a face. entries: how many met a front. nbytes: memory of the
     matrix. shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose
-    rows were traced; None for all.
+    rows were traced; None for all. Where neighbours are given, what rays met is averaged over rings: `bounce_blend`.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class Interreflection:
         visible: Floats | None = None,  # (V,) visible fraction of the cosine lobe; see `visible_fraction`
         advance: Advance = lambda count: None,  # called with the number of vertices done
         receivers: Receivers | None = None,  # the rows that are traced, from which others take over; all without
+        neighbors: Neighbors | None = None,  # of the occluder; without, every vertex has its own rays alone
     ) -> None:
         """Trace the rays. A row depends on its vertex, the seed and the scene, not on vertex order or threads.
 
@@ -72,24 +75,31 @@ class Interreflection:
         Raises InputError for rays outside 1..65536 and for a `visible` that is not (V,) in [0, 1].
         """
         places = BouncePlaces.shot(occluder, rays, seed, advance, receivers)
-        self._make(places, rays, occluder.faces, visible, receivers)
+        self._make(places, rays, occluder, visible, receivers, neighbors)
 
     @classmethod
     def of_places(
         cls,
         places: BouncePlaces,
         rays: int,
-        faces: Integers,  # (F, 3) of the mesh
+        occluder: Occluder,
         visible: Floats | None = None,
         receivers: Receivers | None = None,
+        neighbors: Neighbors | None = None,
     ) -> "Interreflection":
         """The same of rays that were traced before."""
         self = cls.__new__(cls)
-        self._make(places, rays, faces, visible, receivers)
+        self._make(places, rays, occluder, visible, receivers, neighbors)
         return self
 
     def _make(
-        self, places: BouncePlaces, rays: int, faces: Integers, visible: Floats | None, receivers: Receivers | None
+        self,
+        places: BouncePlaces,
+        rays: int,
+        occluder: Occluder,
+        visible: Floats | None,
+        receivers: Receivers | None,
+        neighbors: Neighbors | None,
     ) -> None:
         self.rays, self.receivers = rays, receivers
         self._rows, self.hits = places.rows, places.hits
@@ -98,7 +108,12 @@ class Interreflection:
         self.shares = 1.0 / places.copies
         self._starts = np.append(0, np.cumsum(places.used, dtype=np.int64))
         self._corners, self._parts = np.empty((count, 3), np.uint32), np.empty((count, 2), np.uint8)
-        in_slices(unpack, count, places.places, read_only(faces, np.uint32), self._corners, self._parts)
+        in_slices(unpack, count, places.places, read_only(occluder.faces, np.uint32), self._corners, self._parts)
+        self._normals = occluder.normals
+        self._blend: BounceBlend | None = None
+        fronts = np.zeros_like(self.hits)
+        fronts[places.rows] = places.used
+        self._rings = None if neighbors is None else Rings.of(neighbors, self.hits, fronts)
         self.scale_to(visible)
 
     @property
@@ -124,6 +139,16 @@ class Interreflection:
             expected = f"({len(self.hits)},) or ({len(self.hits)}, C)"
             raise InputError(f"the radiance must have shape {expected}, found {radiance.shape}")
         columns = read_only(radiance.reshape(len(radiance), -1))
+        if self._blend is None:
+            result = self._gathered(columns, self._scale)
+        else:
+            result = self._hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
+        if self.receivers is not None:
+            self.receivers.filled(result)
+        return result.reshape(radiance.shape)
+
+    def _gathered(self, columns: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(V, C) sums over the hits of each row of columns (V, C), times a scale (V,)."""
         result = np.zeros_like(columns)
         kernel = gather_rgb if columns.shape[1] == 3 else gather
         batch = batch_of(self.rays)
@@ -131,26 +156,36 @@ class Interreflection:
         def work(start: int) -> None:
             part = slice(start, start + batch)
             starts = self._starts[start : start + batch + 1]
-            kernel(self._rows[part], starts, self._corners, self._parts, self._scale, columns, result)
+            kernel(self._rows[part], starts, self._corners, self._parts, scale, columns, result)
 
         deque(in_order(work, range(0, len(self._rows), batch)), maxlen=0)
-        if self.receivers is not None:
-            self.receivers.filled(result)
-        return result.reshape(radiance.shape)
+        return result
 
     def scale_to(self, visible: Floats | None) -> None:
         """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
-        self._scale = self._scales(visible)
-
-    def _scales(self, visible: Floats | None) -> NDArray[np.float32]:
-        """(V,) float32: what turns the plain sums over hits into rows."""
         if visible is None:
-            return np.full(len(self.hits), 1.0 / self.rays, np.float32)
-        visible = np.asarray(visible, np.float64)
-        if visible.shape != self.hits.shape or not (np.abs(visible - 0.5) < 0.5 + ROUNDING).all():
-            raise InputError(f"visible fractions must be ({len(self.hits)},) in [0, 1], found {_described(visible)}")
-        hidden = np.clip(1.0 - visible, 0.0, 1.0)
-        return (hidden / np.maximum(self.hits, 1)).astype(np.float32)
+            self._hidden = (self.hits / self.rays).astype(np.float32)
+            self._scale = np.full(len(self.hits), 1.0 / self.rays, np.float32)
+        else:
+            visible = np.asarray(visible, np.float64)
+            if visible.shape != self.hits.shape or not (np.abs(visible - 0.5) < 0.5 + ROUNDING).all():
+                found = _described(visible)
+                raise InputError(f"visible fractions must be ({len(self.hits)},) in [0, 1], found {found}")
+            hidden = np.clip(1.0 - visible, 0.0, 1.0)
+            self._hidden = hidden.astype(np.float32)
+            self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
+        self._blend = None if self._rings is None else self._blend_over(self._rings)
+
+    def _blend_over(self, rings: Rings) -> BounceBlend:
+        lights = known_lights(1.0 - self._hidden, self._normals)
+        if self.receivers is not None:
+            self.receivers.filled(lights)
+        met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)
+        return BounceBlend(rings, met[:, :FIELDS], met[:, FIELDS:], self.rays)
+
+    @property
+    def _per_hit(self) -> NDArray[np.float32]:
+        return np.float32(1.0) / np.maximum(self.hits, 1).astype(np.float32)
 
 
 def visible_fraction(

@@ -26,6 +26,7 @@ from .kept import (
     serves,
     stands_for,
 )
+from .neighbors import Neighbors
 from .receivers import Receivers
 from .settings import Settings
 from .store import Cache, array_key
@@ -80,6 +81,14 @@ class Precomputed:
             with self._stages.stage("occluder"):
                 self._occluder = Occluder(self.scene.vertices, self.scene.normals, self.scene.faces)
         return self._occluder
+
+    @property
+    def _neighbors(self) -> Neighbors:
+        """The Neighbors of the occluder."""
+        if self._visibility is not None:
+            return self._visibility.neighbors
+        occluder = self.occluder
+        return Neighbors(occluder.origins, occluder.normals, occluder.faces)
 
     @property
     def receivers(self) -> Receivers:
@@ -179,7 +188,7 @@ class Precomputed:
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
-            return Interreflection.of_places(places, rays, faces, visible, receivers)
+            return Interreflection.of_places(places, rays, self.occluder, visible, receivers, self._neighbors)
 
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
@@ -192,7 +201,7 @@ class Precomputed:
         occluder, receivers = self.occluder, self.receivers
         with self._stages.stage("bounce rays", len(receivers.rows)) as advance:
             places = BouncePlaces.shot(occluder, rays, self.seed, advance, receivers)
-            found = Interreflection.of_places(places, rays, occluder.faces, visible, receivers)
+            found = Interreflection.of_places(places, rays, occluder, visible, receivers, self._neighbors)
         self.rays_traced += rays * len(receivers.rows)
         with self._stages.stage("keep"):
             self.cache.put("bounces", rays, self.seed, receivers.key, **places._asdict())

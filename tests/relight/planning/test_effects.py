@@ -13,6 +13,7 @@ from relight.options import LightingOptions
 from relight.planning.effects import EFFECTS
 from relight.transfer import bounce_places, occluder, visibility
 from relight.transfer.bounces import DEFAULT_BOUNCE_RAYS, Interreflection, visible_fraction
+from relight.transfer.neighbors import Neighbors
 from relight.transfer.occluder import Occluder
 from relight.transfer.raytraced import raytraced_scene
 from relight.transfer.reference import reference
@@ -113,7 +114,8 @@ def test_shading_is_the_sum_of_its_parts(scene, albedo, effects, name):
         direct = direct + sunlight(everything, slice(None), suns)
     radiance = increment = albedo * np.maximum(direct, 0.0)
     if "bounces" in chosen:
-        matrix = Interreflection(everything, DEFAULT_BOUNCE_RAYS, 3, visible_fraction(transfer))
+        neighbors = Neighbors(everything.origins, everything.normals, everything.faces)
+        matrix = Interreflection(everything, DEFAULT_BOUNCE_RAYS, 3, visible_fraction(transfer), neighbors=neighbors)
         dense = matrix.bounce(np.eye(len(transfer), dtype=np.float32)).astype(np.float64)
         for share in shading.bounces:
             increment = albedo * (dense @ increment)

@@ -184,7 +184,7 @@ def test_interreflection_comes_back_to_the_bit(folder, noon):
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     for each in (None, visible):
         fresh = Interreflection(occluder, 24, 4, each)
-        restored = Interreflection.of_places(places, 24, scene.faces, each)
+        restored = Interreflection.of_places(places, 24, occluder, each)
         np.testing.assert_array_equal(restored.bounce(light), fresh.bounce(light))
         assert (restored.entries, restored.back_hits, restored.rays) == (fresh.entries, fresh.back_hits, 24)
         for name in ("hits", "shares"):

@@ -105,7 +105,7 @@ def test_kept_bounces_of_a_scene_in_chunks_are_found_again(scene):
     light = np.random.default_rng(1).random((len(scene.vertices), 3), np.float32)
     faces, traced = occluder.faces, np.ones(len(scene.vertices), bool)
     kept = BouncePlaces.restored(places._asdict(), 16, len(faces), traced)
-    again = Interreflection.of_places(kept, 16, faces)
+    again = Interreflection.of_places(kept, 16, occluder)
     np.testing.assert_array_equal(again.bounce(light), made.bounce(light))
     assert (again.entries, again.back_hits, again.rays) == (made.entries, made.back_hits, 16)
 
