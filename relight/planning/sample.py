@@ -73,6 +73,17 @@ class Sample:
             other._thicken(self._foliage)
         return other
 
+    def wider(self, count: int) -> "Sample":
+        """So many vertices of the same scene, of which `open` and `seen` are not known."""
+        other = copy.copy(self)
+        other.rows, other.chunk, other.weights, _ = _stratified(self.occluder.origins, self.sizes, count, self._traced)
+        other.normals = self.occluder.normals[other.rows]
+        leaf = np.zeros(len(self.occluder.origins), np.float32)
+        if self._foliage is not None:
+            leaf[self._foliage.rows] = self._foliage.share[:, 0]
+        other.solid = 1.0 - leaf[other.rows]
+        return other
+
     def thickened(self, foliage: Foliage) -> tuple["Sample", float]:
         """(The same Sample with leaves and grass as volumes, seconds for a direction from all probes of a Foliage)."""
         foliage.probe_count  # noqa: B018  is found once, and not timed

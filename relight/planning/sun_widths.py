@@ -15,7 +15,7 @@ from ..light.suns import Suns
 from . import cells
 from .sample import Sample
 
-RAYS = 8
+RAYS = 4
 """To each patch, in two halves whose product has no noise."""
 
 QUARTERS = 4
@@ -28,24 +28,24 @@ FEW = 16
 def width_error(
     sample: Sample, tint: Floats | float, suns: Suns, variances: Floats, total: NDArray[np.float64]
 ) -> float:
-    """Relative L2 error of exit radiance, over four rotations of the light, of suns that shine as points.
+    """Relative L2 error of exit radiance, in the worst of four rotations of the light, of suns that shine as points.
 
-    sample: Sample. tint: (S, 1, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
+    sample: Sample. tint: (S, 3) albedo of its rows, or 1. suns: Suns of the unrotated light. variances: of their
     patches, as `sun_split.Rest` has them; patches are treated as discs. total: (TURNS,) norms of all light.
     """
     if not len(suns):
         return 0.0
     step = min(QUARTERS, 1 + len(suns) // FEW)
-    tint = np.broadcast_to(np.asarray(tint, np.float64), (len(sample.rows), 1, 3))[:, 0]
-    square = 0.0
+    tint = np.broadcast_to(np.asarray(tint, np.float64), (len(sample.rows), 3))
+    worst = 0.0
     for quarter in range(QUARTERS):
         rows = np.arange(quarter % step, len(sample.rows), step)
         turned = suns.rotated(360.0 * quarter / QUARTERS)
         halves = _off(sample, rows, turned, variances) * tint[rows]
         share = sample.weights[rows] * np.square(sample.solid[rows])
         among = total[quarter * cells.TURNS // QUARTERS] ** 2 * sample.weights[rows].sum()
-        square += share @ (halves[0] * halves[1]).sum(axis=1) / among / QUARTERS
-    return math.sqrt(max(square, 0.0))
+        worst = max(worst, float(share @ (halves[0] * halves[1]).sum(axis=1) / among))
+    return math.sqrt(worst)
 
 
 def _off(sample: Sample, rows: Indices, suns: Suns, variances: Floats) -> NDArray[np.float64]:
