@@ -64,15 +64,12 @@ vec3 liveLamps(uvec4 g, int count, int row, float alpha, vec3 center, vec3 n, ve
   }
   return sum;
 }
-float liveSeen(vec4 coefficients, vec3 way) {
-  return clamp(dot(coefficients, vec4(0.282095, 0.488603 * way.yzx)), 0.0, 1.0);
-}
-vec3 liveGloss(vec3 center, vec3 lit, vec3 gain, vec3 diffuse) {
+vec3 liveGloss(vec3 center, vec3 lit, vec3 gain) {
   uvec4 g = loadGloss();
   int material = int(g.x >> 16 & 255u) - 1;
   if (material < 0 || uLiveHidden.w == 0.0) return lit;
   int end = textureSize(uLiveMirror, 0).y - 5;
-  vec4 of = texelFetch(uLiveMirror, ivec2(material & 127, end + (material >> 7)), 0), whole = texelFetch(uLiveMirror, ivec2(material & 127, end + 3 + (material >> 7)), 0);
+  vec4 of = texelFetch(uLiveMirror, ivec2(material & 127, end + (material >> 7)), 0), wide = texelFetch(uLiveMirror, ivec2(material & 127, end + 3 + (material >> 7)), 0);
   vec2 o = vec2(liveByte(g.x, 0), liveByte(g.x, 8)) / 127.0;
   vec3 n = vec3(o, 1.0 - abs(o.x) - abs(o.y));
   float fold = max(-n.z, 0.0);
@@ -84,7 +81,7 @@ vec3 liveGloss(vec3 center, vec3 lit, vec3 gain, vec3 diffuse) {
   vec3 r = 2.0 * cosine * n - toward;
   vec4 coefficients = vec4(liveByte(g.y, 16), liveByte(g.y, 24), liveByte(g.z, 0), liveByte(g.z, 8)), peaks;
   for (int i = 0; i < 4; i++) peaks[i] = texelFetch(uLiveMirror, ivec2(i, end + 2), 0).r;
-  float seen = liveSeen(coefficients * peaks, r);
+  float seen = clamp(dot(coefficients * peaks, vec4(0.282095, 0.488603 * r.yzx)), 0.0, 1.0);
   float rise = fract(of.a) > 0.25 ? 1.0 : 1.0 + 24.0 * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0);
   vec3 strength = min(of.rgb * rise, vec3(1.0));
   vec3 stands = liveLinear(vec3(float(g.x >> 24), float(g.y & 255u), float(g.y >> 8 & 255u)) / 255.0);
@@ -93,17 +90,13 @@ vec3 liveGloss(vec3 center, vec3 lit, vec3 gain, vec3 diffuse) {
   vec3 now = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uLiveHidden.rgb;
   now += liveLamps(g, int(uLiveHidden.w) - 1, end + 2, texelFetch(uLiveMirror, ivec2(8 + int(floor(of.a)), end + 2), 0).r, center, n, toward);
   vec3 before = liveLinear(max(lit, vec3(0.0))), ratio = pow(gain, vec3(2.4));
-  vec3 change = strength * (now - ratio * old), beside = max(whole.rgb - of.rgb, vec3(0.0));
-  if (beside.r + beside.g + beside.b > 0.0) {
-    int wide = 32 * int(whole.a);
-    float facing = liveSeen(coefficients * peaks, n);
-    vec3 usual = whole.rgb * (facing * liveMirror(0, wide, n) + (1.0 - facing) * stands);
-    vec3 share = beside * clamp(liveLinear(diffuse) / max(usual, vec3(1e-6)), 0.4, 2.5);
-    old = strength * old + share * (seen * liveMirror(0, wide, r) + (1.0 - seen) * stands);
-    now = strength * now + share * (seen * liveMirror(64, wide, r) + (1.0 - seen) * stands * uLiveHidden.rgb);
-    change = now - ratio * old;
-    vec3 other = min(20.0 * abs(change) / max(now + ratio * old, vec3(1e-30)), vec3(1.0)) * vec3(greaterThan(beside, vec3(0.0)));
-    change -= 0.5 * other * (before - ratio * old);
+  vec3 change = strength * (now - ratio * old);
+  if (wide.r + wide.g + wide.b > 0.0) {
+    row = 32 * int(wide.a);
+    vec3 gone = ratio * (strength * old + wide.rgb * (seen * liveMirror(0, row, r) + (1.0 - seen) * stands));
+    vec3 come = strength * now + wide.rgb * (seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uLiveHidden.rgb);
+    vec3 other = min(20.0 * abs(come - gone) / max(come + gone, vec3(1e-30)), vec3(1.0)) * vec3(greaterThan(wide.rgb, vec3(0.0)));
+    change = come - gone - 0.5 * other * (before - gone);
   }
   vec3 after = max(before + change, 0.02 * before);
   vec3 shown = mix(12.92 * after, 1.055 * pow(max(after, vec3(1e-9)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), after));
@@ -158,10 +151,7 @@ fn liveLamps(g: vec4u, count: i32, row: i32, alpha: f32, center: vec3f, n: vec3f
   }
   return sum;
 }
-fn liveSeen(coefficients: vec4f, way: vec3f) -> f32 {
-  return clamp(dot(coefficients, vec4f(0.282095, 0.488603 * way.yzx)), 0.0, 1.0);
-}
-fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f, diffuse: vec3f) -> vec3f {
+fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f) -> vec3f {
   let g = loadGloss();
   let material = i32((g.x >> 16u) & 255u) - 1;
   if (material < 0 || uniform.uLiveHidden.w == 0.0) {
@@ -169,7 +159,7 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f, diffuse: vec3f) -> vec3f {
   }
   let end = i32(textureDimensions(uLiveMirror).y) - 5;
   let made = liveTexel(material & 127, end + (material >> 7u));
-  let whole = liveTexel(material & 127, end + 3 + (material >> 7u));
+  let wide = liveTexel(material & 127, end + 3 + (material >> 7u));
   let o = vec2f(liveByte(g.x, 0u), liveByte(g.x, 8u)) / 127.0;
   var n = vec3f(o, 1.0 - abs(o.x) - abs(o.y));
   let fold = max(-n.z, 0.0);
@@ -181,28 +171,23 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f, diffuse: vec3f) -> vec3f {
   let r = 2.0 * cosine * n - toward;
   let coefficients = vec4f(liveByte(g.y, 16u), liveByte(g.y, 24u), liveByte(g.z, 0u), liveByte(g.z, 8u));
   let peaks = vec4f(liveTexel(0, end + 2).r, liveTexel(1, end + 2).r, liveTexel(2, end + 2).r, liveTexel(3, end + 2).r);
-  let seen = liveSeen(coefficients * peaks, r);
+  let seen = clamp(dot(coefficients * peaks, vec4f(0.282095, 0.488603 * r.yzx)), 0.0, 1.0);
   let rise = select(1.0 + 24.0 * pow(1.0 - clamp(cosine, 0.0, 1.0), 5.0), 1.0, fract(made.a) > 0.25);
   let strength = min(made.rgb * rise, vec3f(1.0));
   let stands = liveLinear(vec3f(f32(g.x >> 24u), f32(g.y & 255u), f32((g.y >> 8u) & 255u)) / 255.0);
   let row = 32 * i32(floor(made.a));
-  var old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
+  let old = seen * liveMirror(0, row, r) + (1.0 - seen) * stands;
   let hidden = seen * liveMirror(64, row, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb;
-  var now = hidden + liveLamps(g, i32(uniform.uLiveHidden.w) - 1, end + 2, liveTexel(8 + i32(floor(made.a)), end + 2).r, center, n, toward);
+  let now = hidden + liveLamps(g, i32(uniform.uLiveHidden.w) - 1, end + 2, liveTexel(8 + i32(floor(made.a)), end + 2).r, center, n, toward);
   let before = liveLinear(max(lit, vec3f(0.0)));
   let ratio = pow(gain, vec3f(2.4));
   var change = strength * (now - ratio * old);
-  let beside = max(whole.rgb - made.rgb, vec3f(0.0));
-  if (beside.r + beside.g + beside.b > 0.0) {
-    let wide = 32 * i32(whole.a);
-    let facing = liveSeen(coefficients * peaks, n);
-    let usual = whole.rgb * (facing * liveMirror(0, wide, n) + (1.0 - facing) * stands);
-    let share = beside * clamp(liveLinear(diffuse) / max(usual, vec3f(1e-6)), vec3f(0.4), vec3f(2.5));
-    old = strength * old + share * (seen * liveMirror(0, wide, r) + (1.0 - seen) * stands);
-    now = strength * now + share * (seen * liveMirror(64, wide, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb);
-    change = now - ratio * old;
-    let other = min(20.0 * abs(change) / max(now + ratio * old, vec3f(1e-30)), vec3f(1.0)) * select(vec3f(0.0), vec3f(1.0), beside > vec3f(0.0));
-    change -= 0.5 * other * (before - ratio * old);
+  if (wide.r + wide.g + wide.b > 0.0) {
+    let level = 32 * i32(wide.a);
+    let gone = ratio * (strength * old + wide.rgb * (seen * liveMirror(0, level, r) + (1.0 - seen) * stands));
+    let come = strength * now + wide.rgb * (seen * liveMirror(64, level, r) + (1.0 - seen) * stands * uniform.uLiveHidden.rgb);
+    let other = min(20.0 * abs(come - gone) / max(come + gone, vec3f(1e-30)), vec3f(1.0)) * select(vec3f(0.0), vec3f(1.0), wide.rgb > vec3f(0.0));
+    change = come - gone - 0.5 * other * (before - gone);
   }
   let after = max(before + change, 0.02 * before);
   let shown = select(12.92 * after, 1.055 * pow(max(after, vec3f(1e-9)), vec3f(1.0 / 2.4)) - 0.055, after > vec3f(0.0031308));
@@ -213,8 +198,8 @@ fn liveGloss(center: vec3f, lit: vec3f, gain: vec3f, diffuse: vec3f) -> vec3f {
 // The modifier with gloss: declared ahead of it, and called on what it found.
 const glossy = (text, code, from, to) => `${code}\n${text.replace(from, to)}`;
 const modifierOf = (gloss) => !gloss ? MODIFIER : {
-  glsl: glossy(MODIFIER.glsl, GLOSSY.glsl, "? gain : lit;", "? gain : liveGloss(center, lit, gain, diffuse);"),
-  wgsl: glossy(MODIFIER.wgsl, GLOSSY.wgsl, "select(lit, gain", "select(liveGloss(center, lit, gain, diffuse), gain"),
+  glsl: glossy(MODIFIER.glsl, GLOSSY.glsl, "? gain : lit;", "? gain : liveGloss(center, lit, gain);"),
+  wgsl: glossy(MODIFIER.wgsl, GLOSSY.wgsl, "select(lit, gain", "select(liveGloss(center, lit, gain), gain"),
 };
 
 const SKY_HEIGHT = 256;
