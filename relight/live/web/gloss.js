@@ -106,7 +106,7 @@ export function glossChange({ packed, peaks, materials, levels, lamps, wide }, t
   const basis = [0.282095, 0.488603 * y, 0.488603 * z, 0.488603 * x];
   const signed = new Int8Array(packed.buffer, 16 * n + 6, 4), seen = Math.min(Math.max(basis.reduce((sum, value, i) => sum + value * signed[i] * peaks[i] / 127, 0), 0), 1);
   const rise = material.metal ? 1 : 1 + 24 * (1 - Math.min(Math.max(cosine, 0), 1)) ** 5;
-  const alpha = levels[material.level].alpha, from = texture.length - 4 * (2 * MIRROR.columns - MIRROR.lamp);
+  const alpha = levels[material.level].alpha, from = texture.length - 4 * ((MIRROR.spare - 2) * 2 * MIRROR.columns - MIRROR.lamp);
   const lobes = lamps.map((_, i) => bytes[10 + i] && lampLobe(texture.subarray(from + 8 * i, from + 8 * i + 4), alpha, place, n1, toward) * 2 ** ((bytes[10 + i] - 255) / texture[from + 8 * i + 7]));
   const shines = [0, 1, 2].map((k) => lobes.reduce((sum, lobe, i) => sum + lobe * texture[from + 8 * i + 4 + k], 0));
   return [0, 1, 2].map((k) => {
