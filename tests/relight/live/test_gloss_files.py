@@ -13,13 +13,14 @@ from live_bundles import reader
 from live_scene import SETTINGS, TILT, live_scene
 
 from relight import Environment
+from relight.gloss import Gloss
 from relight.gloss.ggx import fresnel_rise, zonal_factors
 from relight.gloss.mirrored import WIDE
 from relight.gloss.reflections import KEPT, SOON
 from relight.live.bundle import write_bundle
 from relight.live.live import LiveScene, live_of
 from relight.live.page import write_page
-from relight.live.shine import ROW
+from relight.live.shine import ROW, _materials
 from relight.sh import harmonics
 from splat2mesh.render.rasterize import rasterize
 from splat2mesh.render.view import View
@@ -98,6 +99,24 @@ def test_glossy_splats_take_a_few_bytes_and_others_none(folder):
     assert "beside" not in meta["materials"][0] and meta["levels"][meta["wide"]]["alpha"] == WIDE
     for level, alpha in zip(meta["levels"], (0.15, 0.3, WIDE), strict=True):  # sharper lobes are blurred to .15
         np.testing.assert_allclose(level["factors"], zonal_factors(alpha, 10), rtol=1e-6)
+
+
+@pytest.mark.parametrize("metals", [1, 30])
+def test_places_of_a_metal_keep_their_brightness(metals):
+    """In as many shades as a byte has room for: with one metal in 16, from .4 to 2.5 of its usual one."""
+    rng = np.random.default_rng(4)
+    reflectance = np.repeat(np.linspace(0.3, 0.5, metals), 3000 // metals)[:, None] * [1.0, 0.9, 0.6]
+    bright = np.exp(rng.uniform(np.log(0.4), np.log(2.5), (len(reflectance), 1)))
+    true = bright * [0.2, 0.15, 0.1]
+    whole, one = (reflectance + true).astype(np.float32), np.ones(len(true))
+    gloss = Gloss(reflectance.astype(np.float32), 0.3 * one, one > 0, one, whole)
+    materials, levels, wide, number = _materials(gloss, np.arange(len(true)))
+    steps = min(254 // metals - 1, 16) if metals > 1 else 16
+    assert len(materials) == metals * steps and levels[wide]["alpha"] == WIDE
+    found = np.array([each["beside"] for each in materials])[number]
+    half = (2.5 / 0.4) ** (1 / steps)
+    assert np.abs(np.log(found / true)).max() < np.log(half) and np.abs(np.log(found / true)).mean() < np.log(half) / 3
+    np.testing.assert_allclose(np.array([each["reflectance"] for each in materials])[number], reflectance, rtol=1e-6)
 
 
 def test_a_reader_that_knows_no_gloss_reads_the_bundle(folder):
