@@ -142,7 +142,7 @@ class SceneGloss:
             return reflections.relit(relit, log_gain, before, after)
 
     def textured(self, look: "Appearance") -> Gloss | None:
-        """The same as `of`, with `whole` of metals as bright as each place shows itself: what both of its lobes reflect."""
+        """The same as `of`, with `whole` of metals as bright as each place shows: what both lobes reflect."""
         gloss = self.of(look)
         looks = None if gloss is None or not gloss.metal.any() else self._looks
         if gloss is None or looks is None or look.environment is None:
