@@ -111,8 +111,9 @@ class Reflections:
         """
         rows = self._binding.drawn_rows
         shown = splats.take(rows)
-        errors, beside = [], self._beside(before)
-        for number, (view, wide) in enumerate(zip(self._views, beside, strict=True)):
+        errors, beside = [], self.beside(before)
+        for number, view in enumerate(self._views):
+            wide = beside[view.pixels.nodes]
             old, new = (each.lobe[number] + wide * each.wide[number] for each in (before, after))
             picture = view.blending.drawn(shown.colors_toward(view.pixels.eye).astype(np.float32))
             now = np.maximum(picture[view.pixels.known], 0.0).astype(np.float64)
@@ -136,20 +137,21 @@ class Reflections:
         sh[rows[self._glossy]] += found
         return Splats(splats.means, splats.scales, splats.quats_wxyz, splats.opacities, sh)
 
-    def _beside(self, before: Seen) -> list[NDArray[np.float64]]:
-        """How much of the light through the wide lobe metals reflect beside their lobe, (Q, 3) of each view: that and
-        the lobe give the mean colour that each node shows."""
-        if not self._any_metal:
-            return [np.zeros_like(each) for each in before.lobe]
+    def beside(self, before: Seen) -> NDArray[np.float64]:
+        """(M, 3) how much of the light through the wide lobe each node of a metal reflects beside its lobe: that and
+        the lobe give the mean colour that it shows. A node that no view shows takes the mean of its material."""
         count = len(self._gloss.alpha)
-        shown, seen = np.zeros((count, 3)), np.zeros((count, 3))
+        if not self._any_metal:
+            return np.zeros((count, 3))
+        shown, seen, pixels = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count, np.int64)
         for view, wide, picture in zip(self._views, before.wide, self.pictures(), strict=True):
             nodes = view.pixels.nodes
+            pixels += np.bincount(nodes, minlength=count)
             color = linear_from_srgb(np.maximum(picture[view.pixels.known], 0.0)).astype(np.float64)
             for channel in range(3):
                 shown[:, channel] += np.bincount(nodes, color[:, channel], count)
                 seen[:, channel] += np.bincount(nodes, wide[:, channel], count)
         whole = self._gloss.whole.astype(np.float64)
         texture = np.clip(shown / np.maximum(seen * whole, 1e-6), *TEXTURE)
-        share = np.maximum(whole - self._gloss.reflectance, 0.0) * texture * self._gloss.metal[:, None]
-        return [share[view.pixels.nodes] for view in self._views]
+        texture[pixels == 0] = 1.0
+        return np.maximum(whole - self._gloss.reflectance, 0.0) * texture * self._gloss.metal[:, None]

@@ -129,19 +129,29 @@ class SceneGloss:
         if gloss is None or looks is None or look.environment is None:
             return relit
         binding, lamps, exposure = self._binding(), new.lamps, new.exposure
-        if self._reflections is None:
-            with self._stages.stage("trace gloss"):
-                self._reflections = Reflections(binding, looks, gloss, self._rotation)
+        reflections = self._traced(looks, gloss)
         with self._stages.stage("gloss"):
-            before = self._reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
-            after = self._reflections.seen(new.light, new.radiance * np.float32(exposure))
+            before = reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
+            after = reflections.seen(new.light, new.radiance * np.float32(exposure))
             if lamps is not None and new.lamps_exposure:
                 frame = np.asarray(self._scene.scene_from_splat, np.float64)
-                shining = self._reflections.shining(lamps.emitters, lamps.frame, frame)
+                shining = reflections.shining(lamps.emitters, lamps.frame, frame)
                 lobes = [each + new.lamps_exposure * more for each, more in zip(after.lobe, shining, strict=True)]
                 after = after._replace(lobe=lobes)
             log_gain = binding.log_gains(look.irradiance, new.received, exposure)
-            return self._reflections.relit(relit, log_gain, before, after)
+            return reflections.relit(relit, log_gain, before, after)
+
+    def textured(self, look: "Appearance") -> Gloss | None:
+        """The same as `of`, with `whole` of metals as bright as each place shows: what both lobes reflect."""
+        gloss = self.of(look)
+        looks = None if gloss is None or not gloss.metal.any() else self._looks
+        if gloss is None or looks is None or look.environment is None:
+            return gloss
+        reflections = self._traced(looks, gloss)
+        with self._stages.stage("gloss"):
+            before = reflections.seen(look.environment.sh(harmonics.MAX_BANDS), look.captured)
+            whole = gloss.reflectance + reflections.beside(before)
+        return gloss._replace(whole=np.where(gloss.metal[:, None], whole, 0.0).astype(np.float32))
 
     def roughness(self, look: "Appearance") -> NDArray[np.float32] | None:
         """(V, 2) of the vertices: roughness as glTF has it, the root of alpha, 1 where it is matt; and metalness.
@@ -182,6 +192,13 @@ class SceneGloss:
             "alpha": round(float(np.median(gloss.alpha[rows])), 3),
             "light_from_reflections": self.shape is not None,
         }
+
+    def _traced(self, looks: "Looks", gloss: Gloss) -> Reflections:
+        """The Reflections, whose rays are traced once."""
+        if self._reflections is None:
+            with self._stages.stage("trace gloss"):
+                self._reflections = Reflections(self._binding(), looks, gloss, self._rotation)
+        return self._reflections
 
     @cached_property
     def _looks(self) -> "Looks | None":

@@ -102,7 +102,7 @@ class LiveFiles:
                 self._splats,
                 self._room,
                 self._mixture.sources(self._appearance) if mixes else (),
-                None if self._gloss is None else self._gloss.of(self._appearance),
+                None if self._gloss is None else self._gloss.textured(self._appearance),
                 self._assumed,
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)

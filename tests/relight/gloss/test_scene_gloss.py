@@ -192,7 +192,7 @@ def test_under_the_light_of_the_capture_no_bit_changes(glazed):
 
 def test_a_matte_ball_keeps_every_bit(matte):
     gloss = matte.gloss()
-    assert gloss.of(matte.look) is None and gloss.as_dict(matte.look) is None
+    assert gloss.of(matte.look) is None and gloss.as_dict(matte.look) is None and gloss.textured(matte.look) is None
     plain = matte.relit(NEW)
     np.testing.assert_array_equal(matte.relit(NEW, gloss).sh, plain.sh)
 
