@@ -26,7 +26,7 @@ PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
-_LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "exr", "indicator", "live"
+_LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr", "indicator", "live"
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
 _LOW_PASS = (
@@ -121,7 +121,7 @@ def _script() -> str:
     return (
         f"let relightCamera = null;\n{viewer}\n"
         f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
-        f"{_text('host.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
+        f"{_text('host.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
     )
 
 

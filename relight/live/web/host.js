@@ -217,7 +217,8 @@ async function host(container, splat, frame, cameraFor, options = {}) {
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
   const objects = options.objects ? await objectsIn(app, options.objects, frame) : { show() {}, move() {} };
-  return { viewer, app, entity, camera, show, objects, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+  const floor = options.ground ? floorIn(app, options.ground) : null;
+  return { viewer, app, entity, camera, show, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,

@@ -15,7 +15,7 @@ async function start() {
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects });
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects, ground: bundle.ground });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, notify);
     window.relight.begin(query);
@@ -51,7 +51,7 @@ async function readFiles({ files, packed }) {
 class Session {
   constructor(bundle, proxy, lights, stage, data, notify) {
     Object.assign(this, { bundle, proxy, lights, stage, notify, live: Live });
-    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, ground: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
@@ -63,6 +63,7 @@ class Session {
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => {
       stage.objects.show(captured ? 0 : this.objects());
+      stage.floor?.show(!captured && this.standing());
       return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
     });
     this.strip = Live.indicator(element("r-strip"));
@@ -74,7 +75,7 @@ class Session {
   begin(query) {
     this.query = query.toString();
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
-    for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
+    for (const key of ["sky", "ground", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
     this.state.captured = query.has("captured") ? +query.get("captured") : this.lights[this.state.light].captured ?? 0;
@@ -130,6 +131,27 @@ class Session {
     Live.besideMoved(objects, this.surface, (row) => (surface[8 * row + 7] & 3) === Live.LIT, gains);
   }
 
+  // Whether there is ground under the object: in a light that has an image.
+  standing() {
+    const { state, bundle: { ground }, lights } = this;
+    return Boolean(ground) && state.ground && state.view === "relit" && lights[state.light].sky !== "captured";
+  }
+
+  // The ground in a light. Its suns are in the image, where they are not moved.
+  putGround(light, turn, exposure) {
+    const { state, bundle: { ground }, stage } = this, { sun, azimuth, height } = state;
+    const turned = light.suns.map(({ direction, weight }) => ({ direction: Live.turnedDirection(direction, turn), weight: weight.map((value) => -value) }));
+    const moved = sun === 1 && azimuth === 0 && height === null ? [] : [...turned, ...this.suns()];
+    const text = JSON.stringify([state.light, turn, moved]);
+    if (text !== this.grounded) {
+      this.grounded = text;
+      this.dark = Live.groundShade(ground, Live.arriving(ground, light.image, turn, moved), this.dark ?? new Uint8Array(4 * ground.side ** 2));
+    }
+    const color = state.sky ? null : Live.groundColor(light.image).map((value) => value * exposure);
+    if (color) Live.toneMap(color);
+    stage.floor.set(this.dark, color);
+  }
+
   // What the light depends on, but for the exposure.
   lightText() {
     const { light, turn, tint, sun, azimuth, height, lamps, terms, captured } = this.state;
@@ -157,6 +179,7 @@ class Session {
     }
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
     this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
+    if (this.standing()) this.putGround(light, turn, exposure);
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
     if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.suns());
@@ -221,7 +244,7 @@ class Session {
     const { state, lights } = this, kept = new URLSearchParams(this.query), put = (key, value, usual) => value === usual ? kept.delete(key) : kept.set(key, value);
     if (state.light < this.bundle.meta.lights.length) put("light", lights[state.light].name, lights[0].name); // a dropped one cannot be named
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "view", "captured"]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
-    for (const key of ["sky", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
+    for (const key of ["sky", "ground", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
     state.terms.forEach(({ on, ev }, index) => put(`lamp${index}`, on ? String(ev) : "off", "0"));
     const text = kept.toString();
     if (text === location.hash.slice(1)) return;
