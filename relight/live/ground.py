@@ -35,6 +35,7 @@ class Ground(NamedTuple):
         """Its entry in live.json."""
         return {
             "file": FILE,
+            "bytes": len(self.tobytes()),
             "height": self.height,
             "middle": np.asarray(self.middle, np.float64).tolist(),
             "reach": self.reach,

@@ -10,6 +10,7 @@ varying vec2 uv;
 void main(void) {
   uv = aUv0;
   gl_Position = matrix_viewProjection * vec4(aPosition, 1.0);
+  gl_Position.z = min(gl_Position.z, 0.99999 * gl_Position.w); // the viewer's far plane is behind the splats alone
 }`,
   fragmentGLSL: `
 uniform sampler2D uFloorShadow;
@@ -29,6 +30,7 @@ fn vertexMain(input: VertexInput) -> VertexOutput {
   var output: VertexOutput;
   output.uv = input.aUv0;
   output.position = uniform.matrix_viewProjection * vec4f(input.aPosition, 1.0);
+  output.position.z = min(output.position.z, 0.99999 * output.position.w);
   return output;
 }`,
   fragmentWGSL: `

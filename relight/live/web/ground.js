@@ -2,14 +2,14 @@
 
 import { HEIGHT, WIDTH, rowArea, texelDirection } from "./light.js";
 
-const POWER = 1 / 2.4, LEVELS = 4096;
+const POWER = 1 / 2.4, LEVELS = 4096, SOFT = 0.8; // the part of its radius in which a disc fades out
 const DARK = Uint8Array.from({ length: LEVELS + 1 }, (_, i) => Math.round(255 * (1 - (i / LEVELS) ** POWER))); // by the share of light
 
 // The ground of a bundle, null without. Throws an Error of one line.
 export function groundOf(entry, bytes) {
   if (!entry) return null;
   const { side, directions: count, file } = entry, start = 4 * side + 12 * count;
-  if (!bytes || bytes.length < start) throw new Error(`${file} holds ${bytes ? bytes.length : 0} bytes, live.json says more: export it again`);
+  if (bytes?.length !== entry.bytes) throw new Error(`${file} holds ${bytes ? bytes.length : 0} bytes, live.json says ${entry.bytes}: export it again`);
   const steps = new Float32Array(bytes.slice(0, 4 * side).buffer), directions = new Float32Array(bytes.slice(4 * side, start).buffer);
   const edges = new Uint16Array(bytes.length - start), ends = new Uint32Array(count);
   let at = start, to = 0;
@@ -23,18 +23,18 @@ export function groundOf(entry, bytes) {
     return value;
   };
   for (let k = 0; k < count; k++) {
-    for (let left = next(), place = 0; left > 0 && at < bytes.length; left--) edges[to++] = place += next();
+    for (let left = next(), place = 0; left > 0; left--) edges[to++] = place += next();
     ends[k] = to;
   }
-  if (at !== bytes.length) throw new Error(`${file} is cut short: export it again`);
-  const ground = { ...entry, steps, directions, edges, ends, fade: fadeOf(steps), open: new Float32Array(3 * side * side) };
+  const ground = { ...entry, steps, directions, edges, ends, ...rimOf(steps), open: new Float32Array(3 * side * side) };
   return { ...ground, texels: texelsOf(ground), taps: tapsOf(entry.blur) };
 }
 
-// How much of a shadow is drawn at each point: none at the rim, without an edge.
-function fadeOf(steps) {
-  const side = steps.length;
-  return Float32Array.from({ length: side * side }, (_, i) => Math.min(Math.max(4 * (1 - Math.hypot(steps[i % side], steps[Math.floor(i / side)])), 0), 1));
+// Of each point how much of a shadow is drawn, and how far a disc is there: nothing at the rim, without an edge.
+function rimOf(steps) {
+  const side = steps.length, away = Float32Array.from({ length: side * side }, (_, i) => Math.min(Math.hypot(steps[i % side], steps[Math.floor(i / side)]), 1));
+  const soft = (share) => share * share * (3 - 2 * share);
+  return { fade: away.map((value) => Math.min(4 * (1 - value), 1)), disc: away.map((value) => 255 * soft(Math.min((1 - value) / SOFT, 1))) };
 }
 
 function tapsOf(blur) {
@@ -112,9 +112,9 @@ export function groundColor(image) {
 }
 
 // What `arriving` light leaves of the ground, as bytes (S, S, 4): 1 minus the factor on its display colour, and how far
-// it is there at all.
+// a disc is there.
 export function groundShade(ground, light, out) {
-  const { side, edges, ends, fade, open } = ground, whole = [0, 0, 0];
+  const { side, edges, ends, fade, disc, open } = ground, whole = [0, 0, 0];
   for (let i = 0; i < light.length; i++) whole[i % 3] += light[i];
   open.fill(0);
   for (let k = 0, edge = 0; k < ends.length; k++) {
@@ -136,7 +136,7 @@ export function groundShade(ground, light, out) {
   smoothed(ground);
   for (let i = 0, from = 0, to = 0; i < fade.length; i++) {
     for (let k = 0; k < 3; k++) out[to++] = DARK[Math.min(Math.max(LEVELS * (1 - fade[i] * (1 - open[from++])) + 0.5, 0), LEVELS) | 0];
-    out[to++] = 255 * fade[i] + 0.5;
+    out[to++] = disc[i] + 0.5;
   }
   return out;
 }
