@@ -11,10 +11,10 @@ FILE = "ground.bin"
 class Ground(NamedTuple):
     """Level ground, scene frame, and what is hidden at its points.
 
-    height: its y. middle: (2,) x and z of the middle of a square of points. reach: half of its side. steps: (S,) float32,
-    positions of rows and columns of points along the side, -1 to 1. directions: (K, 3) float32 unit, of the upper
-    hemisphere. hidden: (K, S * S) bool, whether a point sees the object in a direction, rows along z. shared: the number
-    of directions that share the light of a texel. blur: standard deviation of shadows, in points.
+    height: its y. middle: (2,) x and z of the middle of a square of points. reach: half of its side. steps: (S,)
+    float32, positions of rows and columns of points along the side, -1 to 1. directions: (K, 3) float32 unit, of the
+    upper hemisphere. hidden: (K, S * S) bool, whether a point sees the object in a direction, rows along z. shared:
+    the number of directions that share the light of a texel. blur: standard deviation of shadows, in points.
     """
 
     height: float

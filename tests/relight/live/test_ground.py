@@ -25,11 +25,13 @@ ROOT = Path(__file__).parents[3]
 SCRIPT = """
 import { readFileSync, writeFileSync } from "node:fs";
 const [web, folder, text] = process.argv.slice(1), wish = JSON.parse(text);
-const { groundOf, arriving, groundShade } = await import(`${web}/ground.js`), { fromRgbe } = await import(`${web}/light.js`);
+const { groundOf, arriving, groundShade } = await import(`${web}/ground.js`);
+const { fromRgbe } = await import(`${web}/light.js`);
 const read = (name) => new Uint8Array(readFileSync(`${folder}/${name}`));
 try {
-  const ground = groundOf(JSON.parse(read("ground.json").reduce((text, byte) => text + String.fromCharCode(byte), "")), read("ground.bin"));
-  writeFileSync(`${folder}/dark`, groundShade(ground, arriving(ground, fromRgbe(read("light.rgbe")), wish.angle, wish.moved), new Uint8Array(4 * ground.side ** 2)));
+  const ground = groundOf(JSON.parse(readFileSync(`${folder}/ground.json`, "utf8")), read("ground.bin"));
+  const light = arriving(ground, fromRgbe(read("light.rgbe")), wish.angle, wish.moved);
+  writeFileSync(`${folder}/dark`, groundShade(ground, light, new Uint8Array(4 * ground.side ** 2)));
 } catch (error) {
   console.log(error.message);
 }
