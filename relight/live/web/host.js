@@ -369,18 +369,13 @@ function skyOf(app) {
     name: "sky", width: 2 * SKY_HEIGHT, height: SKY_HEIGHT, format: PIXELFORMAT_RGBA8, mipmaps: false,
     addressU: ADDRESS_REPEAT, addressV: ADDRESS_CLAMP_TO_EDGE, minFilter: FILTER_LINEAR, magFilter: FILTER_LINEAR,
   });
+  let last = null;
   return (image, angle, exposure) => {
-    if (image) {
-      const pixels = texture.lock(), color = [0, 0, 0];
-      for (let row = 0, to = 0; row < SKY_HEIGHT; row++) {
-        for (let column = 0; column < 2 * SKY_HEIGHT; column++, to += 4) {
-          Live.lookUp(image, ...Live.texelDirection(row, column, SKY_HEIGHT, 2 * SKY_HEIGHT), angle, exposure, color);
-          Live.toneMap(color);
-          for (let k = 0; k < 3; k++) pixels[to + k] = 255 * color[k] + 0.5;
-          pixels[to + 3] = 255;
-        }
-      }
+    const same = last && image === last.image && angle === last.angle && exposure === last.exposure;
+    if (image && !same) {
+      Live.paintSky(image, angle, exposure, SKY_HEIGHT, 2 * SKY_HEIGHT, texture.lock());
       texture.unlock();
+      last = { image, angle, exposure };
     }
     app.scene.envAtlas = image ? texture : null;
     app.renderNextFrame = true;
