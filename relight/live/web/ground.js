@@ -26,13 +26,13 @@ export function groundOf(entry, bytes) {
     for (let left = next(), place = 0; left > 0; left--) edges[to++] = place += next();
     ends[k] = to;
   }
-  const ground = { ...entry, steps, directions, edges, ends, ...rimOf(steps), open: new Float32Array(3 * side * side) };
+  const ground = { ...entry, steps, directions, edges, ends, ...rimOf(steps), open: new Float32Array(3 * side * side), cosines: new Float64Array(entry.shared), numbers: new Int32Array(entry.shared) };
   return { ...ground, texels: texelsOf(ground), taps: tapsOf(entry.blur) };
 }
 
 // Of each point how much of a shadow is drawn, and how far a disc is there: nothing at the rim, without an edge.
 function rimOf(steps) {
-  const side = steps.length, away = Float32Array.from({ length: side * side }, (_, i) => Math.min(Math.hypot(steps[i % side], steps[Math.floor(i / side)]), 1));
+  const side = steps.length, away = Float32Array.from({ length: side * side }, (_, i) => Math.min(Math.sqrt(steps[i % side] ** 2 + steps[Math.floor(i / side)] ** 2), 1));
   const soft = (share) => share * share * (3 - 2 * share);
   return { fade: away.map((value) => Math.min(4 * (1 - value), 1)), disc: away.map((value) => 255 * soft(Math.min((1 - value) / SOFT, 1))) };
 }
@@ -42,32 +42,40 @@ function tapsOf(blur) {
   return taps.map((value) => value / taps.reduce((sum, each) => sum + each, 0));
 }
 
-// The directions that share the light from (x, y, z): their numbers into `to`, their shares into `shares`, from an offset on.
-function sharedBy({ directions, shared }, x, y, z, to, shares, at) {
-  const near = new Float64Array(shared).fill(-2), number = new Int32Array(shared);
-  for (let k = 0; k < directions.length / 3; k++) {
-    let cosine = x * directions[3 * k] + y * directions[3 * k + 1] + z * directions[3 * k + 2];
-    if (cosine <= near[shared - 1]) continue;
-    let i = shared - 1;
-    for (; i > 0 && near[i - 1] < cosine; i--) [near[i], number[i]] = [near[i - 1], number[i - 1]];
-    [near[i], number[i]] = [cosine, k];
+// The directions that share the light from (x, y, z): their numbers into `to`, their shares into `shares`, from an offset
+// on, times a factor.
+function sharedBy({ directions, shared, cosines, numbers }, x, y, z, to, shares, at, factor) {
+  cosines.fill(-2);
+  for (let k = 0, i = 0; i < directions.length; k++, i += 3) {
+    const cosine = x * directions[i] + y * directions[i + 1] + z * directions[i + 2];
+    let place = shared - 1;
+    if (cosine <= cosines[place]) continue;
+    for (; place > 0 && cosines[place - 1] < cosine; place--) {
+      cosines[place] = cosines[place - 1];
+      numbers[place] = numbers[place - 1];
+    }
+    cosines[place] = cosine;
+    numbers[place] = k;
   }
-  const away = near.map((cosine) => Math.sqrt(Math.max(2 - 2 * cosine, 0))), last = Math.max(1.2 * away[shared - 1], 1e-9);
-  const weights = away.map((value) => Math.max(1 - value / last, 0) ** 2), sum = weights.reduce((all, value) => all + value, 0);
+  const away = (i) => Math.sqrt(Math.max(2 - 2 * cosines[i], 0)), last = Math.max(1.2 * away(shared - 1), 1e-9);
+  let sum = 0;
   for (let i = 0; i < shared; i++) {
-    to[at + i] = number[i];
-    shares[at + i] = weights[i] / sum;
+    const weight = Math.max(1 - away(i) / last, 0);
+    to[at + i] = numbers[i];
+    shares[at + i] = weight * weight;
+    sum += weight * weight;
   }
+  for (let i = 0; i < shared; i++) shares[at + i] *= factor / sum;
 }
 
 // Of each texel of the upper half of a light, the directions that share its light on level ground.
 function texelsOf(ground) {
   const { shared } = ground, count = HEIGHT / 2 * WIDTH * shared, to = new Uint16Array(count), shares = new Float32Array(count);
   for (let row = 0, at = 0; row < HEIGHT / 2; row++) {
+    const area = rowArea(row);
     for (let column = 0; column < WIDTH; column++, at += shared) {
       const [x, y, z] = texelDirection(row, column);
-      sharedBy(ground, x, y, z, to, shares, at);
-      for (let i = 0; i < shared; i++) shares[at + i] *= y * rowArea(row);
+      sharedBy(ground, x, y, z, to, shares, at, y * area);
     }
   }
   return { to, shares };
@@ -93,8 +101,8 @@ export function arriving(ground, image, angle, moved = []) {
   const near = new Uint16Array(shared), parts = new Float32Array(shared);
   for (const { direction: [x, y, z], weight } of moved) {
     if (y <= 0) continue;
-    sharedBy(ground, x, y, z, near, parts, 0);
-    for (let i = 0; i < shared; i++) for (let k = 0; k < 3; k++) result[3 * near[i] + k] += parts[i] * y * weight[k];
+    sharedBy(ground, x, y, z, near, parts, 0, y);
+    for (let i = 0; i < shared; i++) for (let k = 0; k < 3; k++) result[3 * near[i] + k] += parts[i] * weight[k];
   }
   return moved.length ? result.map((value) => Math.max(value, 0)) : result;
 }

@@ -212,7 +212,7 @@ async function host(container, splat, frame, cameraFor, options = {}) {
     shine(mirrored);
     app.renderNextFrame = true;
   };
-  show(new Uint16Array(stream.width * stream.height * 4).fill(1024).map((value, i) => i % 4 === 3 ? 0 : value), [1, 1, 1]);
+  show(Live.plainGains(stream.width * stream.height), [1, 1, 1]);
   gsplat.setWorkBufferModifier(modifierOf(options.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key

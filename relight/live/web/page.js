@@ -58,7 +58,7 @@ class Session {
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
     this.gains = new Uint16Array(bundle.count * 4);
-    this.plain = new Uint16Array(bundle.count * 4).map((_, i) => i % 4 === 3 ? 0 : Live.GAIN_UNIT);
+    this.plain = Live.plainGains(bundle.count);
     this.most = [1, 1, 1];
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => {
