@@ -271,7 +271,7 @@ export function toneMap(color) {
   [r, g, b].forEach((value, k) => { color[k] = value <= 0.0031308 ? 12.92 * Math.max(value, 0) : 1.055 * Math.min(value, 1) ** (1 / 2.4) - 0.055; });
 }
 
-const BYTES = Uint8Array.from({ length: 65537 }, (_, i) => Math.round(255 * encoded(i / 65536))); // of display-linear values
+const DISPLAYED = Uint8Array.from({ length: 65537 }, (_, i) => Math.round(255 * encoded(i / 65536))); // of display-linear values
 
 // The sky of an image (64 x 128), turned by an angle, tone-mapped: RGBA bytes (height x width x 4) into `out`. As `lookUp`
 // and `toneMap` of every `texelDirection`, in a pass along rows.
@@ -300,9 +300,9 @@ export function paintSky(image, angle, exposure, height, width, out) {
         g = shown * (1 + keep * (g / peak - 1));
         b = shown * (1 + keep * (b / peak - 1));
       }
-      out[to] = BYTES[r > 0 ? r * 65536 + 0.5 | 0 : 0];
-      out[to + 1] = BYTES[g > 0 ? g * 65536 + 0.5 | 0 : 0];
-      out[to + 2] = BYTES[b > 0 ? b * 65536 + 0.5 | 0 : 0];
+      out[to] = DISPLAYED[r > 0 ? r * 65536 + 0.5 | 0 : 0];
+      out[to + 1] = DISPLAYED[g > 0 ? g * 65536 + 0.5 | 0 : 0];
+      out[to + 2] = DISPLAYED[b > 0 ? b * 65536 + 0.5 | 0 : 0];
       out[to + 3] = 255;
     }
   }

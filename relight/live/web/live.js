@@ -314,7 +314,7 @@ function gainsByBits() {
 }
 
 // Gains of all splats as 16 bits, red, green, blue, and 1 where they are a colour instead: (N, 4) into `out`. What would
-// be shown brighter than .8 runs into 1, in `ratio` too.
+// be shown brighter than .8 runs into 1.
 export function gains(bundle, ratio, out) {
   const { count, splats: { colors }, surface } = bundle, table = gainTable ??= gainsByBits(), most = table.length - 1;
   const bits = new Int32Array(ratio.buffer, ratio.byteOffset, ratio.length), lit = LINEAR; // negative numbers have negative bits
@@ -325,15 +325,20 @@ export function gains(bundle, ratio, out) {
       continue;
     }
     const red = lit[colors[i]], green = lit[colors[i + 1]], blue = lit[colors[i + 2]];
-    if (ratio[i] * red > 0.8) ratio[i] = rolledOff(ratio[i], red);
-    if (ratio[i + 1] * green > 0.8) ratio[i + 1] = rolledOff(ratio[i + 1], green);
-    if (ratio[i + 2] * blue > 0.8) ratio[i + 2] = rolledOff(ratio[i + 2], blue);
-    const r = (bits[i] >> 12) - LOWEST_BITS, g = (bits[i + 1] >> 12) - LOWEST_BITS, b = (bits[i + 2] >> 12) - LOWEST_BITS;
+    const r = ((ratio[i] * red > 0.8 ? bitsOf(rolledOff(ratio[i], red)) : bits[i]) >> 12) - LOWEST_BITS;
+    const g = ((ratio[i + 1] * green > 0.8 ? bitsOf(rolledOff(ratio[i + 1], green)) : bits[i + 1]) >> 12) - LOWEST_BITS;
+    const b = ((ratio[i + 2] * blue > 0.8 ? bitsOf(rolledOff(ratio[i + 2], blue)) : bits[i + 2]) >> 12) - LOWEST_BITS;
     out[to] = table[r < 0 ? 0 : r > most ? most : r];
     out[to + 1] = table[g < 0 ? 0 : g > most ? most : g];
     out[to + 2] = table[b < 0 ? 0 : b > most ? most : b];
     out[to + 3] = 0;
   }
+}
+
+const ONE = new Float32Array(1), ONE_BITS = new Int32Array(ONE.buffer);
+function bitsOf(value) {
+  ONE[0] = value;
+  return ONE_BITS[0];
 }
 
 // Gains of splats as captured, (N, 4).

@@ -57,6 +57,7 @@ class Session {
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
+    this.base = new Float32Array(bundle.count * 3); // the same without suns and terms
     this.gains = new Uint16Array(bundle.count * 4);
     this.plain = Live.plainGains(bundle.count);
     this.most = [1, 1, 1];
@@ -167,7 +168,7 @@ class Session {
         Live.albedoChanges(bundle, this.surface, ratio);
         Live.balanced(ratio, balance);
       } else {
-        Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1, lamps), ratio);
+        this.putBase(light, turn, exposure, lamps);
         const suns = this.suns();
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
         Live.balanced(ratio, balance);
@@ -189,6 +190,14 @@ class Session {
     element("relight-line").style.left = `${100 * state.line}%`;
     if (!state.compare) stage.show(gains, this.most, this.mirrored);
     this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // The changes but for suns and terms: as they were, where only those differ.
+  putBase(light, turn, exposure, lamps) {
+    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
+    if (text !== this.based) Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, sun, lamps), this.base);
+    this.based = text;
+    this.ratio.set(this.base);
   }
 
   // What is mirrored in a light: the new one blurred for each roughness, and how much brighter the scene is that hides it.

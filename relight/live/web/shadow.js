@@ -69,13 +69,15 @@ function drawTriangles(seen, indices, depth, size) {
     const bottom = Math.floor(ay + (by > cy ? by > 0 ? by : 0 : cy > 0 ? cy : 0) - 0.5), top = Math.ceil(ay + (by < cy ? by < 0 ? by : 0 : cy < 0 ? cy : 0) - 0.5);
     const area = bx * cy - by * cx, whole = area < 0 ? -area : area;
     if (top > bottom || whole < 1e-12) continue;
-    const t = seen[a + 2], tb = (seen[b + 2] - t) / area, tc = (seen[c + 2] - t) / area, sign = area < 0 ? -1 : 1, least = -1e-4 * whole;
-    for (let y = top < 0 ? 0 : top, low = bottom > last ? last : bottom; y <= low; y++) {
-      const py = y + 0.5 - ay;
-      for (let x = left < 0 ? 0 : left, end = right > last ? last : right; x <= end; x++) {
-        const px = x + 0.5 - ax, second = px * cy - py * cx, third = bx * py - by * px;
-        if (sign * second < least || sign * third < least || sign * (area - second - third) < least) continue;
-        const value = t + second * tb + third * tc, at = y * size + x;
+    const sign = area < 0 ? -1 : 1, t = seen[a + 2], tb = (seen[b + 2] - t) / whole, tc = (seen[c + 2] - t) / whole, least = -1e-4 * whole;
+    const first = left < 0 ? 0 : left, end = right > last ? last : right, low = bottom > last ? last : bottom, start = first + 0.5 - ax;
+    const sbx = sign * bx, sby = sign * by, scx = sign * cx, scy = sign * cy;
+    for (let y = top < 0 ? 0 : top; y <= low; y++) {
+      const py = y + 0.5 - ay, down = py * scx, up = sbx * py;
+      for (let x = first, at = y * size + first, px = start; x <= end; x++, at++, px++) {
+        const second = px * scy - down, third = up - px * sby;
+        if (second < least || third < least || whole - second - third < least) continue;
+        const value = t + second * tb + third * tc;
         if (value > depth[at]) depth[at] = value;
       }
     }
