@@ -110,18 +110,22 @@ def page_of(
 
 
 def _packed(content: bytes, width: int | None) -> str:
-    """The attributes and the text of a file. width: bytes of its rows, if these are alike in places: then they are stored
-    byte by byte of all rows, each the difference from the row before, where that is smaller."""
+    """The attributes and the text of a file.
+
+    width: bytes of its rows, where neighbours are alike: then all their first bytes are stored, all their second, and
+    so on, as differences from the row before if that is smaller.
+    """
     versions = {"": content}
     if width:
         planes = np.frombuffer(content, np.uint8).reshape(-1, width)
         steps = np.diff(planes, axis=0, prepend=np.zeros((1, width), np.uint8))
-        versions = {f' data-planes="{width}"': planes.T.tobytes(), f' data-planes="{width}" data-steps': steps.T.tobytes()}
+        kind = f' data-planes="{width}"'
+        versions = {kind: planes.T.tobytes(), f"{kind} data-steps": steps.T.tobytes()}
     found = {kind: gzip.compress(each, 6, mtime=0) for kind, each in versions.items()}
-    kind = min(found, key=lambda each: len(found[each]))
-    if len(found[kind]) > LEAST_GAIN * len(content):
+    best = min(found, key=lambda each: len(found[each]))
+    if len(found[best]) > LEAST_GAIN * len(content):
         return f">{base64.b64encode(content).decode()}"
-    return f"{kind} data-gzip>{base64.b64encode(found[kind]).decode()}"
+    return f"{best} data-gzip>{base64.b64encode(found[best]).decode()}"
 
 
 def _script() -> str:
