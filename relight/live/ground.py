@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 FILE = "ground.bin"
 
 
-class Ground(NamedTuple):
+class ShadowedGround(NamedTuple):
     """Level ground, scene frame, and what is hidden at its points.
 
     height: its y. middle: (2,) x and z of the middle of a square of points. reach: half of its side. steps: (S,)

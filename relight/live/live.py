@@ -21,7 +21,7 @@ from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.sky import shown_as_sky
 from .basis import Basis, Packed, packed, reduced, usual_moment
 from .compression import Compressed, choices_for, cluster_centers, compress
-from .ground import Ground
+from .ground import ShadowedGround
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
@@ -90,7 +90,7 @@ class Live(NamedTuple):
     terms: Sequence[Term] = ()
     gloss: Shine | None = None
     objects: LiveObjects | None = None
-    ground: Ground | None = None
+    ground: ShadowedGround | None = None
 
 
 @dataclass(frozen=True, eq=False)

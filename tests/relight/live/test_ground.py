@@ -12,7 +12,7 @@ from live_scene import live_scene
 
 from relight import Environment
 from relight.live.bundle import described, write_bundle
-from relight.live.ground import FILE, Ground
+from relight.live.ground import FILE, ShadowedGround
 from relight.live.lights import light_of, rgbe
 from relight.live.page import write_page
 from relight.output.catcher import Catcher
@@ -132,7 +132,7 @@ def test_a_short_file_is_one_line(tmp_path, catcher):
         def ground(self):
             return Cut(*catcher.ground())
 
-    class Cut(Ground):
+    class Cut(ShadowedGround):
         def described(self):
             return {**super().described(), "bytes": len(self.tobytes()) + 5}
 
