@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from splat2mesh.base.version import VERSION
 from splat2mesh.splats.formats import write_splats
 
+from .ground import FILE as GROUND_FILE
 from .lights import IMAGE, rgbe
 from .movable import FILE as MOVABLE_FILE
 from .objects import FILE as OBJECTS_FILE
@@ -43,6 +44,8 @@ def write_bundle(folder: str | os.PathLike[str], live: "Live", exact: bool = Tru
         contents["terms.bin"] = b"".join(term.tobytes() for term in live.terms)
     if live.gloss is not None:
         contents[GLOSS_FILE] = live.gloss.tobytes()
+    if live.ground is not None:
+        contents[GROUND_FILE] = live.ground.tobytes()
     if live.objects is not None:
         contents[OBJECTS_FILE] = live.objects.tobytes()
         contents.update({MESH: live.objects.glb} if live.objects.glb else {})
@@ -108,6 +111,7 @@ def described(live: "Live", splats: list[dict[str, Any]]) -> dict[str, Any]:
         "lamps": live.lamps,
         **({"terms": [term.described() for term in live.terms]} if live.terms else {}),
         **({} if live.gloss is None else {"gloss": live.gloss.described()}),
+        **({} if live.ground is None else {"ground": live.ground.described()}),
         **({} if live.objects is None else {"objects": live.objects.described()}),
         "lights": [
             {

@@ -33,6 +33,9 @@ REFITS = 2
 LARGEST = 127
 """Weights and components are signed bytes."""
 
+ROUNDING = 0.02
+"""Part of the squared error that rounding of weights may add: the error grows by 1%, and rows of 8 bytes pack to 5."""
+
 
 class CompressionLevel(NamedTuple):
     """The size of the compressed data. bytes: per row, 2 for the cluster and 1 for each weight. clusters, weights:
@@ -114,13 +117,15 @@ def compress(
     for _ in range(REFITS):
         in_slices(_best, len(rows), rows, near, means, axes, cluster)
         means, axes = _axes(rows, counts, cluster, len(centers), choice.weights)
-    weights = np.zeros((len(rows), choice.weights), np.float32)
-    in_slices(_weigh, len(rows), rows, cluster, means, axes, weights)
+    weights, left = np.zeros((len(rows), choice.weights), np.float32), np.zeros(len(rows), np.float32)
+    in_slices(_weigh, len(rows), rows, cluster, means, axes, weights, left)
     largest = np.full((len(centers), choice.weights), 1e-20, np.float32)
     np.maximum.at(largest, cluster, np.abs(weights))
-    weights /= largest[cluster]
-    packed = np.rint(weights * np.float32(LARGEST)).astype(np.int8)
-    components = axes * (largest / np.float32(LARGEST))[:, :, None]
+    error = float(counts.astype(np.float64) @ left) / max(float(counts.sum(dtype=np.float64)), 1e-30)
+    step = np.sqrt(12.0 * ROUNDING * max(error, 0.0) / choice.weights)  # whose even errors are that part of it
+    levels = np.ceil(np.minimum(largest / max(step, 1e-20), LARGEST)).astype(np.float32)
+    packed = np.rint(weights * (levels / largest)[cluster]).astype(np.int8)
+    components = axes * (largest / levels)[:, :, None]
     return Compressed(cluster.astype(np.uint16), packed, means, components)
 
 
@@ -241,11 +246,17 @@ def _weigh(
     means: NDArray[np.float32],
     axes: NDArray[np.float32],
     weights: NDArray[np.float32],
+    left: NDArray[np.float32],
 ) -> None:
+    """Weights (N, W) of the components, and the squared error that they leave, (N,)."""
     for n in range(begin, end):
         c = cluster[n]
+        left[n] = 0.0
+        for d in range(rows.shape[1]):
+            left[n] += (rows[n, d] - means[c, d]) ** 2
         for w in range(axes.shape[1]):
             along = np.float32(0)
             for d in range(rows.shape[1]):
                 along += (rows[n, d] - means[c, d]) * axes[c, w, d]
             weights[n, w] = along
+            left[n] -= along * along

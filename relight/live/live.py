@@ -21,6 +21,7 @@ from ..splats.light_ratio import CURVE_OFFSET, CURVE_POWER
 from ..splats.sky import shown_as_sky
 from .basis import Basis, Packed, packed, reduced, usual_moment
 from .compression import Compressed, choices_for, cluster_centers, compress
+from .ground import ShadowedGround
 from .harmonics import turned
 from .lights import PortableLight, capture_light, light_of
 from .objects import LiveObjects
@@ -68,7 +69,7 @@ class Live(NamedTuple):
     viewpoint of the sky, splat frame. source: dict of file and sha256. camera: dict of position, target, fov in
     degrees, the first view, scene frame; for an object also bounds, the box of the capture, which the page fits into
     its window. lamps: factor on the lamps of a room, or None. terms: list of Term. gloss: Shine of the glossy splats,
-    or None. objects: inserted objects, or None.
+    or None. objects: inserted objects, or None. ground: under an object, or None.
     """
 
     splats: Splats
@@ -89,6 +90,7 @@ class Live(NamedTuple):
     terms: Sequence[Term] = ()
     gloss: Shine | None = None
     objects: LiveObjects | None = None
+    ground: ShadowedGround | None = None
 
 
 @dataclass(frozen=True, eq=False)

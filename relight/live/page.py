@@ -1,7 +1,7 @@
 """One HTML file that shows splats under live light; a folder to serve where one file would be too large.
 
 The SuperSplat viewer (MIT, `web/viewer`) draws; `web/*.js` beside it read the bundle and light it. In the file all
-of it is packed: gzip, then base64. In the folder the page reads the bundle beside it.
+of it is packed: gzip where that helps, then base64. In the folder the page reads the bundle beside it.
 """
 
 import base64
@@ -14,7 +14,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .bundle import META, write_bundle
+from .proxy import proxy_glb
 
 if TYPE_CHECKING:
     from .live import Live
@@ -22,11 +25,14 @@ if TYPE_CHECKING:
 MOST_IN_A_FILE = 1_500_000
 """Number of splats above which the page is a folder: its file would exceed 60 MB, and browsers hold several copies."""
 
+LEAST_GAIN = 0.98
+"""Part of its size above which a file is not compressed: unpacking it costs more time than reading it."""
+
 PAGE, FOLDER, INDEX = "relit.html", "web", "index.html"
 
 _WEB = Path(__file__).parent / "web"
 
-_LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "exr", "indicator", "live"
+_LIBRARY = "light", "piz", "splats", "shadow", "objects", "framing", "gloss", "ground", "exr", "indicator", "live"
 """Modules that the page joins into one, each after its imports. Their top-level names must differ."""
 
 _LOW_PASS = (
@@ -76,6 +82,7 @@ def write_page(
         names = write_bundle(staging, live, exact=False)
         meta = json.loads((Path(staging) / META).read_text("utf-8"))
         contents = {name: (Path(staging) / name).read_bytes() for name in names if name != META}
+        contents["proxy.glb"] = proxy_glb(*live.proxy, normals=False)
         (folder / PAGE).write_text(page_of(meta, names, contents, turn), "utf-8", "replace")
     return [PAGE]
 
@@ -88,8 +95,9 @@ def page_of(
     names = [name for name in names if name != META]
     data = {"meta": meta, "files": names, "packed": contents is not None, "turn": turn}
     data["splat"] = meta["splats"][0]["file"]
+    rows = {meta[key]["file"]: meta[key]["bytes"] for key in ("transfer", "surface")}
     packed = "".join(
-        f'<script type="text/plain" data-file="{name}">{_packed(content)}</script>\n'
+        f'<script type="text/plain" data-file="{name}"{_packed(content, rows.get(name))}</script>\n'
         for name, content in (contents or {}).items()
     )
     return _TEMPLATE.format(
@@ -101,8 +109,23 @@ def page_of(
     )
 
 
-def _packed(content: bytes) -> str:
-    return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+def _packed(content: bytes, width: int | None) -> str:
+    """The attributes and the text of a file.
+
+    width: bytes of its rows, where neighbours are alike: then all their first bytes are stored, all their second, and
+    so on, as differences from the row before if that is smaller.
+    """
+    versions = {"": content}
+    if width:
+        planes = np.frombuffer(content, np.uint8).reshape(-1, width)
+        steps = np.diff(planes, axis=0, prepend=np.zeros((1, width), np.uint8))
+        kind = f' data-planes="{width}"'
+        versions = {kind: planes.T.tobytes(), f"{kind} data-steps": steps.T.tobytes()}
+    found = {kind: gzip.compress(each, 6, mtime=0) for kind, each in versions.items()}
+    best = min(found, key=lambda each: len(found[each]))
+    if len(found[best]) > LEAST_GAIN * len(content):
+        return f">{base64.b64encode(content).decode()}"
+    return f"{best} data-gzip>{base64.b64encode(found[best]).decode()}"
 
 
 def _script() -> str:
@@ -121,7 +144,7 @@ def _script() -> str:
     return (
         f"let relightCamera = null;\n{viewer}\n"
         f"{{\nconst Live = (() => {{\n{library_text}\nreturn {{ {', '.join(names)} }};\n}})();\n"
-        f"{_text('host.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
+        f"{_text('host.js')}\n{_text('floor.js')}\n{_text('panel.js')}\n{_text('movement.js')}\n{_text('page.js')}\n}}\n"
     )
 
 

@@ -16,13 +16,12 @@ def write_proxy(path: Path, vertices: NDArray[np.float32], faces: Faces) -> None
         staging.write_bytes(proxy_glb(vertices, faces))
 
 
-def proxy_glb(vertices: NDArray[np.float32], faces: Faces) -> bytes:
-    """The bytes of that file."""
+def proxy_glb(vertices: NDArray[np.float32], faces: Faces, normals: bool = True) -> bytes:
+    """The bytes of that file. normals: whether it has them."""
     file = Glb("relight")
-    attributes = {
-        "POSITION": file.positions(vertices),
-        "NORMAL": file.values(vertex_normals(vertices, faces).astype(np.float32)),
-    }
+    attributes = {"POSITION": file.positions(vertices)}
+    if normals:
+        attributes["NORMAL"] = file.values(vertex_normals(vertices, faces).astype(np.float32))
     file.mesh("proxy", attributes, indices=file.triangles(faces))
     return file.content()
 

@@ -11,6 +11,7 @@ from splat2mesh.render.raycaster import RayCaster
 from splat2mesh.views.viewpoints import even_directions
 
 from ..light.projections import row_solid_angles, texel_directions
+from ..live.ground import ShadowedGround
 
 if TYPE_CHECKING:
     from splat2mesh.scene.scene import Scene
@@ -60,6 +61,12 @@ class Catcher:
         for index, direction in enumerate(self._directions):
             rays[:, 3:] = direction
             self._open[index] = ~caster.occluded(rays)
+
+    def ground(self) -> ShadowedGround:
+        """The same for the page."""
+        steps = _spread(np.linspace(-1.0, 1.0, SIDE)).astype(np.float32)
+        reach = REACH * self._radius
+        return ShadowedGround(self.height, self._middle, reach, steps, self._directions, ~self._open, SHARED, BLUR)
 
     def shadow(self, environment: "Environment", points: NDArray) -> NDArray:
         """Share (N, 3) float32 of the light from above that reaches points (N, 2) of the ground: x and z."""

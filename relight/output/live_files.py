@@ -106,8 +106,18 @@ class LiveFiles:
                 self._assumed,
             )
             found = live_of(shown, lights, settings, self._tolerance, self._sky, self._seed)
+            found = found._replace(ground=self._ground())
             self._live[mixes] = self._mixed(found, light) if mixes else found
         return self._live[mixes]
+
+    def _ground(self) -> Any:
+        """The ground under an object, as in its picture; None in a place, which has its own."""
+        from splat2mesh.render.raycaster import RayCaster
+
+        from .catcher import Catcher
+
+        scene = self._relighter.scene
+        return None if scene.is_place else Catcher(scene, RayCaster(scene.vertices, scene.faces)).ground()
 
     def _mixes(self, light: "Environment") -> bool:
         """Whether there is light beside this one."""

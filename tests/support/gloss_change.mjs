@@ -7,7 +7,7 @@ const part = (name) => import(pathToFileURL(`${web}/${name}.js`));
 const [Light, Live, Gloss] = await Promise.all(["light", "live", "gloss"].map(part));
 const read = (name) => new Uint8Array(readFileSync(`${folder}/${name}`));
 const meta = JSON.parse(readFileSync(`${folder}/live.json`, "utf8")), files = {};
-for (const name of ["splat.compressed.ply", "transfer.bin", "surface.bin", "basis.bin", "gloss.bin", ...(meta.terms ? ["terms.bin"] : [])]) files[name] = read(name);
+for (const name of ["splat.compressed.ply", "transfer.bin", "surface.bin", "basis.bin", "gloss.bin", ...(meta.terms ? ["terms.bin"] : []), ...(meta.ground ? ["ground.bin"] : [])]) files[name] = read(name);
 const { gloss, ...bundle } = Live.readBundle(meta, files, "splat.compressed.ply"), { normals, places } = Live.surfaceOf(bundle);
 const light = Light.lightOf(meta.lights[wish.light], read(meta.lights[wish.light].file)), angle = wish.angle ?? 0;
 const suns = light.suns.map(({ direction, weight }) => ({ weight, direction: Light.turnedDirection(direction, angle) }));

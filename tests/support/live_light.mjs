@@ -10,7 +10,7 @@ const read = (name) => new Uint8Array(readFileSync(`${folder}/${name}`));
 
 try {
   const meta = JSON.parse(readFileSync(`${folder}/live.json`, "utf8")), [entry] = meta.splats, files = {};
-  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin", ...(meta.terms ? ["terms.bin"] : [])]) files[name] = read(name);
+  for (const name of [entry.file, "transfer.bin", "surface.bin", "basis.bin", ...(meta.terms ? ["terms.bin"] : []), ...(meta.ground ? ["ground.bin"] : [])]) files[name] = read(name);
   await Live.checkSplat(files[entry.file], entry);
   const bundle = Live.readBundle(meta, files, entry.file), surface = Live.surfaceOf(bundle), ratio = new Float32Array(bundle.count * 3);
   const own = meta.lights[wish.light ?? 0];

@@ -230,12 +230,13 @@ async function host(container, splat, frame, cameraFor, options = {}) {
     shine(mirrored);
     app.renderNextFrame = true;
   };
-  show(new Uint16Array(stream.width * stream.height * 4).fill(1024).map((value, i) => i % 4 === 3 ? 0 : value), [1, 1, 1]);
+  show(Live.plainGains(stream.width * stream.height), [1, 1, 1]);
   gsplat.setWorkBufferModifier(modifierOf(options.gloss));
   await new Promise((resolve) => viewer.state.loaded ? resolve() : viewer.events.once("loaded:changed", resolve));
   if (viewer.state.cameraMode === "anim") viewer.state.cameraMode = "orbit"; // else a turn begins with the first key
   const objects = options.objects ? await objectsIn(app, options.objects, frame) : { show() {}, move() {} };
-  return { viewer, app, entity, camera, show, objects, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
+  const floor = options.ground ? floorIn(app, options.ground) : null;
+  return { viewer, app, entity, camera, show, objects, floor, sky: skyOf(app), canvas: app.graphicsDevice.canvas };
 }
 
 // Inserted objects among the splats: show(factor) shows them so many times as bright, or hides them; move(number, pose,
@@ -386,18 +387,13 @@ function skyOf(app) {
     name: "sky", width: 2 * SKY_HEIGHT, height: SKY_HEIGHT, format: PIXELFORMAT_RGBA8, mipmaps: false,
     addressU: ADDRESS_REPEAT, addressV: ADDRESS_CLAMP_TO_EDGE, minFilter: FILTER_LINEAR, magFilter: FILTER_LINEAR,
   });
+  let last = null;
   return (image, angle, exposure) => {
-    if (image) {
-      const pixels = texture.lock(), color = [0, 0, 0];
-      for (let row = 0, to = 0; row < SKY_HEIGHT; row++) {
-        for (let column = 0; column < 2 * SKY_HEIGHT; column++, to += 4) {
-          Live.lookUp(image, ...Live.texelDirection(row, column, SKY_HEIGHT, 2 * SKY_HEIGHT), angle, exposure, color);
-          Live.toneMap(color);
-          for (let k = 0; k < 3; k++) pixels[to + k] = 255 * color[k] + 0.5;
-          pixels[to + 3] = 255;
-        }
-      }
+    const same = last && image === last.image && angle === last.angle && exposure === last.exposure;
+    if (image && !same) {
+      Live.paintSky(image, angle, exposure, SKY_HEIGHT, 2 * SKY_HEIGHT, texture.lock());
       texture.unlock();
+      last = { image, angle, exposure };
     }
     app.scene.envAtlas = image ? texture : null;
     app.renderNextFrame = true;

@@ -1,6 +1,6 @@
 // The direction of the light: the sky as a strip, its suns, and the direction of the view.
 
-import { lookUp, texelDirection, toneMap } from "./light.js";
+import { paintSky } from "./light.js";
 
 const SUN = "#e0762d", HEADING = "rgba(255, 255, 255, .85)";
 
@@ -26,14 +26,7 @@ export function indicator(canvas) {
   };
   return {
     draw(light, angle, exposure, turnedSuns) {
-      for (let row = 0, to = 0; row < height; row++) {
-        for (let at = 0; at < width; at++, to += 4) {
-          lookUp(light.image, ...texelDirection(row, at, height, width), angle, exposure, color);
-          toneMap(color);
-          for (let k = 0; k < 3; k++) pixels.data[to + k] = 255 * color[k] + 0.5;
-          pixels.data[to + 3] = 255;
-        }
-      }
+      paintSky(light.image, angle, exposure, height, width, pixels.data);
       suns = turnedSuns;
       show();
     },

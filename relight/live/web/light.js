@@ -270,3 +270,40 @@ export function toneMap(color) {
   }
   [r, g, b].forEach((value, k) => { color[k] = value <= 0.0031308 ? 12.92 * Math.max(value, 0) : 1.055 * Math.min(value, 1) ** (1 / 2.4) - 0.055; });
 }
+
+const DISPLAYED = Uint8Array.from({ length: 65537 }, (_, i) => Math.round(255 * encoded(i / 65536))); // of display-linear values
+
+// The sky of an image (64 x 128), turned by an angle, tone-mapped: RGBA bytes (height x width x 4) into `out`. As `lookUp`
+// and `toneMap` of every `texelDirection`, in a pass along rows.
+export function paintSky(image, angle, exposure, height, width, out) {
+  const line = new Float32Array(3 * (WIDTH + 1)), left = new Uint16Array(width), right = new Float32Array(width);
+  for (let column = 0; column < width; column++) {
+    let at = (column + 0.5) / width * WIDTH - 0.5 + angle / (2 * Math.PI) * WIDTH;
+    at -= Math.floor(at / WIDTH) * WIDTH;
+    left[column] = Math.min(Math.floor(at), WIDTH - 1);
+    right[column] = at - left[column];
+  }
+  for (let row = 0, to = 0; row < height; row++) {
+    const place = (row + 0.5) / height * HEIGHT - 0.5, top = Math.floor(place), down = place - top;
+    const above = Math.max(top, 0) * WIDTH, below = Math.min(top + 1, HEIGHT - 1) * WIDTH, halfAbove = top < 0 ? WIDTH / 2 : 0, halfBelow = top + 1 >= HEIGHT ? WIDTH / 2 : 0;
+    for (let i = 0; i <= WIDTH; i++) {
+      const a = 3 * (above + (i + halfAbove) % WIDTH), b = 3 * (below + (i + halfBelow) % WIDTH);
+      for (let k = 0; k < 3; k++) line[3 * i + k] = exposure * (image[a + k] * (1 - down) + image[b + k] * down);
+    }
+    for (let column = 0; column < width; column++, to += 4) {
+      const at = 3 * left[column], share = right[column];
+      let r = line[at] + (line[at + 3] - line[at]) * share, g = line[at + 1] + (line[at + 4] - line[at + 1]) * share, b = line[at + 2] + (line[at + 5] - line[at + 2]) * share;
+      const peak = r > g ? r > b ? r : b : g > b ? g : b;
+      if (peak > 0.8) {
+        const shown = 1 - 0.04 / (peak - 0.6), keep = 1 / (0.15 * (peak - shown) + 1);
+        r = shown * (1 + keep * (r / peak - 1));
+        g = shown * (1 + keep * (g / peak - 1));
+        b = shown * (1 + keep * (b / peak - 1));
+      }
+      out[to] = DISPLAYED[r > 0 ? r * 65536 + 0.5 | 0 : 0];
+      out[to + 1] = DISPLAYED[g > 0 ? g * 65536 + 0.5 | 0 : 0];
+      out[to + 2] = DISPLAYED[b > 0 ? b * 65536 + 0.5 | 0 : 0];
+      out[to + 3] = 255;
+    }
+  }
+}

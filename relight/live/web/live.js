@@ -3,6 +3,7 @@
 
 import { BANDS, DIRECT, SPREAD, SPREAD_BANDS, harmonics, linear, lookUp, toneMap, turned } from "./light.js";
 import { glossOf } from "./gloss.js";
+import { groundOf } from "./ground.js";
 import { objectsOf } from "./objects.js";
 import { readCompressed } from "./splats.js";
 
@@ -31,7 +32,7 @@ export function readBundle(meta, files, splatFile) {
   if (splats.count !== count) {
     throw new Error(`${splatFile} is not the splat of this bundle (${splats.count} rows, not ${count}): export it again`);
   }
-  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]), objects: objectsOf(meta.objects, files) };
+  return { meta, count, weights, clusters, splats, surface: files["surface.bin"], transfer: files["transfer.bin"], basis: basisOf(files["basis.bin"], meta.basis), terms: termsOf(meta.terms ?? [], files["terms.bin"]), gloss: glossOf(meta.gloss, count, files["surface.bin"], files["gloss.bin"]), objects: objectsOf(meta.objects, files), ground: groundOf(meta.ground, files[meta.ground?.file]) };
 }
 
 // Light beside the environment: {kind, name, color, place, mean} of each, with its runs, and a table of its bytes for each
@@ -182,64 +183,85 @@ function changesOfSix(count, transfer, signed, t, ratio) {
 // leaves or grass.
 export function surfaceOf(bundle) {
   const { count, surface, splats, meta } = bundle, signed = new Int8Array(surface.buffer, surface.byteOffset, surface.length);
-  const normals = new Float32Array(count * 3), places = new Float32Array(count * 3), frame = meta.frame.scene_from_splat;
-  for (let n = 0, at = 0; n < count; n++, at += 8) {
-    const u = signed[at] / 127, v = signed[at + 1] / 127, z = 1 - Math.abs(u) - Math.abs(v), fold = Math.max(-z, 0);
-    const x = u - (u < 0 ? -fold : fold), y = v - (v < 0 ? -fold : fold), length = Math.hypot(x, y, z);
-    const normal = [x / length, y / length, z / length], lift = signed[at + 3] * meta.surface.lift;
-    for (let k = 0; k < 3; k++) {
-      const row = frame[k];
-      normals[3 * n + k] = normal[k];
-      places[3 * n + k] = row[0] * splats.means[3 * n] + row[1] * splats.means[3 * n + 1] + row[2] * splats.means[3 * n + 2] + row[3] + lift * normal[k];
-    }
+  const normals = new Float32Array(count * 3), places = new Float32Array(count * 3), volume = new Float32Array(count), { means } = splats;
+  const [[xx, xy, xz, x0], [yx, yy, yz, y0], [zx, zy, zz, z0]] = meta.frame.scene_from_splat, step = meta.surface.lift;
+  let leaves = 0;
+  for (let n = 0, at = 0, i = 0; n < count; n++, at += 8, i += 3) {
+    const u = signed[at] / 127, v = signed[at + 1] / 127, z = 1 - Math.abs(u) - Math.abs(v), fold = z < 0 ? -z : 0;
+    const x = u < 0 ? u + fold : u - fold, y = v < 0 ? v + fold : v - fold, scale = 1 / Math.sqrt(x * x + y * y + z * z), lift = signed[at + 3] * step;
+    const nx = x * scale, ny = y * scale, nz = z * scale, px = means[i], py = means[i + 1], pz = means[i + 2];
+    normals[i] = nx;
+    normals[i + 1] = ny;
+    normals[i + 2] = nz;
+    places[i] = xx * px + xy * py + xz * pz + x0 + lift * nx;
+    places[i + 1] = yx * px + yy * py + yz * pz + y0 + lift * ny;
+    places[i + 2] = zx * px + zy * py + zz * pz + z0 + lift * nz;
+    const leaf = surface[at + 7] >> 2;
+    if (leaf > 0) leaves++;
+    volume[n] = leaf / 63;
   }
   const own = [0, 1, 2].map((k) => Float32Array.from({ length: 256 }, (_, byte) => meta.surface.own[k] * 2 ** ((byte - 128) / meta.surface.own_steps)));
-  const volume = Float32Array.from({ length: count }, (_, n) => (surface[8 * n + 7] >> 2) / 63);
-  return { normals, places, own, volume, thick: Uint32Array.from(volume.keys()).filter((n) => volume[n] > 0) };
+  const thick = new Uint32Array(leaves);
+  for (let n = 0, to = 0; to < leaves; n++) if (volume[n] > 0) thick[to++] = n;
+  return { normals, places, own, volume, thick };
 }
 
 // Add suns to the changes. suns: [{direction, weight}], turned, of which each has the Shadow of the same index, or null.
 export function addSuns(bundle, surface, suns, shadows, exposure, ratio) {
   suns.forEach(({ direction, weight }, index) => {
-    const share = surface.share ??= new Float32Array(bundle.count), [wr, wg, wb] = weight.map((value) => value * exposure / Math.PI);
-    faceSun(bundle, surface, direction, share);
-    if (shadows[index]) shadows[index].hide(surface.places, surface.normals, share);
-    throughLeaves(bundle, surface, direction, weight, exposure, share, ratio);
-    const { count, surface: bytes } = bundle, [red, green, blue] = surface.own;
-    for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
-      const light = share[n];
-      if (light === 0) continue;
-      ratio[i] += wr * light * red[bytes[at + 4]];
-      ratio[i + 1] += wg * light * green[bytes[at + 5]];
-      ratio[i + 2] += wb * light * blue[bytes[at + 6]];
-    }
+    throughLeaves(bundle, surface, direction, weight, exposure, ratio);
+    addSun(bundle, surface, direction, weight.map((value) => value * exposure / Math.PI), shadows[index], ratio);
   });
 }
 
+// One sun, on what faces it and is not in its shadow: the mean of max(0, n.d) over normals that agree as much as those of
+// the splat do, less the share that it is leaves or grass; what hides it is looked up as `Shadow.hide` does.
+function addSun({ count, surface: bytes }, { normals, places, volume, own: [red, green, blue] }, [dx, dy, dz], [wr, wg, wb], shadow, ratio) {
+  const { depth, size, off, scale, u: [ux, uy, uz], v: [vx, vy, vz], lowU, lowV } = shadow ? shadow.map() : OPEN, last = size - 2;
+  for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
+    const kind = bytes[at + 7];
+    if ((kind & 3) !== LIT) continue;
+    const nx = normals[i], ny = normals[i + 1], nz = normals[i + 2], r = bytes[at + 2] / 255, facing = r * (nx * dx + ny * dy + nz * dz);
+    let light = 0.5 * (facing + Math.sqrt(facing * facing + 0.25 * (1 - r) * (1 - r)));
+    if (!(light > 1e-3)) continue;
+    const x = places[i] + off * nx, y = places[i + 1] + off * ny, z = places[i + 2] + off * nz;
+    const column = (x * ux + y * uy + z * uz) * scale - lowU, row = (x * vx + y * vy + z * vz) * scale - lowV;
+    if (column >= 0 && row >= 0 && column <= last && row <= last) {
+      const left = column | 0, top = row | 0, right = column - left, from = top * size + left, t = x * dx + y * dy + z * dz + 0.5 * off;
+      const above = (depth[from] < t ? 1 - right : 0) + (depth[from + 1] < t ? right : 0);
+      const below = (depth[from + size] < t ? 1 - right : 0) + (depth[from + size + 1] < t ? right : 0);
+      light *= above + (below - above) * (row - top);
+      if (light === 0) continue;
+    }
+    if (kind > 3) light *= 1 - volume[n];
+    ratio[i] += wr * light * red[bytes[at + 4]];
+    ratio[i + 1] += wg * light * green[bytes[at + 5]];
+    ratio[i + 2] += wb * light * blue[bytes[at + 6]];
+  }
+}
+
+const OPEN = { depth: new Float32Array(4), size: 0, off: 0, scale: 0, u: [0, 0, 0], v: [0, 0, 0], lowU: 0, lowV: 0 }; // no shadow
+
 // Add what gets of a sun through leaves and grass to those, which have no normal: the share that they are such has it by
 // its harmonics, as smooth as the way through them is; the rest stays a surface.
-function throughLeaves(bundle, { volume, thick }, direction, weight, exposure, share, ratio) {
+function throughLeaves(bundle, { volume, thick }, direction, weight, exposure, ratio) {
   if (!thick.length) return;
   const { weights, transfer } = bundle, row = 2 + weights, step = (1 + weights) * 3, vector = new Float32Array(COEFFICIENTS * 3);
   harmonics(direction, BANDS).forEach((value, i) => weight.forEach((strength, k) => { vector[3 * i + k] = value * strength * exposure; }));
   const table = tableOf(bundle.basis, vector), signed = new Int8Array(transfer.buffer, transfer.byteOffset, transfer.length);
-  for (const n of thick) {
-    const at = n * row, first = (transfer[at] | transfer[at + 1] << 8) * step;
-    share[n] *= 1 - volume[n];
-    for (let k = 0; k < 3; k++) {
-      let light = table[first + k];
-      for (let w = 1; w <= weights; w++) light += signed[at + 1 + w] * table[first + 3 * w + k];
-      if (light > 0) ratio[3 * n + k] += volume[n] * light;
+  for (let i = 0; i < thick.length; i++) {
+    const n = thick[i], at = n * row, share = volume[n];
+    let entry = (transfer[at] | transfer[at + 1] << 8) * step, r = table[entry], g = table[entry + 1], b = table[entry + 2];
+    for (let w = 2; w < row; w++) {
+      const value = signed[at + w];
+      entry += 3;
+      r += value * table[entry];
+      g += value * table[entry + 1];
+      b += value * table[entry + 2];
     }
-  }
-}
-
-// How much each splat faces a sun: the mean of max(0, n.d) over normals that agree as much as its own do.
-function faceSun({ count, surface: bytes }, { normals }, [dx, dy, dz], share) {
-  for (let n = 0, i = 0, at = 0; n < count; n++, i += 3, at += 8) {
-    const r = bytes[at + 2] / 255, x = r * (normals[i] * dx + normals[i + 1] * dy + normals[i + 2] * dz);
-    const facing = 0.5 * (x + Math.sqrt(x * x + 0.25 * (1 - r) * (1 - r)));
-    share[n] = (bytes[at + 7] & 3) === LIT && facing > 1e-3 ? facing : 0;
+    if (r > 0) ratio[3 * n] += share * r;
+    if (g > 0) ratio[3 * n + 1] += share * g;
+    if (b > 0) ratio[3 * n + 2] += share * b;
   }
 }
 
@@ -292,7 +314,7 @@ function gainsByBits() {
 }
 
 // Gains of all splats as 16 bits, red, green, blue, and 1 where they are a colour instead: (N, 4) into `out`. What would
-// be shown brighter than .8 runs into 1, in `ratio` too.
+// be shown brighter than .8 runs into 1.
 export function gains(bundle, ratio, out) {
   const { count, splats: { colors }, surface } = bundle, table = gainTable ??= gainsByBits(), most = table.length - 1;
   const bits = new Int32Array(ratio.buffer, ratio.byteOffset, ratio.length), lit = LINEAR; // negative numbers have negative bits
@@ -303,15 +325,27 @@ export function gains(bundle, ratio, out) {
       continue;
     }
     const red = lit[colors[i]], green = lit[colors[i + 1]], blue = lit[colors[i + 2]];
-    if (ratio[i] * red > 0.8) ratio[i] = rolledOff(ratio[i], red);
-    if (ratio[i + 1] * green > 0.8) ratio[i + 1] = rolledOff(ratio[i + 1], green);
-    if (ratio[i + 2] * blue > 0.8) ratio[i + 2] = rolledOff(ratio[i + 2], blue);
-    const r = (bits[i] >> 12) - LOWEST_BITS, g = (bits[i + 1] >> 12) - LOWEST_BITS, b = (bits[i + 2] >> 12) - LOWEST_BITS;
+    const r = ((ratio[i] * red > 0.8 ? bitsOf(rolledOff(ratio[i], red)) : bits[i]) >> 12) - LOWEST_BITS;
+    const g = ((ratio[i + 1] * green > 0.8 ? bitsOf(rolledOff(ratio[i + 1], green)) : bits[i + 1]) >> 12) - LOWEST_BITS;
+    const b = ((ratio[i + 2] * blue > 0.8 ? bitsOf(rolledOff(ratio[i + 2], blue)) : bits[i + 2]) >> 12) - LOWEST_BITS;
     out[to] = table[r < 0 ? 0 : r > most ? most : r];
     out[to + 1] = table[g < 0 ? 0 : g > most ? most : g];
     out[to + 2] = table[b < 0 ? 0 : b > most ? most : b];
     out[to + 3] = 0;
   }
+}
+
+const ONE = new Float32Array(1), ONE_BITS = new Int32Array(ONE.buffer);
+function bitsOf(value) {
+  ONE[0] = value;
+  return ONE_BITS[0];
+}
+
+// Gains of splats as captured, (N, 4).
+export function plainGains(count) {
+  const gains = new Uint16Array(4 * count).fill(GAIN_UNIT);
+  for (let i = 3; i < gains.length; i += 4) gains[i] = 0;
+  return gains;
 }
 
 // A change that would show more than .8 of a captured linear colour: it runs into 1, unless it was brighter then.

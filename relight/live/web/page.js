@@ -15,7 +15,7 @@ async function start() {
     await Live.checkSplat(files[data.splat], data.meta.splats.find(({ file }) => file === data.splat));
     const bundle = Live.readBundle(data.meta, files, data.splat), { scene_from_splat: frame } = data.meta.frame;
     const proxy = Live.readProxy(files["proxy.glb"]), cameraFor = (aspect) => Live.framed(data.meta.camera, proxy.positions, aspect);
-    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects });
+    const stage = await host(document.body, files[data.splat], frame, cameraFor, { renderer: query.get("renderer") ?? "webgpu", ui: !query.has("noui"), gloss: bundle.gloss, objects: bundle.objects, ground: bundle.ground });
     const lights = data.meta.lights.map((entry) => Live.lightOf(entry, files[entry.file]));
     window.relight = new Session(bundle, proxy, lights, stage, data, notify);
     window.relight.begin(query);
@@ -27,42 +27,50 @@ async function start() {
 
 // The files of the bundle by name: packed in this page, or beside it.
 async function readFiles({ files, packed }) {
-  const found = {};
-  for (const name of files) {
-    if (!packed) {
-      const answer = await fetch(name);
-      if (!answer.ok) throw new Error(`${name} is missing beside this page`);
-      found[name] = new Uint8Array(await answer.arrayBuffer());
-      continue;
-    }
-    const node = document.querySelector(`script[data-file="${name}"]`), text = node.textContent.trim(), parts = [];
-    for (let at = 0; at < text.length; at += 1 << 22) {
-      const binary = atob(text.slice(at, at + (1 << 22))), bytes = new Uint8Array(binary.length);
-      for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
-      parts.push(bytes);
-    }
-    node.remove();
-    const stream = new Blob(parts).stream().pipeThrough(new DecompressionStream("gzip"));
-    found[name] = new Uint8Array(await new Response(stream).arrayBuffer());
+  return Object.fromEntries(await Promise.all(files.map(async (name) => [name, packed ? await unpacked(name) : await beside(name)])));
+}
+
+async function beside(name) {
+  const answer = await fetch(name);
+  if (!answer.ok) throw new Error(`${name} is missing beside this page`);
+  return new Uint8Array(await answer.arrayBuffer());
+}
+
+async function unpacked(name) {
+  const node = document.querySelector(`script[data-file="${name}"]`), { gzip, planes, steps } = node.dataset;
+  let bytes = fromBase64(node.textContent);
+  node.remove();
+  if (gzip !== undefined) bytes = new Uint8Array(await new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer());
+  return planes ? Live.inRows(bytes, +planes, steps !== undefined) : bytes;
+}
+
+function fromBase64(text) {
+  if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
+  const bytes = new Uint8Array(3 * text.length / 4 - (/=*$/.exec(text.slice(-2))[0].length));
+  for (let at = 0, to = 0; at < text.length; at += 1 << 22) {
+    const binary = atob(text.slice(at, at + (1 << 22)));
+    for (let i = 0; i < binary.length; i++) bytes[to++] = binary.charCodeAt(i);
   }
-  return found;
+  return bytes;
 }
 
 class Session {
   constructor(bundle, proxy, lights, stage, data, notify) {
     Object.assign(this, { bundle, proxy, lights, stage, notify, live: Live });
-    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, compare: false, line: 0.5 };
+    this.state = { light: 0, turn: data.turn, exposure: 0, tint: 0, sun: 1, azimuth: 0, height: null, lamps: bundle.meta.lamps ?? 0, view: "relit", sky: true, ground: true, compare: false, line: 0.5 };
     this.state.terms = bundle.terms.map(({ color }) => ({ on: true, ev: 0, color: Live.hexOf(color) }));
     this.state.captured = lights[0].captured ?? 0;
     this.usual = Object.fromEntries(Object.entries(this.state).map(([key, value]) => [key, typeof value === "boolean" ? value : rounded(value)]));
     this.surface = Live.surfaceOf(bundle);
     this.ratio = new Float32Array(bundle.count * 3);
+    this.base = new Float32Array(bundle.count * 3); // the same without suns and terms
     this.gains = new Uint16Array(bundle.count * 4);
-    this.plain = new Uint16Array(bundle.count * 4).map((_, i) => i % 4 === 3 ? 0 : Live.GAIN_UNIT);
+    this.plain = Live.plainGains(bundle.count);
     this.most = [1, 1, 1];
     this.shadows = new Map();
     this.compare = comparison(stage.app, stage.canvas, (captured) => {
       stage.objects.show(captured ? 0 : this.objects());
+      stage.floor?.show(!captured && this.standing());
       return captured ? stage.show(this.plain, [1, 1, 1]) : stage.show(this.gains, this.most, this.mirrored);
     });
     this.strip = Live.indicator(element("r-strip"));
@@ -74,7 +82,7 @@ class Session {
   begin(query) {
     this.query = query.toString();
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "line"]) if (query.has(key)) this.state[key] = +query.get(key);
-    for (const key of ["sky", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
+    for (const key of ["sky", "ground", "compare"]) if (query.has(key)) this.state[key] = query.get(key) !== "0";
     if (query.has("view")) this.state.view = query.get("view");
     if (query.has("light")) this.state.light = Math.max(0, this.lights.findIndex(({ name }) => name === query.get("light")));
     this.state.captured = query.has("captured") ? +query.get("captured") : this.lights[this.state.light].captured ?? 0;
@@ -130,6 +138,27 @@ class Session {
     Live.besideMoved(objects, this.surface, (row) => (surface[8 * row + 7] & 3) === Live.LIT, gains);
   }
 
+  // Whether there is ground under the object: in a light that has an image.
+  standing() {
+    const { state, bundle: { ground }, lights } = this;
+    return Boolean(ground) && state.ground && state.view === "relit" && lights[state.light].sky !== "captured";
+  }
+
+  // The ground in a light. Its suns are in the image, where they are not moved.
+  putGround(light, turn, exposure) {
+    const { state, bundle: { ground }, stage } = this, { sun, azimuth, height } = state;
+    const turned = light.suns.map(({ direction, weight }) => ({ direction: Live.turnedDirection(direction, turn), weight: weight.map((value) => -value) }));
+    const moved = sun === 1 && azimuth === 0 && height === null ? [] : [...turned, ...this.suns()];
+    const text = JSON.stringify([state.light, turn, moved]);
+    if (text !== this.grounded) {
+      this.grounded = text;
+      this.dark = Live.groundShade(ground, Live.arriving(ground, light.image, turn, moved), this.dark ?? new Uint8Array(4 * ground.side ** 2));
+    }
+    const color = state.sky ? null : Live.groundColor(light.image).map((value) => value * exposure);
+    if (color) Live.toneMap(color);
+    stage.floor.set(this.dark, color);
+  }
+
   // What the light depends on, but for the exposure.
   lightText() {
     const { light, turn, tint, sun, azimuth, height, lamps, terms, captured } = this.state;
@@ -145,7 +174,7 @@ class Session {
         Live.albedoChanges(bundle, this.surface, ratio);
         Live.balanced(ratio, balance);
       } else {
-        Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, light.suns.length ? state.sun : 1, lamps), ratio);
+        this.putBase(light, turn, exposure, lamps);
         const suns = this.suns();
         Live.addSuns(bundle, this.surface, suns, suns.map(({ direction }) => this.shadow(direction)), exposure, ratio);
         Live.balanced(ratio, balance);
@@ -157,6 +186,7 @@ class Session {
     }
     this.mirrored = bundle.gloss && state.view === "relit" ? this.mirror(light, turn, exposure, lamps, factors, balance) : null;
     this.most = state.view === "relit" ? Live.usualGain(bundle, light, turn, exposure, lamps, factors, balance) : [1, 1, 1];
+    if (this.standing()) this.putGround(light, turn, exposure);
     this.milliseconds = performance.now() - began;
     stage.sky(state.sky && state.view === "relit" && light.sky !== "captured" ? light.image : null, turn, exposure);
     if (light.sky !== "captured") this.strip.draw(light, turn, exposure, this.suns());
@@ -166,6 +196,14 @@ class Session {
     element("relight-line").style.left = `${100 * state.line}%`;
     if (!state.compare) stage.show(gains, this.most, this.mirrored);
     this.drawn = (this.drawn ?? 0) + 1;
+  }
+
+  // The changes but for suns and terms: as they were, where only those differ.
+  putBase(light, turn, exposure, lamps) {
+    const { bundle, state } = this, sun = light.suns.length ? state.sun : 1, text = JSON.stringify([state.light, turn, exposure, sun, lamps]);
+    if (text !== this.based) Live.changes(bundle, Live.lightTable(bundle, light, turn, exposure, sun, lamps), this.base);
+    this.based = text;
+    this.ratio.set(this.base);
   }
 
   // What is mirrored in a light: the new one blurred for each roughness, and how much brighter the scene is that hides it.
@@ -221,7 +259,7 @@ class Session {
     const { state, lights } = this, kept = new URLSearchParams(this.query), put = (key, value, usual) => value === usual ? kept.delete(key) : kept.set(key, value);
     if (state.light < this.bundle.meta.lights.length) put("light", lights[state.light].name, lights[0].name); // a dropped one cannot be named
     for (const key of ["turn", "exposure", "tint", "sun", "azimuth", "height", "lamps", "view", "captured"]) put(key, rounded(state[key]), key === "captured" ? rounded(lights[state.light].captured ?? 0) : this.usual[key]);
-    for (const key of ["sky", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
+    for (const key of ["sky", "ground", "compare"]) put(key, state[key] ? "1" : "0", this.usual[key] ? "1" : "0");
     state.terms.forEach(({ on, ev }, index) => put(`lamp${index}`, on ? String(ev) : "off", "0"));
     const text = kept.toString();
     if (text === location.hash.slice(1)) return;

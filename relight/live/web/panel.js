@@ -15,7 +15,7 @@ const PANEL = `
 <small id="r-objects" hidden>Objects show in the light that they were inserted in.</small>
 <small id="r-move" hidden>Drag an object to move it, with shift up and down; 7 and 8 turn it, a double click puts it back. Its shadow is then approximate.</small>
 <div class="row"><button data-view="relit">Relit</button><button data-view="albedo">Albedo</button><button data-view="captured">Captured</button></div>
-<div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button></div>
+<div class="row"><button id="r-compare">Before | after</button><button id="r-sky">Sky</button><button id="r-ground" hidden>Ground</button></div>
 <div class="row"><button id="r-load">Load light</button><button id="r-save">Save relit .ply</button></div>
 <small class="keys">Drop an .hdr or .exr here. Shift + drag or [ ] turns the light.</small>
 <small class="touch">Drag to look around, pinch to come nearer. Turn moves the light.</small>
@@ -80,6 +80,8 @@ function refreshPanel(session) {
   element("r-move").hidden = !session.bundle.objects?.movable.length || !(session.objects() > 0);
   element("r-compare").setAttribute("aria-pressed", state.compare);
   element("r-sky").setAttribute("aria-pressed", state.sky);
+  element("r-ground").hidden = !session.bundle.ground || captured;
+  element("r-ground").setAttribute("aria-pressed", state.ground);
 }
 
 // Let the controls, keys, drags and dropped files change the session.
@@ -90,6 +92,7 @@ function listen(session) {
   for (const button of document.querySelectorAll("#relight [data-view]")) button.onclick = () => session.set({ view: button.dataset.view });
   element("r-compare").onclick = () => session.set({ compare: !state.compare });
   element("r-sky").onclick = () => session.set({ sky: !state.sky });
+  element("r-ground").onclick = () => session.set({ ground: !state.ground });
   element("r-load").onclick = () => element("r-file").click();
   element("r-save").onclick = () => {
     const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([session.relitPly()])), download: "relit_splat.ply" });

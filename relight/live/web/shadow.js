@@ -10,51 +10,38 @@ export class Shadow {
     this.u = [ux / length, uy / length, uz / length];
     this.v = [dy * this.u[2] - dz * this.u[1], dz * this.u[0] - dx * this.u[2], dx * this.u[1] - dy * this.u[0]];
     this.d = direction;
-    const count = positions.length / 3, seen = new Float32Array(count * 3), low = [Infinity, Infinity], high = [-Infinity, -Infinity];
-    for (let i = 0; i < count; i++) {
-      for (let axis = 0; axis < 3; axis++) {
-        const a = axis === 0 ? this.u : axis === 1 ? this.v : this.d;
-        const value = a[0] * positions[3 * i] + a[1] * positions[3 * i + 1] + a[2] * positions[3 * i + 2];
-        seen[3 * i + axis] = value;
-        if (axis < 2) {
-          if (value < low[axis]) low[axis] = value;
-          if (value > high[axis]) high[axis] = value;
-        }
-      }
+    const count = positions.length / 3, seen = new Float32Array(count * 3), [vx, vy, vz] = this.v, [wx, wy, wz] = this.u;
+    let lowU = Infinity, lowV = Infinity, highU = -Infinity, highV = -Infinity;
+    for (let i = 0; i < positions.length; i += 3) {
+      const x = positions[i], y = positions[i + 1], z = positions[i + 2], across = wx * x + wy * y + wz * z, down = vx * x + vy * y + vz * z;
+      seen[i] = across;
+      seen[i + 1] = down;
+      seen[i + 2] = dx * x + dy * y + dz * z;
+      if (across < lowU) lowU = across;
+      if (across > highU) highU = across;
+      if (down < lowV) lowV = down;
+      if (down > highV) highV = down;
     }
-    this.texel = Math.max(high[0] - low[0], high[1] - low[1], 1e-9) / (size - 4);
-    this.low = low.map((value) => value - 2 * this.texel);
+    const texel = this.texel = Math.max(highU - lowU, highV - lowV, 1e-9) / (size - 4), [left, top] = this.low = [lowU - 2 * texel, lowV - 2 * texel];
     this.size = size;
     this.depth = new Float32Array(size * size).fill(-Infinity);
-    for (let i = 0; i < count; i++) for (let axis = 0; axis < 2; axis++) seen[3 * i + axis] = (seen[3 * i + axis] - this.low[axis]) / this.texel;
-    for (let f = 0; f < indices.length; f += 3) this.draw(seen, 3 * indices[f], 3 * indices[f + 1], 3 * indices[f + 2]);
+    for (let i = 0; i < seen.length; i += 3) {
+      seen[i] = (seen[i] - left) / texel;
+      seen[i + 1] = (seen[i + 1] - top) / texel;
+    }
+    drawTriangles(seen, indices, this.depth, size);
   }
 
-  // One triangle: the nearest to the sun stays in every texel whose centre it covers.
-  draw(seen, a, b, c) {
-    const ax = seen[a], ay = seen[a + 1], bx = seen[b] - ax, by = seen[b + 1] - ay, cx = seen[c] - ax, cy = seen[c + 1] - ay;
-    const area = bx * cy - by * cx;
-    if (Math.abs(area) < 1e-12) return;
-    const { depth, size } = this, t = seen[a + 2], tb = (seen[b + 2] - t) / area, tc = (seen[c + 2] - t) / area;
-    const left = Math.max(0, Math.ceil(ax + Math.min(0, bx, cx) - 0.5)), right = Math.min(size - 1, Math.floor(ax + Math.max(0, bx, cx) - 0.5));
-    const top = Math.max(0, Math.ceil(ay + Math.min(0, by, cy) - 0.5)), bottom = Math.min(size - 1, Math.floor(ay + Math.max(0, by, cy) - 0.5));
-    const sign = Math.sign(area), least = -1e-4 * Math.abs(area);
-    for (let y = top; y <= bottom; y++) {
-      const py = y + 0.5 - ay;
-      for (let x = left; x <= right; x++) {
-        const px = x + 0.5 - ax, second = px * cy - py * cx, third = bx * py - by * px;
-        if (sign * second < least || sign * third < least || sign * (area - second - third) < least) continue;
-        const value = t + second * tb + third * tc, at = y * size + x;
-        if (value > depth[at]) depth[at] = value;
-      }
-    }
+  // What a look-up needs: a place moved along its normal, and on by half of that, is hidden where the map is nearer to the sun.
+  map() {
+    const { depth, size, texel, u, v } = this, scale = 1 / texel;
+    return { depth, size, off: BIAS * texel, scale, u, v, lowU: this.low[0] * scale + 0.5, lowV: this.low[1] * scale + 0.5 };
   }
 
   // Take from each share (N) what is hidden at its place (N, 3), where surfaces face along normals (N, 3): four texels
   // around the place, blended.
   hide(places, normals, share) {
-    const { texel, size, depth } = this, off = BIAS * texel, [ux, uy, uz] = this.u, [vx, vy, vz] = this.v, [dx, dy, dz] = this.d;
-    const scale = 1 / texel, lowU = this.low[0] * scale + 0.5, lowV = this.low[1] * scale + 0.5, last = size - 2;
+    const { depth, size, off, scale, u: [ux, uy, uz], v: [vx, vy, vz], lowU, lowV } = this.map(), [dx, dy, dz] = this.d, last = size - 2;
     for (let n = 0, i = 0; n < share.length; n++, i += 3) {
       if (share[n] === 0) continue;
       const x = places[i] + off * normals[i], y = places[i + 1] + off * normals[i + 1], z = places[i + 2] + off * normals[i + 2];
@@ -70,3 +57,29 @@ export class Shadow {
 }
 
 const BIAS = 2; // texels along the normal, and half of it towards the sun: more leaks light into contacts, less is acne
+
+// Triangles, (F, 3) of points (V, 3) in texels: the nearest to the sun stays in every texel whose centre one covers.
+function drawTriangles(seen, indices, depth, size) {
+  const last = size - 1;
+  for (let f = 0; f < indices.length; f += 3) {
+    const a = 3 * indices[f], b = 3 * indices[f + 1], c = 3 * indices[f + 2];
+    const ax = seen[a], ay = seen[a + 1], bx = seen[b] - ax, by = seen[b + 1] - ay, cx = seen[c] - ax, cy = seen[c + 1] - ay;
+    const right = Math.floor(ax + (bx > cx ? bx > 0 ? bx : 0 : cx > 0 ? cx : 0) - 0.5), left = Math.ceil(ax + (bx < cx ? bx < 0 ? bx : 0 : cx < 0 ? cx : 0) - 0.5);
+    if (left > right) continue;
+    const bottom = Math.floor(ay + (by > cy ? by > 0 ? by : 0 : cy > 0 ? cy : 0) - 0.5), top = Math.ceil(ay + (by < cy ? by < 0 ? by : 0 : cy < 0 ? cy : 0) - 0.5);
+    const area = bx * cy - by * cx, whole = area < 0 ? -area : area;
+    if (top > bottom || whole < 1e-12) continue;
+    const sign = area < 0 ? -1 : 1, t = seen[a + 2], tb = (seen[b + 2] - t) / whole, tc = (seen[c + 2] - t) / whole, least = -1e-4 * whole;
+    const first = left < 0 ? 0 : left, end = right > last ? last : right, low = bottom > last ? last : bottom, start = first + 0.5 - ax;
+    const sbx = sign * bx, sby = sign * by, scx = sign * cx, scy = sign * cy;
+    for (let y = top < 0 ? 0 : top; y <= low; y++) {
+      const py = y + 0.5 - ay, down = py * scx, up = sbx * py;
+      for (let x = first, at = y * size + first, px = start; x <= end; x++, at++, px++) {
+        const second = px * scy - down, third = up - px * sby;
+        if (second < least || third < least || whole - second - third < least) continue;
+        const value = t + second * tb + third * tc;
+        if (value > depth[at]) depth[at] = value;
+      }
+    }
+  }
+}

@@ -26,14 +26,21 @@ export function readCompressed(bytes) {
     return low + (chunks[base + at[`max_${axis}`]] - low) * share;
   };
   const means = new Float32Array(count * 3), colors = new Uint8Array(count * 3), colored = "min_r" in at;
-  for (let n = 0; n < count; n++) {
-    const position = packed[4 * n], color = packed[4 * n + 3];
-    means[3 * n] = stretch(n, "x", (position >>> 21) / 2047);
-    means[3 * n + 1] = stretch(n, "y", (position >>> 11 & 1023) / 1023);
-    means[3 * n + 2] = stretch(n, "z", (position & 2047) / 2047);
+  for (let first = 0; first < count; first += 256) {
+    const base = (first >> 8) * bounds, end = Math.min(first + 256, count), range = (axis, most) => [chunks[base + at[`min_${axis}`]], (chunks[base + at[`max_${axis}`]] - chunks[base + at[`min_${axis}`]]) / most];
+    const [x, wide] = range("x", 2047), [y, high] = range("y", 1023), [z, deep] = range("z", 2047);
+    for (let n = first, i = 3 * first; n < end; n++, i += 3) {
+      const position = packed[4 * n];
+      means[i] = x + wide * (position >>> 21);
+      means[i + 1] = y + high * (position >>> 11 & 1023);
+      means[i + 2] = z + deep * (position & 2047);
+    }
     for (let k = 0; k < 3; k++) {
-      const share = (color >>> 24 - 8 * k & 255) / 255, value = colored ? stretch(n, "rgb"[k], share) : share;
-      colors[3 * n + k] = Math.min(Math.max(Math.round(255 * value), 0), 255);
+      const [low, step] = colored ? range("rgb"[k], 1) : [0, 1], shift = 24 - 8 * k;
+      for (let n = first, i = 3 * first + k; n < end; n++, i += 3) {
+        const shown = Math.round(255 * (low + step * ((packed[4 * n + 3] >>> shift & 255) / 255)));
+        colors[i] = shown < 0 ? 0 : shown > 255 ? 255 : shown;
+      }
     }
   }
   // One splat in full: as in an INRIA PLY, except for its colour, which is a display value.
@@ -89,6 +96,15 @@ export function readProxy(bytes) {
     return new Type(bytes.slice(offset, offset + count * width * 4).buffer);
   };
   return { positions: read(attributes.POSITION, Float32Array, 3), indices: read(indices, Uint32Array, 1) };
+}
+
+// Rows of `width` bytes that are stored byte by byte of all rows; steps: as differences from the row before.
+export function inRows(bytes, width, steps) {
+  const rows = new Uint8Array(bytes.length);
+  for (let column = 0, from = 0; column < width; column++) {
+    for (let at = column, value = 0; at < rows.length; at += width) rows[at] = value = steps ? value + bytes[from++] & 255 : bytes[from++];
+  }
+  return rows;
 }
 
 function find(bytes, text) {

@@ -218,3 +218,28 @@ def test_rows_come_back_from_clusters_as_they_went_in():
     found: Compressed = compress(rows.astype(np.float32), np.ones(3000, np.float32), CompressionLevel(4, 2))
     error = np.sqrt(np.mean((found.rows() - rows) ** 2)) / rows.std()
     assert error < 0.01  # a byte of each weight
+
+
+PAINT = """
+const [web] = process.argv.slice(1);
+const { lookUp, texelDirection, toneMap, paintSky } = await import(`${web}/light.js`);
+const [height, width] = [104, 208], out = new Uint8Array(4 * height * width), color = [0, 0, 0];
+const image = Float32Array.from({ length: 64 * 128 * 3 }, (_, i) => 2 ** (6 * Math.sin(i * 12.9898) - 3));
+let most = 0;
+for (const angle of [0, 1.2, -9]) {
+  paintSky(image, angle, 0.7, height, width, out);
+  for (let row = 0, to = 0; row < height; row++) for (let column = 0; column < width; column++, to += 4) {
+    lookUp(image, ...texelDirection(row, column, height, width), angle, 0.7, color);
+    toneMap(color);
+    for (let k = 0; k < 3; k++) most = Math.max(most, Math.abs(out[to + k] - 255 * color[k]));
+  }
+}
+console.log(most);
+"""
+
+
+def test_a_painted_sky_is_the_light_looked_up_and_tone_mapped():
+    """To the byte: rounding, and steps of a 65,536th of linear light."""
+    command = ["node", "--input-type=module", "-e", PAINT, WEB]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert float(done.stdout) < 0.56

@@ -28,6 +28,7 @@ def test_one_command_writes_the_bundle_and_the_page(folder, tmp_path, capsys):
     meta = json.loads((tmp_path / "out/live/live.json").read_text())
     assert [light["name"] for light in meta["lights"]] == ["sunset", "noon", "studio", "overcast", "capture"]
     assert meta["count"] == 2500 == report["live"]["splats"]
+    assert meta["ground"]["height"] == pytest.approx(-0.1) and "live/ground.bin" in report["files"]
     page = (tmp_path / "out/relit.html").read_text("utf-8")
     assert '"turn": 30.0' in page and "src=" not in page.split("</style>")[1].split("<script")[0]
 
