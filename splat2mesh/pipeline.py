@@ -259,7 +259,7 @@ def place_views(
             return views, np.full(len(views), plane)
         views, near = around(standing.eyes, effort.pixels, up)
         if standing.kind == "both":
-            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed)
+            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed, standing.space)
             views, near = views + more, np.append(near, np.full(len(more), plane))
         return views, near
 

@@ -19,6 +19,7 @@ from ..base.errors import InputError
 from ..render.opacitygrid import OpacityGrid
 from ..splats.splats import Splats
 from .eyes import Eye
+from .freespace import FreeSpace
 from .viewpoints import even_directions
 
 PLACES, RAYS, TRIED, LEAST_PLACES = 2500, 256, 40_000, 50
@@ -85,6 +86,7 @@ class Standpoints:
     kind: "inside" (a room: look from within), "both" (in the open: from within and around) or "outside" (an object).
     eyes: list of Eye, the ones that show most first. distance: median of the distances at which they see surfaces.
     focal: the focal length in pixels that the splat implies. share_enclosed, share_surrounded: of the free places.
+    space: what the eyes see, where views from around join them, else None.
     """
 
     kind: str
@@ -93,6 +95,7 @@ class Standpoints:
     focal: float
     share_enclosed: float
     share_surrounded: float
+    space: FreeSpace | None = None
 
 
 def standpoints(
@@ -127,7 +130,8 @@ def standpoints(
     for index in chosen:
         clearance = float(np.percentile(looks.distance[index][looks.hit[index]], 2))
         eyes.append(Eye(looks.points[index], max(NEAR_CLEARANCE * clearance, NEAR_DIAGONAL * diagonal)))
-    return Standpoints(kind, eyes, distance, focal, *map(float, shares))
+    space = FreeSpace(splats, bounds, eyes) if kind == "both" else None
+    return Standpoints(kind, eyes, distance, focal, *map(float, shares), space)
 
 
 class _RayFans(NamedTuple):
