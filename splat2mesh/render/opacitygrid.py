@@ -61,7 +61,7 @@ class OpacityGrid(NamedTuple):
     def around(
         cls, splats: Splats, bounds: Bounds, inner_cells: int = CELLS, outer_cells: int = OUTER_CELLS
     ) -> "OpacityGrid":
-        """The grids of `splats` around the box `bounds` (2, 3) of their foreground: cells of the first, of each other."""
+        """The grids of `splats` around the box `bounds` (2, 3) of their foreground: of so many cells each."""
         center, size = bounds.mean(axis=0), np.ptp(bounds, axis=0)
         solid = splats.means[splats.opacities > SOLID]
         reach = np.abs(solid - center).max(axis=1)
