@@ -95,7 +95,7 @@ def convert(
     center, radius, far = foreground_ball(splats)
     foreground, effort = splats.take(np.flatnonzero(~far)), EFFORTS[asked.detail]
     with stages.stage("standpoints"):
-        standing = _standing(foreground, splats, asked)
+        standing = _standing(foreground, splats, asked, rotation[1, :3])
     statistics = dict.fromkeys(("components_dropped", "holes_filled", "vertices_unseen"), 0)
     backdrop = None
     if standing.kind == "outside":
@@ -209,11 +209,11 @@ def add_texture(scene: Scene, looks: list[Look], size: int | str, stages: Stages
     scene.statistics = scene.statistics | statistics
 
 
-def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions) -> Standpoints:
+def _standing(foreground: Splats, splats: Splats, asked: ConvertOptions, up: Vector) -> Standpoints:
     """The Standpoints of a capture; the sugar way knows objects only."""
     if asked.surface != "field":
         return standpoints(splats, bounds_of(foreground), "outside")
-    return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed)
+    return standpoints(splats, bounds_of(foreground), asked.stand, asked.eyes, asked.seed, up)
 
 
 def _turned(mesh: Mesh, rotation: Matrix4) -> Mesh:
@@ -259,7 +259,7 @@ def place_views(
             return views, np.full(len(views), plane)
         views, near = around(standing.eyes, effort.pixels, up)
         if standing.kind == "both":
-            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed)
+            more = virtual_views(as_trained(foreground).splats, AROUND, effort.pixels, up, seed, standing.space)
             views, near = views + more, np.append(near, np.full(len(more), plane))
         return views, near
 
@@ -291,7 +291,7 @@ def plan(path: str | os.PathLike[str], options: ConvertOptions | None = None, **
     effort = EFFORTS[asked.detail]
     total, far = len(splats), far_background(splats)
     foreground = splats.take(np.flatnonzero(~far))
-    standing = _standing(foreground, splats, asked)
+    standing = _standing(foreground, splats, asked, rotation[1, :3])
     splats = foreground
     if trained:
         wanted = effort.views * (TRAINED if standing.eyes else 1)

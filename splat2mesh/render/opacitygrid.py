@@ -58,8 +58,10 @@ class OpacityGrid(NamedTuple):
     pixel_starts: NDArray[np.int64]
 
     @classmethod
-    def around(cls, splats: Splats, bounds: Bounds) -> "OpacityGrid":
-        """The grids of `splats` around the box `bounds` (2, 3) of their foreground."""
+    def around(
+        cls, splats: Splats, bounds: Bounds, inner_cells: int = CELLS, outer_cells: int = OUTER_CELLS
+    ) -> "OpacityGrid":
+        """The grids of `splats` around the box `bounds` (2, 3) of their foreground: of so many cells each."""
         center, size = bounds.mean(axis=0), np.ptp(bounds, axis=0)
         solid = splats.means[splats.opacities > SOLID]
         reach = np.abs(solid - center).max(axis=1)
@@ -68,7 +70,7 @@ class OpacityGrid(NamedTuple):
         corners, sides, counted = [], [], []
         for level in range(levels):
             box = size * GROWTH**level
-            cell = (np.prod(box) / (OUTER_CELLS if level else CELLS)) ** (1 / 3)
+            cell = (np.prod(box) / (outer_cells if level else inner_cells)) ** (1 / 3)
             shape = np.maximum(np.ceil(box / cell).astype(np.int64), 1)
             corners.append(center - shape * cell / 2)
             sides.append(cell)

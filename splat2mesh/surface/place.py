@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..base.arrays import Faces, Floats, Mask, Points, Vector
+from ..base.arrays import Faces, Floats, Indices, Mask, Points, Vector
 from ..base.calibration import Provenance
 from ..base.errors import InputError
 from ..base.progress import Stages
@@ -149,14 +149,25 @@ def _near_centers(views: Sequence[View], seen: Sequence[FieldDepth]) -> Points:
 def _fog(splats: Splats, views: Sequence[View], near: Floats) -> float:
     """Median thickness of the surfaces that views see, over their distance."""
     found: list[Floats] = [np.zeros(0)]
-    step = max(1, len(views) // PROBES)
-    for view, plane in zip(views[::step], near[::step], strict=True):
-        small = view.resized(PROBE_PIXELS)
-        seen = field_depth(splats, small, float(plane))
+    for probe in _probes(views):
+        small = views[probe].resized(PROBE_PIXELS)
+        seen = field_depth(splats, small, float(near[probe]))
         found.append((thickness_of(seen, small) / seen.depth).ravel())
     ratios = np.concatenate(found)
     ratios = ratios[np.isfinite(ratios)]
     return float(np.median(ratios)) if len(ratios) else 0.0
+
+
+def _probes(views: Sequence[View]) -> Indices:
+    """Indices of the views in which the fog is measured.
+
+    Where views from around follow the eyes' six each, they are spread evenly: in a fixed step they would all look the
+    same few ways, as many of them up as there happens.
+    """
+    step = max(1, len(views) // PROBES)
+    evenly = np.arange(0, len(views), step)
+    mixed = len({round(view.fx / view.width, 6) for view in views}) > 1
+    return np.arange(PROBES) * len(views) // PROBES if mixed and step > 1 else evenly
 
 
 def parted(mesh: Mesh, center: Vector, radius: float) -> tuple[Mesh, Mesh | None]:

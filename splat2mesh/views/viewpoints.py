@@ -16,6 +16,7 @@ from ..base.arrays import Bounds, Floats, Matrix3, Points, Vector
 from ..render.opacityfield import FieldDepth, field_depth
 from ..render.view import View
 from ..splats.splats import Splats
+from .freespace import FreeSpace
 
 OUTER_FOV_DEG, INNER_FOV_DEG = 40.0, 90.0
 CANDIDATE_PIXELS = 80
@@ -79,16 +80,22 @@ def near_plane(bounds: Bounds) -> float:
     return 0.005 * float(np.linalg.norm(np.ptp(bounds, axis=0)))
 
 
-def virtual_views(splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0) -> list[View]:
+def virtual_views(
+    splats: Splats, count: int, pixels: int, up: Vector, seed: int = 0, space: FreeSpace | None = None
+) -> list[View]:
     """Choose `count` views of a splat, or up to a quarter more where parts of it would go unseen.
 
     splats: cleaned Splats. pixels: longer side of the views returned.
-    up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates.
+    up: (3,) unit, the up direction in the splat's frame. seed: for the jitter of the candidates. space: where all of
+    them stand, or None for anywhere.
     Returns a list of View, the ones that show most first.
     """
     bounds = bounds_of(splats)
     near = near_plane(bounds)
     candidates = candidate_views(splats, count, up, seed)
+    if space is not None and candidates:
+        free = space.holds(np.stack([view.center for view in candidates]))
+        candidates = [view for view, stands in zip(candidates, free, strict=True) if stands]
     sketch = thinned(splats, np.random.default_rng(seed))
     coverage, fuzziness = [], []
     for view in candidates:

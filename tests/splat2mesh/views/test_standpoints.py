@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from ball_splats import solid_ball
-from place_splats import garden, room
+from place_splats import box, garden, joined, room
 
 from splat2mesh.base.errors import InputError
 from splat2mesh.surface.background import far_background
@@ -35,6 +35,19 @@ def test_a_room_is_seen_from_within(in_the_room):
 
 def test_a_garden_is_seen_from_within_and_around():
     assert found(garden()).kind == "both"
+
+
+def test_nobody_stands_under_the_lawn():
+    # What reaches below the ground, such as a well, stretches the box in which places are tried.
+    deep = joined(garden(), box([-3.5, -1.5, -3.5], [-2.5, -0.1, -2.5], 0.05))
+    lowest = {up: min(eye.center[1] for eye in found(deep, up=up).eyes) for up in (None, (0.0, 1.0, 0.0))}
+    assert lowest[None] < 0 < lowest[0.0, 1.0, 0.0]
+
+
+def test_a_room_may_have_a_cellar(in_the_room):
+    # Below the ground of a garden is nothing to see; rooms are left alone, whatever is above or below.
+    again = found(room(), up=np.array([0.0, -1.0, 0.0]))
+    np.testing.assert_array_equal([e.center for e in again.eyes], [e.center for e in in_the_room.eyes])
 
 
 def test_an_object_is_seen_from_around():
