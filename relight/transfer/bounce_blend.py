@@ -23,7 +23,7 @@ LEAST_VARIANCE = 1e-20
 FIELDS = 6
 
 
-class Rings(NamedTuple):
+class RingMeans(NamedTuple):
     """The nodes of a scene and their rings.
 
     vertices: (N,) that stand for nodes. node: (V,) of each vertex. mean: (N, N) sparse rows that average the ring about
@@ -41,8 +41,8 @@ class Rings(NamedTuple):
     met: NDArray[np.float64]
 
     @classmethod
-    def of(cls, neighbors: Neighbors, hits: NDArray[np.int32], fronts: NDArray[np.int32]) -> "Rings":
-        """Rings whose rays met something `hits` times, (V,), and `fronts` times, (V,), the front of a face. A node that
+    def of(cls, neighbors: Neighbors, hits: NDArray[np.int32], fronts: NDArray[np.int32]) -> "RingMeans":
+        """RingMeans whose rays met something `hits` times, (V,), and `fronts` times, (V,), the front of a face. A node that
         meets more backs is inside a body: it neither gives nor takes."""
         count, met = len(neighbors.vertices), hits[neighbors.vertices].astype(np.float64)
         outside = 2 * fronts[neighbors.vertices] >= hits[neighbors.vertices]
@@ -61,12 +61,12 @@ class Rings(NamedTuple):
 class BounceBlend:
     """The linear average of what the rays of vertices met in the mean.
 
-    rings: Rings. mean, mean_of_squares: (V, FIELDS), what rays met of the known lights and of their squares, over those
+    rings: RingMeans. mean, mean_of_squares: (V, FIELDS), what rays met of the known lights and of their squares, over those
     that met something. rays: from each vertex.
     """
 
     def __init__(
-        self, rings: Rings, mean: NDArray[np.float32], mean_of_squares: NDArray[np.float32], rays: int
+        self, rings: RingMeans, mean: NDArray[np.float32], mean_of_squares: NDArray[np.float32], rays: int
     ) -> None:
         self._rings = rings
         own = mean[rings.vertices].astype(np.float64)

@@ -23,7 +23,7 @@ from splat2mesh.base.errors import InputError
 from splat2mesh.base.progress import Advance
 from splat2mesh.base.threads import in_order, in_slices, read_only
 
-from .bounce_blend import FIELDS, BounceBlend, Rings, known_lights
+from .bounce_blend import FIELDS, BounceBlend, RingMeans, known_lights
 from .bounce_places import BouncePlaces, batch_of
 from .bounce_rows import gather, gather_rgb, unpack
 from .checks import check_shape, checked_albedo
@@ -113,7 +113,7 @@ class Interreflection:
         self._blend: BounceBlend | None = None
         fronts = np.zeros_like(self.hits)
         fronts[places.rows] = places.used
-        self._rings = None if neighbors is None else Rings.of(neighbors, self.hits, fronts)
+        self._rings = None if neighbors is None else RingMeans.of(neighbors, self.hits, fronts)
         self.scale_to(visible)
 
     @property
@@ -176,7 +176,7 @@ class Interreflection:
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
         self._blend = None if self._rings is None else self._blend_over(self._rings)
 
-    def _blend_over(self, rings: Rings) -> BounceBlend:
+    def _blend_over(self, rings: RingMeans) -> BounceBlend:
         lights = known_lights(1.0 - self._hidden, self._normals)
         if self.receivers is not None:
             self.receivers.filled(lights)
