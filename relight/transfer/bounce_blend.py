@@ -42,8 +42,8 @@ class RingMeans(NamedTuple):
 
     @classmethod
     def of(cls, neighbors: Neighbors, hits: NDArray[np.int32], fronts: NDArray[np.int32]) -> "RingMeans":
-        """RingMeans whose rays met something `hits` times, (V,), and `fronts` times, (V,), the front of a face. A node that
-        meets more backs is inside a body: it neither gives nor takes."""
+        """Those of vertices whose rays met something `hits` times, (V,), and `fronts` times, (V,), the front of a face.
+        A node that meets more backs is inside a body: it neither gives nor takes."""
         count, met = len(neighbors.vertices), hits[neighbors.vertices].astype(np.float64)
         outside = 2 * fronts[neighbors.vertices] >= hits[neighbors.vertices]
         plain = neighbors.weights.astype(np.float64)
@@ -61,8 +61,8 @@ class RingMeans(NamedTuple):
 class BounceBlend:
     """The linear average of what the rays of vertices met in the mean.
 
-    rings: RingMeans. mean, mean_of_squares: (V, FIELDS), what rays met of the known lights and of their squares, over those
-    that met something. rays: from each vertex.
+    rings: RingMeans. mean, mean_of_squares: (V, FIELDS), what rays met of the known lights and of their squares, over
+    those that met something. rays: from each vertex.
     """
 
     def __init__(
