@@ -47,6 +47,8 @@ def test_no_name_in_a_page_becomes_code():
         "source": {"file": SCRIPT + "\udcff"},
         "lights": [{"name": SCRIPT, "file": "lights/0.rgbe"}],
         "splats": [{"file": "splat.compressed.ply"}],
+        "transfer": {"file": "transfer.bin", "bytes": 8},
+        "surface": {"file": "surface.bin", "bytes": 12},
     }
     page = page_of(meta, ["live.json", "lights/0.rgbe"], {"lights/0.rgbe": b"1"}).encode("utf-8", "replace").decode()
     assert "alert(1)" in page and "<script>alert" not in page

@@ -70,11 +70,16 @@ def test_what_was_white_becomes_grey(table, look):
     scene, bounced = relighter.scene, bounced_light(relighter)
     spread = np.ptp(albedo, axis=1) / albedo.max(axis=1)
     lit = luminance(look.irradiance) > 0.5 * np.median(luminance(look.irradiance))
-    near = int(np.argmin(np.where(lit, spread, np.inf)))  # the greyest vertex in the light
+
+    def around(vertex):
+        return np.linalg.norm(scene.vertices - scene.vertices[vertex], axis=1) < 0.01 * scene.diagonal
+
+    # The greyest vertex in the light that has neighbours, all of one colour.
+    greyest = np.argsort(np.where(lit, spread, np.inf), kind="stable")
+    near = next(int(v) for v in greyest if around(v).sum() > 2 and not np.ptp(albedo[around(v)], axis=0).any())
     found = color_where_white(look, bounced, scene.vertices, scene.diagonal, scene.vertices[near])
     tinted = retinted(look, found, bounced)
-    around = np.linalg.norm(scene.vertices - scene.vertices[near], axis=1) < 0.01 * scene.diagonal
-    grey = np.median(tinted.albedo[around], axis=0)
+    grey = np.median(tinted.albedo[around(near)], axis=0)
     np.testing.assert_allclose(grey / grey.mean(), 1.0, atol=0.02)  # medians of colours are not of one vertex
     with pytest.raises(InputError, match="no surface"):
         color_where_white(look, bounced, scene.vertices, scene.diagonal, scene.vertices[near] + scene.diagonal)
