@@ -30,10 +30,10 @@ NETWORK_VERTEX, NETWORK_COEFFICIENT = 12.0, 0.5  # of the method "neural" over a
 SUNS_AT = 30, 0.01
 """Suns to expect before they are found: so many for this tolerance, as its inverse square root."""
 
-BOUNCE_NOISE = {8: 0.044, 16: 0.0285, 32: 0.0186, 64: 0.0145, 128: 0.0106, 256: 0.0073, 512: 0.0051}
+BOUNCE_NOISE = {8: 0.068, 16: 0.042, 32: 0.0246, 64: 0.0174, 128: 0.0125, 256: 0.0081, 512: 0.0054}
 """Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
 meet anything, the noisier. Upper end of three scenes with shares of .06 to .15, without the average over rings (a
-corner with .33 has two thirds), times the mean of what that leaves of it on a tabletop, a patio and two rooms."""
+corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less."""
 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in

@@ -18,7 +18,7 @@ STRATIFIED = 16.0, 0.28
 """Variance of the mean of R stratified rays over that of independent ones: (16 / R)^.28. The error of bounced light
 falls with R^-.64 on a room, a tabletop and a patio."""
 
-LEAST_VARIANCE = 1e-20
+LEAST_VARIANCE, LEAST_HIDDEN = 1e-20, 1e-6
 
 FIELDS = 6
 
@@ -27,9 +27,9 @@ class RingMeans(NamedTuple):
     """The nodes of a scene and their rings.
 
     vertices: (N,) that stand for nodes. node: (V,) of each vertex. mean: (N, N) sparse rows that average the ring about
-    a node, each neighbour by its rays that met something; rows of zeros where none did. squares: the same with squared
-    weights. smooth: the same of a node and its ring, whatever they met. around: (N,) bool, who takes from its ring.
-    met: (N,) how many rays of each did, at least 1.
+    a node, each neighbour by its rays that met something and by how alike both are; rows of zeros where none counts.
+    squares: the same with squared weights. smooth: the same of a node and its ring, whatever they met. alike: (N,) how
+    alike the ring is, in [0, 1]. met: (N,) how many rays of each met something, at least 1.
     """
 
     vertices: NDArray[np.int64]
@@ -37,25 +37,38 @@ class RingMeans(NamedTuple):
     mean: csr_array
     squares: csr_array
     smooth: csr_array
-    around: NDArray[np.bool_]
+    alike: NDArray[np.float64]
     met: NDArray[np.float64]
 
     @classmethod
-    def of(cls, neighbors: Neighbors, hits: NDArray[np.int32], fronts: NDArray[np.int32]) -> "RingMeans":
-        """Those of vertices whose rays met something `hits` times, (V,), and `fronts` times, (V,), the front of a face.
-        A node that meets more backs is inside a body: it neither gives nor takes."""
-        count, met = len(neighbors.vertices), hits[neighbors.vertices].astype(np.float64)
-        outside = 2 * fronts[neighbors.vertices] >= hits[neighbors.vertices]
-        plain = neighbors.weights.astype(np.float64)
-        shape, at = (count, count), (neighbors.columns, neighbors.starts)
-        weighted = csr_array((plain * (outside * met)[neighbors.columns], *at), shape)
-        whole = np.asarray(weighted.sum(axis=1)).ravel()
-        mean = diags_array(1.0 / np.maximum(whole, 1e-30)).tocsr() @ weighted
-        smooth = csr_array((plain, *at), shape)
+    def of(
+        cls,
+        neighbors: Neighbors,
+        hits: NDArray[np.int32],  # (V,) how many rays met something
+        fronts: NDArray[np.int32],  # (V,) how many of these the front of a face
+        hidden: NDArray[np.float32],  # (V,) fraction of the cosine lobe
+    ) -> "RingMeans":
+        """Nodes are alike where surfaces hide as much from them: the smaller share over the larger, squared.
+
+        A node that meets more backs than fronts is inside a body: it neither gives nor takes.
+        """
+        vertices, columns = neighbors.vertices, neighbors.columns
+        count, met, own = len(vertices), hits[vertices].astype(np.float64), hidden[vertices].astype(np.float64)
+        row = np.repeat(np.arange(count), np.diff(neighbors.starts))
+        most = np.maximum(np.maximum(own[row], own[columns]), LEAST_HIDDEN)
+        likeness = np.square(np.minimum(own[row], own[columns]) / most)
+        outside = 2 * fronts[vertices] >= hits[vertices]
+        counted = neighbors.weights * (outside * met)[columns]
+        mean = csr_array((counted * likeness, columns, neighbors.starts), (count, count))
+        weight = np.asarray(mean.sum(axis=1)).ravel()
+        alike = outside * weight / np.maximum(np.bincount(row, counted, count), LEAST_VARIANCE)
+        smooth = csr_array((neighbors.weights.astype(np.float64), columns, neighbors.starts), (count, count))
         smooth = smooth + diags_array(np.ones(count)).tocsr()
-        smooth = diags_array(1.0 / np.asarray(smooth.sum(axis=1)).ravel()).tocsr() @ smooth
-        asked = mean, mean.power(2), smooth, outside & (whole > 0.0), np.maximum(met, 1.0)
-        return cls(neighbors.vertices, neighbors.node, *asked)
+        mean, smooth = (
+            diags_array(1.0 / np.maximum(np.asarray(each.sum(axis=1)).ravel(), LEAST_VARIANCE)).tocsr() @ each
+            for each in (mean, smooth)
+        )
+        return cls(vertices, neighbors.node, mean, mean.power(2), smooth, alike, np.maximum(met, 1.0))
 
 
 class BounceBlend:
@@ -76,7 +89,7 @@ class BounceBlend:
         of_own, of_ring = rings.smooth @ noise, rings.squares @ noise
         bias = np.maximum(rings.smooth @ off - of_own - of_ring, 0.0)
         share = of_own / np.maximum(of_own + of_ring + bias, LEAST_VARIANCE)
-        self._share = np.where(rings.around, share, 0.0)[:, None]
+        self._share = (rings.alike * share)[:, None]
 
     def __call__(self, mean: NDArray[np.float32]) -> NDArray[np.float32]:
         """(V, C) float32 of means (V, C) over what rays met: each vertex's own and, for its share, that of its ring."""

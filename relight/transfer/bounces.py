@@ -113,7 +113,7 @@ class Interreflection:
         self._blend: BounceBlend | None = None
         fronts = np.zeros_like(self.hits)
         fronts[places.rows] = places.used
-        self._rings = None if neighbors is None else RingMeans.of(neighbors, self.hits, fronts)
+        self._fronts, self._neighbors = fronts, neighbors
         self.scale_to(visible)
 
     @property
@@ -174,9 +174,10 @@ class Interreflection:
             hidden = np.clip(1.0 - visible, 0.0, 1.0)
             self._hidden = hidden.astype(np.float32)
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
-        self._blend = None if self._rings is None else self._blend_over(self._rings)
+        self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
 
-    def _blend_over(self, rings: RingMeans) -> BounceBlend:
+    def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
+        rings = RingMeans.of(neighbors, self.hits, self._fronts, self._hidden)
         lights = known_lights(1.0 - self._hidden, self._normals)
         if self.receivers is not None:
             self.receivers.filled(lights)

@@ -191,7 +191,8 @@ def test_lamps_in_a_closed_room(reader, tmp_path, env, captured, more):
     found = room()[0]
     scene, splats = with_splats(found, tmp_path)
     bulb = SphereLamp(tuple(scene.bounds.mean(axis=0).tolist()), 0.1, radiance=(60.0, 30.0, 15.0))
-    lighting = LightingOptions(tolerance=0.1, placed=(bulb,), captured=captured, **more)
+    # As near as the 64 bounce rays of the bundle.
+    lighting = LightingOptions(tolerance=0.03, placed=(bulb,), captured=captured, **more)
     job = Job(RelightRequest(scene, env, lighting, albedo="estimated", formats=("live",), caching="none"))
     Writer(job).write(next(iter(job.shaded())), tmp_path / "out")
     bundle = reader["read"](tmp_path / "out/live")
