@@ -153,7 +153,10 @@ def draw_panels(panels, path):
             name = row["setting"].split(":")[0] if ":" in row["setting"] else row["setting"]
             spot.annotate(name, (row["work"], row["error"]), (6, 4), fontsize=8, **PLAN_LABEL)
         spot.set(xscale="log", yscale="log", title=f"{panel['scene']}, {panel['panel']}")
-        spot.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g}%")
+        for part in (spot.yaxis.set_major_formatter, spot.yaxis.set_minor_formatter):
+            part(lambda value, _: f"{100 * value:g}%")
+        spot.xaxis.set_minor_formatter("")
+        spot.tick_params(which="minor", labelsize=6)
         spot.grid(color="#dddddd", lw=0.7)
         spot.set_axisbelow(True)
         spot.spines[["top", "right"]].set_visible(False)
