@@ -79,6 +79,18 @@ def _in_tiles(image, camera):
     return np.ascontiguousarray(tiles.reshape(down * across, AREA, -1))
 
 
+@kernel
+def _row_of(s, row, left):
+    """A footprint in a pixel row: its distance from the middle, what that adds to q, where the row's middle lies, and
+    the pixels (start, stop) of a tile that it reaches."""
+    dy = row + 0.5 - s.y
+    q_y = s.precision_y * dy * dy
+    middle = s.x + s.slope * dy
+    chord = math.sqrt(max(s.cutoff - q_y, 0.0) / s.precision_x)
+    start, stop = pixel_range(middle - chord, middle + chord, left, left + TILE)
+    return dy, q_y, middle, start, stop
+
+
 @shared
 @kernel
 def _blend(begin, end, footprints, starts, entries, across, color, light, free):
@@ -88,11 +100,7 @@ def _blend(begin, end, footprints, starts, entries, across, color, light, free):
             s = footprints[entries[e]]
             first, last = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
             for row in range(first, last):
-                dy = row + 0.5 - s.y
-                q_y = s.precision_y * dy * dy
-                middle = s.x + s.slope * dy
-                chord = math.sqrt(max(s.cutoff - q_y, 0.0) / s.precision_x)
-                start, stop = pixel_range(middle - chord, middle + chord, left, left + TILE)
+                _, q_y, middle, start, stop = _row_of(s, row, left)
                 for column in range(start, stop):
                     i = (row - top) * TILE + column - left
                     before = light[tile, i]
@@ -120,11 +128,7 @@ def _gradients(begin, end, footprints, starts, entries, across, slope, behind, l
             gx = gy = gs = gpx = gpy = go = gr = gg = gb = 0.0
             first, last = pixel_range(s.y - s.reach_y, s.y + s.reach_y, top, top + TILE)
             for row in range(first, last):
-                dy = row + 0.5 - s.y
-                q_y = s.precision_y * dy * dy
-                middle = s.x + s.slope * dy
-                chord = math.sqrt(max(s.cutoff - q_y, 0.0) / s.precision_x)
-                start, stop = pixel_range(middle - chord, middle + chord, left, left + TILE)
+                dy, q_y, middle, start, stop = _row_of(s, row, left)
                 for column in range(start, stop):
                     i = (row - top) * TILE + column - left
                     before = light[tile, i]

@@ -22,7 +22,7 @@ from splat2mesh.splats.splats import SH_C0, Splats
 from .blending import PARTS, draw, gradients
 
 RATES = {"means": 0.02, "log_scales": 0.01, "quats": 0.003, "logits": 0.05, "dc": 0.01}
-"""Largest steps of Adam; of means in units of each splat's own size. """
+"""Largest steps of Adam; of means in units of each splat's own size."""
 
 LEAST_OPACITY = 0.02
 """Fainter splats are left out at the end."""
@@ -41,7 +41,7 @@ SAMPLES, REPORTED = 2, 100
 
 
 def train_capture(options):
-    """Train a capture and save it to `out`, as `.ply` or `.sog`; returns lines to print.
+    """Train a capture and save it to `out`, in the format of its name; returns lines to print.
 
     options: kind, seed, env, splats, vertices (of the place), views, pixels (their sides), minutes and steps (the most
     of both), out, say (takes lines of progress).

@@ -35,7 +35,7 @@ needles, was most of what rays were blamed for, and no number of them made it le
 
 
 WIDE_PART, MOST_WIDE = 16, 4096
-"""One vertex in so many, but at most so many, tell the error of suns as points. In a room that the sun enters through a
+"""One vertex in so many, but at most so many, show the error of suns as points. In a room that the sun enters through a
 window, 384 vertices gave .006 for .028."""
 
 

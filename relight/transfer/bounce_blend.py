@@ -16,7 +16,7 @@ from .neighbors import Neighbors
 
 STRATIFIED = 16.0, 0.28
 """Variance of the mean of R stratified rays over that of independent ones: (16 / R)^.28. The error of bounced light
-falls with R^-.64 on a room, a tabletop and a patio."""
+falls with R^-.64 in a parlour and on a patio, with R^-.70 on a tabletop."""
 
 LEAST_VARIANCE, LEAST_HIDDEN = 1e-20, 1e-6
 

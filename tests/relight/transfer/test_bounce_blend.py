@@ -34,7 +34,7 @@ def test_the_error_falls_as_by_more_rays(table, rays, most):
     rows = np.random.default_rng(2).choice(len(sent), 800, replace=False)
     truth = first_bounce(occluder, sent, 2048, rows, seed=9)
     plain, averaged = (np.linalg.norm(matrix.bounce(sent)[rows] - truth) for matrix in matrices(table, rays))
-    assert averaged < most * plain  # three seeds each: .55 and .65 on this table
+    assert averaged < most * plain  # three seeds each gave .54 to .58 and .66 to .67
 
 
 def test_it_neither_makes_nor_loses_light(table):
