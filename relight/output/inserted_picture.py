@@ -30,6 +30,13 @@ OPAQUE = 0.99
 FIELD_DEG, AWAY = 55.0, 4.5
 """The picture of an object: its field of view, and its preferred distance, in radii of the object."""
 
+ABOVE = 0.35
+"""How far above an object people look from, over their distance: what an eye is below that counts against it."""
+
+TOO_FAR, NOT_CAPTURED = 0.15, 0.15
+"""Share of the object and its surroundings that must show more from an eye that is e times too far or too near, and
+from one where the capture did not stand."""
+
 
 def with_objects(
     splats: Splats, inserted: "InsertedLight", exposure: float, view: View, scene: Scene, samples: int = SAMPLES
@@ -99,17 +106,44 @@ def camera_of(inserted: "InsertedLight", scene: Scene, points: NDArray | None = 
     points = (inserted.standing.vertices if points is None else points).astype(np.float64)
     low, high = points.min(axis=0), points.max(axis=0)
     center, radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
-    eyes = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
-    frame, best = inserted.standing.frame, None
-    if len(eyes):
-        distance = np.linalg.norm(eyes - center, axis=1)
-        rays = np.concatenate([frame.unit(eyes), (center - eyes) / frame.diagonal], axis=1).astype(np.float32)
-        part = (1.0 - 1.5 * radius / np.maximum(distance, 1e-9)).astype(np.float32)
-        rays[:, 3:] *= np.maximum(part, 0.0)[:, None]
-        free = ~inserted.around.occluder.occluded(rays, 1.0) & (distance > 2.0 * radius)
-        if free.any():
-            best = eyes[np.flatnonzero(free)[np.argmin(np.abs(np.log(distance[free] / (AWAY * radius))))]]
-    eye = center + AWAY * radius * np.array([0.55, 0.45, 0.7]) if best is None else best
-    wide = 2.0 * np.degrees(np.arctan(2.2 * radius / float(np.linalg.norm(eye - center))))
-    fov = float(np.clip(wide, 15.0, FIELD_DEG)) if best is not None else FIELD_DEG
-    return {"eye": eye.tolist(), "target": center.tolist(), "up": [0.0, 1.0, 0.0], "fov_deg": fov}
+    stood = np.asarray(scene.capture.get("eyes", ()), np.float64).reshape(-1, 3)
+    eyes = np.concatenate([stood, _above(stood, center, AWAY * radius)])
+    distance = np.maximum(np.linalg.norm(eyes - center, axis=1), 1e-9)
+    worth = _share_seen(inserted, eyes, _about(low, high)) - TOO_FAR * np.abs(np.log(distance / (AWAY * radius)))
+    worth -= np.maximum(ABOVE - (eyes[:, 1] - center[1]) / distance, 0.0)
+    worth[len(stood) :] -= NOT_CAPTURED
+    worth[distance < 2.0 * radius] = -np.inf
+    best = int(np.argmax(worth))
+    fov = float(np.clip(2.0 * np.degrees(np.arctan(2.2 * radius / distance[best])), 15.0, FIELD_DEG))
+    return {"eye": eyes[best].tolist(), "target": center.tolist(), "up": [0.0, 1.0, 0.0], "fov_deg": fov}
+
+
+def _above(stood: NDArray[np.float64], center: NDArray[np.float64], away: float) -> NDArray[np.float64]:
+    """(E, 3): positions `away` from the center, slightly above it, on the sides of standpoints (S, 3) and beside."""
+    ahead = np.arctan2(*(stood - center)[:, [2, 0]].T) if len(stood) else np.array([0.9])
+    turn = (ahead[:, None] + np.radians([-60.0, 0.0, 60.0])).ravel()
+    level = np.sqrt(1.0 - ABOVE**2)
+    return center + away * np.stack([level * np.cos(turn), np.full(len(turn), ABOVE), level * np.sin(turn)], axis=1)
+
+
+def _about(low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(P, 3): points through a box from low to high, and around its foot, where its shadow falls."""
+    inside = np.stack(np.meshgrid(*[[0.1, 0.5, 0.9]] * 3), -1).reshape(-1, 3)
+    turn = np.arange(24) * 2.0 * np.pi / 12
+    foot = np.stack([np.cos(turn), np.zeros(24), np.sin(turn)], axis=1) * np.repeat([1.0, 1.7], 12)[:, None]
+    size = high - low
+    radius = 0.5 * float(np.linalg.norm(size))
+    base = 0.5 * (low + high) - [0.0, 0.5 * size[1] - 0.1 * radius, 0.0]
+    return np.concatenate([low + inside * size, base + radius * foot])
+
+
+def _share_seen(
+    inserted: "InsertedLight", eyes: NDArray[np.float64], points: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(E,): the share of points (P, 3) that each eye (E, 3) sees in the place without the objects."""
+    frame = inserted.standing.frame
+    rays = np.empty((len(eyes), len(points), 6), np.float32)
+    rays[..., :3] = frame.unit(eyes)[:, None]
+    rays[..., 3:] = 0.98 * (points - eyes[:, None]) / frame.diagonal
+    hidden = inserted.around.occluder.occluded(rays.reshape(-1, 6), 1.0)
+    return 1.0 - hidden.reshape(len(eyes), len(points)).mean(axis=1)
