@@ -1,6 +1,7 @@
 """Plans for the lights of one scene: made once for each, kept between runs, checked after the work and corrected."""
 
 import json
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
+from .bounce_check import BouncesToCheck, bounced_error, more_rays
 from .decide import PlannedScene, planned
 from .plan import Plan
 
@@ -34,6 +36,7 @@ class Planner:
         self._precomputed, self._stages, self._options = precomputed, stages, options
         self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         self._plans: dict[Any, Plan] = {}
+        self._unbounced: dict[Any, BouncesToCheck] = {}
         self._albedo: tuple[Any, Any] = (None, None)
 
     def plan(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
@@ -46,14 +49,53 @@ class Planner:
     def settled(self, environment: "Environment", albedo: NDArray[np.floating] | None) -> "Settings":
         """The Settings of the plan, after their transfer was computed and checked on the sample.
 
-        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled.
+        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled. Bounced light is
+        checked by `bounced`, once it was computed.
         """
-        plan = self.plan(environment, albedo)
+        plan, key = self.plan(environment, albedo), self._key(environment, albedo)
         if plan.checked is None:
             self._check(plan)
-            cache = self._precomputed.cache
-            cache.put("plan", self._key(environment, albedo), plan=np.array(json.dumps(plan.as_dict())))
+            if plan.settings.bounce_rays:
+                predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
+                others = math.sqrt(max(plan.checked**2 - predicted**2, 0.0))
+                self._unbounced[key] = BouncesToCheck(others, [])
+            else:
+                self._keep(plan, key)
         return plan.settings
+
+    def bounced(
+        self,
+        environment: "Environment",
+        albedo: NDArray[np.floating] | None,  # (V, 3), None if white
+        direct: NDArray[np.float32],  # (V, 3) light on the white scene
+        radiance: NDArray[np.float32],  # (V, 3) exit radiance, with bounces
+        rays: int,  # from each vertex, that carried them
+    ) -> "Settings | None":
+        """Settings with more bounce rays, where those of a light computed as `settled` says do not suffice; else None.
+
+        The error is measured in the first light of an image, whatever its angle, and is in the plan from then on.
+        """
+        key = self._key(environment, albedo)
+        left = self._unbounced.get(key)
+        if left is None:
+            return None
+        plan = self._plans[key]
+        with self._stages.stage("check"):
+            tint = np.float32(1.0) if albedo is None else albedo
+            off = bounced_error(plan.choice.measured.wide, tint, direct, radiance, self._precomputed.seed)
+        left.found.append((rays, off))
+        plan.checked = math.hypot(left.others, off)
+        more = None if plan.budget_s is not None else more_rays(left, self._tolerance)
+        if more is None:
+            del self._unbounced[key]
+            self._keep(plan, key)
+            return None
+        plan.settings = plan.settings._replace(bounce_rays=more)
+        plan.contributions = plan.choice.contributions(plan.settings)
+        return plan.settings
+
+    def _keep(self, plan: Plan, key: str) -> None:
+        self._precomputed.cache.put("plan", key, plan=np.array(json.dumps(plan.as_dict())))
 
     def _check(self, plan: Plan) -> None:
         fixed_rays = self._options.rays is not None
