@@ -28,6 +28,9 @@ UNMENDED = 0.85
 """Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: many
 times as many would hardly help."""
 
+CHECKED = "rays and bounces"
+"""What is checked after the work. Plans that earlier versions kept, of rays alone, are made anew."""
+
 
 class Planner:
     """Plans by LightingOptions that have a tolerance or a budget of seconds."""
@@ -141,6 +144,7 @@ class Planner:
             *fixed,
             self._precomputed.seed,
             None if foliage is None else foliage.key,
+            CHECKED,
         )
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

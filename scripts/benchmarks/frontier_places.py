@@ -7,9 +7,9 @@ lamp    one bulb, alone: rays in half-shadows, rays of the first bounce
 gloss   rays of a glossy pixel's lobe, and no gloss at all; on the relit splat
 Errors are relative L2: of exit radiance over all vertices, for gloss of the colours of eight pictures. The truth is
 the same code with its finest settings and another seed; how far the sky's direct light is from
-`relight.transfer.reference` at 1,500 vertices is printed. Times are processor seconds of all threads over those in which bare Embree
-shoots one shadow ray from every vertex. The time of a plan includes planning. Nothing that the estimate of the captured
-light has traced is used, but for the bounces of lamps.
+`relight.transfer.reference` at 1,500 vertices is printed. Times are processor seconds of all threads over those in
+which bare Embree shoots one shadow ray from every vertex. The time of a plan includes planning. Nothing that the
+estimate of the captured light has traced is used, but for the bounces of lamps.
 """
 
 import json
