@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splat2mesh.base.arrays import Floats
 
-from ..transfer.first_bounce import first_bounce
+from ..transfer.first_bounce import gathered_and_met
 from . import costs
 
 if TYPE_CHECKING:
@@ -28,23 +28,25 @@ LEAST_ROOM = 0.5
 """Part of the tolerance that bounced light may always take up: where other errors fill it, less would hardly help."""
 
 
-class BouncesToCheck(NamedTuple):
-    """Of a plan whose bounces are not checked yet. others: all other errors. found: [(bounce rays, measured error)]."""
+class BounceErrors(NamedTuple):
+    """Relative L2 errors of bounced light, over all light. whole: of what surfaces send to one another. noise: the part
+    of it that more bounce rays mend; the rest is that of the sky that every vertex sees, which scales them."""
 
-    others: float
-    found: list[tuple[int, float]]
+    whole: float
+    noise: float
 
 
-def bounced_error(
+def bounce_errors(
     sample: "Sample",
     albedo: NDArray[np.float32] | np.float32,
     direct: NDArray[np.float32],
     radiance: NDArray[np.float32],
+    hidden: NDArray[np.float32],
     seed: int,
-) -> float:
-    """Error of what surfaces send to one another, relative to all light of a sample: relative L2.
+) -> BounceErrors:
+    """The BounceErrors of light that was computed, at the rows of a sample.
 
-    Leaves and grass that are volumes are not judged: rays from their surfaces do not estimate their light.
+    Rays from the surfaces of leaves and grass tell nothing of what these hide as volumes: only noise counts there.
 
     Parameters
     ----------
@@ -54,34 +56,35 @@ def bounced_error(
         Linear.
     direct, radiance : ndarray, (V, 3) float32
         Of all vertices: direct light on the white scene, exit radiance with bounces.
+    hidden : ndarray, (V,) float32
+        Share of the cosine lobe of every vertex that bounces were scaled to.
     seed : int
         Of the work; other rays are taken.
     """
     rows = sample.rows
     tint = np.broadcast_to(albedo, radiance.shape)[rows]
-    found, off = radiance[rows] - tint * direct[rows], list[Floats]()
-    for number in range(2):
-        gathered = first_bounce(sample.occluder, radiance, RAYS, rows, seed + 1 + number)
-        off.append((found - tint * gathered).astype(np.float64) * sample.solid[:, None])
-    square = float(sample.weights @ (off[0] * off[1]).sum(axis=1))
-    return math.sqrt(max(square, 0.0) / max(float(sample.mean_square(radiance[rows])), 1e-30))
+    found, solid = radiance[rows] - tint * direct[rows], (sample.solid == 1.0)[:, None]
+    sets = [gathered_and_met(sample.occluder, radiance, RAYS, rows, seed + 1 + number) for number in range(2)]
+    met = np.maximum(sets[0][1] + sets[1][1], 1.0 / RAYS)[:, None] / 2.0  # of both: else the scale leans with the light
+    whole, noise = list[Floats](), list[Floats]()
+    for gathered, share in sets:
+        noise.append((found * share[:, None] - tint * gathered * hidden[rows, None]) / met.astype(np.float64))
+        whole.append(np.where(solid, found - tint * gathered, noise[-1]))
+    total = max(float(sample.mean_square(radiance[rows])), 1e-30)
+    squares = (float(sample.weights @ (one * other).sum(axis=1)) for one, other in (whole, noise))
+    return BounceErrors(*(math.sqrt(max(square, 0.0) / total) for square in squares))
 
 
-def more_rays(bounces: BouncesToCheck, tolerance: float) -> int | None:
-    """The number of bounce rays that keeps a plan to its tolerance, by the errors found so far; None to leave them.
-
-    Noise falls as the law of `costs` says. With two errors, what did not fall that way is taken for no noise.
-    """
-    (rays, off), rest = bounces.found[-1], 0.0
-    most = max(tolerance**2 - bounces.others**2, (LEAST_ROOM * tolerance) ** 2)
-    if off**2 <= most or len(bounces.found) > MOST_ROUNDS:
+def more_rays(rays: int, found: BounceErrors, others: float, tolerance: float) -> int | None:
+    """The least number of bounce rays that keeps a plan to its tolerance, where so many left the errors `found` and all
+    others are `others`; None where they suffice, or none does. Noise falls as the law of `costs` says."""
+    most = max(tolerance**2 - others**2, (LEAST_ROOM * tolerance) ** 2)
+    noise = min(found.noise, found.whole) ** 2
+    rest = found.whole**2 - noise
+    if rest + noise <= most:
         return None
-    if len(bounces.found) > 1:
-        fewer, before = bounces.found[-2]
-        fell = (_noise(rays) / _noise(fewer)) ** 2
-        rest = max(off**2 - fell * before**2, 0.0) / (1.0 - fell)
     for more in (each for each in costs.BOUNCE_NOISE if each > rays):
-        if rest + (off**2 - rest) * (_noise(more) / _noise(rays)) ** 2 <= most:
+        if rest + noise * (_noise(more) / _noise(rays)) ** 2 <= most:
             return more
     return None
 

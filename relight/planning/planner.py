@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
-from .bounce_check import BouncesToCheck, bounced_error, more_rays
+from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
 from .decide import PlannedScene, planned
 from .plan import Plan
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages
 
     from ..light.environment import Environment
+    from ..transfer.bounces import Interreflection
     from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
 
@@ -39,7 +40,7 @@ class Planner:
         self._precomputed, self._stages, self._options = precomputed, stages, options
         self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         self._plans: dict[Any, Plan] = {}
-        self._unbounced: dict[Any, BouncesToCheck] = {}
+        self._unbounced: dict[Any, tuple[float, int]] = {}  # all other errors, rounds so far
         self._albedo: tuple[Any, Any] = (None, None)
 
     def plan(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
@@ -60,8 +61,7 @@ class Planner:
             self._check(plan)
             if plan.settings.bounce_rays:
                 predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
-                others = math.sqrt(max(plan.checked**2 - predicted**2, 0.0))
-                self._unbounced[key] = BouncesToCheck(others, [])
+                self._unbounced[key] = math.sqrt(max(plan.checked**2 - predicted**2, 0.0)), 0
             else:
                 self._keep(plan, key)
         return plan.settings
@@ -72,28 +72,27 @@ class Planner:
         albedo: NDArray[np.floating] | None,  # (V, 3), None if white
         direct: NDArray[np.float32],  # (V, 3) light on the white scene
         radiance: NDArray[np.float32],  # (V, 3) exit radiance, with bounces
-        rays: int,  # from each vertex, that carried them
+        matrix: "Interreflection",  # that carried them
     ) -> "Settings | None":
         """Settings with more bounce rays, where those of a light computed as `settled` says do not suffice; else None.
 
         The error is measured in the first light of an image, whatever its angle, and is in the plan from then on.
         """
         key = self._key(environment, albedo)
-        left = self._unbounced.get(key)
-        if left is None:
+        if key not in self._unbounced:
             return None
-        plan = self._plans[key]
+        plan, (others, rounds) = self._plans[key], self._unbounced.pop(key)
         with self._stages.stage("check"):
-            tint = np.float32(1.0) if albedo is None else albedo
-            off = bounced_error(plan.choice.measured.wide, tint, direct, radiance, self._precomputed.seed)
-        left.found.append((rays, off))
-        plan.checked = math.hypot(left.others, off)
-        more = None if plan.budget_s is not None else more_rays(left, self._tolerance)
-        if more is None:
-            del self._unbounced[key]
+            tint, sample = np.float32(1.0) if albedo is None else albedo, plan.choice.measured.wide
+            found = bounce_errors(sample, tint, direct, radiance, matrix.hidden, self._precomputed.seed)
+        plan.checked = math.hypot(others, found.whole)
+        ended = plan.budget_s is not None or rounds == MOST_ROUNDS
+        rays = None if ended else more_rays(matrix.rays, found, others, self._tolerance)
+        if rays is None:
             self._keep(plan, key)
             return None
-        plan.settings = plan.settings._replace(bounce_rays=more)
+        self._unbounced[key] = others, rounds + 1
+        plan.settings = plan.settings._replace(bounce_rays=rays)
         plan.contributions = plan.choice.contributions(plan.settings)
         return plan.settings
 
