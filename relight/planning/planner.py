@@ -61,6 +61,7 @@ class Planner:
             self._check(plan)
             if plan.settings.bounce_rays:
                 predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
+                assert plan.checked is not None  # it was checked above
                 self._unbounced[key] = math.sqrt(max(plan.checked**2 - predicted**2, 0.0)), 0
             else:
                 self._keep(plan, key)
