@@ -46,7 +46,8 @@ def bounce_errors(
 ) -> BounceErrors:
     """The BounceErrors of light that was computed, at the rows of a sample.
 
-    Rays from the surfaces of leaves and grass tell nothing of what these hide as volumes: only noise counts there.
+    Rays from the surfaces of leaves and grass tell nothing of what these hide as volumes: all but noise is taken to be
+    as large there, for the share that is a surface, as elsewhere.
 
     Parameters
     ----------
@@ -63,16 +64,19 @@ def bounce_errors(
     """
     rows = sample.rows
     tint = np.broadcast_to(albedo, radiance.shape)[rows]
-    found, solid = radiance[rows] - tint * direct[rows], (sample.solid == 1.0)[:, None]
+    found, light = radiance[rows] - tint * direct[rows], sample.weights * np.square(radiance[rows]).sum(axis=1)
     sets = [gathered_and_met(sample.occluder, radiance, RAYS, rows, seed + 1 + number) for number in range(2)]
     met = np.maximum(sets[0][1] + sets[1][1], 1.0 / RAYS)[:, None] / 2.0  # of both: else the scale leans with the light
     whole, noise = list[Floats](), list[Floats]()
     for gathered, share in sets:
+        whole.append((found - tint * gathered).astype(np.float64))
         noise.append((found * share[:, None] - tint * gathered * hidden[rows, None]) / met.astype(np.float64))
-        whole.append(np.where(solid, found - tint * gathered, noise[-1]))
-    total = max(float(sample.mean_square(radiance[rows])), 1e-30)
-    squares = (float(sample.weights @ (one * other).sum(axis=1)) for one, other in (whole, noise))
-    return BounceErrors(*(math.sqrt(max(square, 0.0) / total) for square in squares))
+    wholes, noises = (sample.weights * (one * other).sum(axis=1) for one, other in (whole, noise))
+    solid, total = sample.solid == 1.0, max(float(light.sum()), 1e-30)
+    rest = max(float((wholes - noises)[solid].sum()), 0.0) / max(float(light[solid].sum()), 1e-30)
+    rest *= float(light @ np.square(sample.solid))
+    square = max(float(noises.sum()), 0.0)
+    return BounceErrors(math.sqrt((square + rest) / total), math.sqrt(square / total))
 
 
 def more_rays(rays: int, found: BounceErrors, others: float, tolerance: float) -> int | None:
