@@ -86,13 +86,16 @@ def seen(name: str, directions: Directions) -> NDArray[np.float32]:
     """
     sky, scale, sun, ground = _constants(name)
     directions = np.asarray(directions, np.float64)
-    result = sky(directions)
+    below = directions[..., 1] < 0.0 if ground is not None else np.zeros(directions.shape[:-1], bool)
+    result = np.empty((*directions.shape[:-1], 3))
+    above = directions[~below]
+    light = sky(above)
     if sun is not None:
         center, radiance = sun
-        inside = directions @ center > np.cos(np.radians(_SUN_RADIUS_DEG))
-        result = result + inside[..., None] * radiance
+        inside = above @ center > np.cos(np.radians(_SUN_RADIUS_DEG))
+        light = light + inside[..., None] * radiance
+    result[~below] = light
     if ground is not None:
-        below = directions[..., 1] < 0.0
         low = directions[below]
         level = low * [1.0, 0.0, 1.0]
         level /= np.maximum(np.linalg.norm(level, axis=-1, keepdims=True), 1e-9)

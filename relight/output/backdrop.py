@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, map_coordinates, spline_filter
 
+from splat2mesh.base.threads import in_batches
+
 from ..light import skies
 
 if TYPE_CHECKING:
@@ -18,6 +20,8 @@ DEFOCUS = 1.2
 """Standard deviation of the blur of such an image, in texels: the grain is gone, its subject is still recognisable."""
 
 PADDING = 8  # texels repeated across the seam, more than a cubic spline or the blur's centre reaches
+
+BATCH = 2**14  # directions of a formula at once: their arrays stay in the caches
 
 GLARE = ((0.8, np.radians(0.6)), (0.25, np.radians(3.0)))
 """Display values at a sun's rim, and the angle at which 1/e is left: eyes and lenses spread what is too bright."""
@@ -35,7 +39,7 @@ def behind(
     pixel is shown out of focus, any other as it is.
     """
     if environment.formula is not None:
-        return _sky(environment.formula, _unturned(directions, environment.rotation_deg), exposure)
+        return _sky(environment.formula, directions, environment.rotation_deg, exposure)
     if is_soft(environment, pixel):
         return _soft_lookup(environment, directions) * np.float32(exposure)
     return environment.lookup(directions) * np.float32(exposure)
@@ -46,7 +50,18 @@ def is_soft(environment: "Environment", pixel: float) -> bool:
     return environment.formula is None and np.pi / environment.radiance.shape[0] > COARSE * pixel
 
 
-def _sky(name: str, directions: NDArray, exposure: float) -> NDArray[np.float32]:
+def _sky(name: str, directions: NDArray, turn_deg: float, exposure: float) -> NDArray[np.float32]:
+    shown = np.empty(directions.shape, np.float32)
+    skies.seen(name, directions[:1])  # what is found once, by one thread
+
+    def work(part: slice) -> None:
+        shown[part] = _part_of_sky(name, _unturned(directions[part], turn_deg), exposure)
+
+    in_batches(work, len(directions), BATCH)
+    return shown
+
+
+def _part_of_sky(name: str, directions: NDArray, exposure: float) -> NDArray[np.float32]:
     shown = skies.seen(name, directions) * np.float32(exposure)
     sun = skies.sun_of(name)
     if sun is not None:

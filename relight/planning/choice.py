@@ -288,8 +288,7 @@ class Choice:
     def but_noise(self, settings: Settings) -> float:
         """Predicted error of the settings except for the noise of their rays."""
         measured = self.measured
-        parts = [costs.bounce_error(settings.bounce_rays, float(measured.bounces[0])), settings.bounce_tolerance]
-        parts += [0.0 if self._leaves is None else self._leaves.lost]
+        parts = [*self.of_bounces(settings), 0.0 if self._leaves is None else self._leaves.lost]
         if settings.rays:
             parts += [self._truncation(settings), self._sun_width(settings)]
             parts += [0.0 if settings.shadowed is None else self._unshadowed]
@@ -297,6 +296,10 @@ class Choice:
             open_truncation = measured.open_truncation(settings.bands, **self.rest(settings))
             parts += [float(np.linalg.norm(measured.shadows)), open_truncation, self._sun_width(settings)]
         return math.hypot(*parts)
+
+    def of_bounces(self, settings: Settings) -> tuple[float, float]:
+        """Predicted errors of bounced light: of its rays, and of the bounces after the last."""
+        return costs.bounce_error(settings.bounce_rays, float(self.measured.bounces[0])), settings.bounce_tolerance
 
     def _sun_width(self, settings: Settings) -> float:
         """Error of patches of light that shine as points: as measured, or as planned for by what was measured."""

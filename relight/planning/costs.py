@@ -33,7 +33,8 @@ SUNS_AT = 30, 0.01
 BOUNCE_NOISE = {8: 0.068, 16: 0.042, 32: 0.0246, 64: 0.0174, 128: 0.0125, 256: 0.0081, 512: 0.0054}
 """Error of bounced light by rays per vertex, over all light and the root of the share that bounced: the fewer rays
 meet anything, the noisier. Upper end of three scenes with shares of .06 to .15, without the average over rings (a
-corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less."""
+corner with .33 has two thirds), times what that leaves of it on a patio and in a parlour; on objects it leaves less.
+`bounce_check` finds what it is."""
 
 PREDICTED = 1.06
 """Noise where neighbours predict some of the rays over that where all are traced, after averaging: 1.00 to 1.09 in

@@ -139,13 +139,13 @@ class EffectErrors:
 
     def sun_width(self, suns: Suns, variances: Floats) -> float:
         """Error of suns of the unrotated light, as points, where their patches have these variances."""
-        wide = self._wide
+        wide = self.wide
         tint = 1.0 if self._albedo is None else self._albedo[wide.rows]
         return width_error(wide, tint, suns, variances, self.total)
 
     @cached_property
-    def _wide(self) -> Sample:
-        """More vertices than the sample: edges of sunlight are on few of them."""
+    def wide(self) -> Sample:
+        """More vertices than the sample: edges of sunlight, and noise of bounced light, are on few of them."""
         vertices = int(self.sample.sizes.sum())
         return self.sample.wider(min(MOST_WIDE, max(len(self.sample.rows), vertices // WIDE_PART)))
 

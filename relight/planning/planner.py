@@ -1,6 +1,7 @@
 """Plans for the lights of one scene: made once for each, kept between runs, checked after the work and corrected."""
 
 import json
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from ..options import DEFAULT_TOLERANCE, LightingOptions
 from ..transfer.split_light import image_key
 from ..transfer.store import array_key
+from .bounce_check import MOST_ROUNDS, bounce_errors, more_rays
 from .decide import PlannedScene, planned
 from .plan import Plan
 
@@ -16,6 +18,7 @@ if TYPE_CHECKING:
     from splat2mesh.base.progress import Stages
 
     from ..light.environment import Environment
+    from ..transfer.bounces import Interreflection
     from ..transfer.precomputed import Precomputed
     from ..transfer.settings import Settings
 
@@ -26,6 +29,9 @@ UNMENDED = 0.85
 """Part of the tolerance beyond which what rays cannot mend ends their doubling, once it is more than their noise: many
 times as many would hardly help."""
 
+CHECKED = "rays and bounces"
+"""What is checked after the work. Plans that earlier versions kept, of rays alone, are made anew."""
+
 
 class Planner:
     """Plans by LightingOptions that have a tolerance or a budget of seconds."""
@@ -34,6 +40,7 @@ class Planner:
         self._precomputed, self._stages, self._options = precomputed, stages, options
         self._tolerance = DEFAULT_TOLERANCE if options.tolerance is None else options.tolerance
         self._plans: dict[Any, Plan] = {}
+        self._unbounced: dict[Any, tuple[float, int]] = {}  # all other errors, rounds so far
         self._albedo: tuple[Any, Any] = (None, None)
 
     def plan(self, environment: "Environment", albedo: NDArray[np.floating] | None, angles: int = 1) -> Plan:
@@ -46,14 +53,52 @@ class Planner:
     def settled(self, environment: "Environment", albedo: NDArray[np.floating] | None) -> "Settings":
         """The Settings of the plan, after their transfer was computed and checked on the sample.
 
-        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled.
+        Where it shows more noise than was predicted, too much for the tolerance, the rays are doubled. Bounced light is
+        checked by `bounced`, once it was computed.
         """
-        plan = self.plan(environment, albedo)
+        plan, key = self.plan(environment, albedo), self._key(environment, albedo)
         if plan.checked is None:
             self._check(plan)
-            cache = self._precomputed.cache
-            cache.put("plan", self._key(environment, albedo), plan=np.array(json.dumps(plan.as_dict())))
+            if plan.settings.bounce_rays:
+                predicted = math.hypot(*plan.choice.of_bounces(plan.settings))
+                assert plan.checked is not None  # it was checked above
+                self._unbounced[key] = math.sqrt(max(plan.checked**2 - predicted**2, 0.0)), 0
+            else:
+                self._keep(plan, key)
         return plan.settings
+
+    def bounced(
+        self,
+        environment: "Environment",
+        albedo: NDArray[np.floating] | None,  # (V, 3), None if white
+        direct: NDArray[np.float32],  # (V, 3) light on the white scene
+        radiance: NDArray[np.float32],  # (V, 3) exit radiance, with bounces
+        matrix: "Interreflection",  # that carried them
+    ) -> "Settings | None":
+        """Settings with more bounce rays, where those of a light computed as `settled` says do not suffice; else None.
+
+        The error is measured in the first light of an image, whatever its angle, and is in the plan from then on.
+        """
+        key = self._key(environment, albedo)
+        if key not in self._unbounced:
+            return None
+        plan, (others, rounds) = self._plans[key], self._unbounced.pop(key)
+        with self._stages.stage("check"):
+            tint, sample = np.float32(1.0) if albedo is None else albedo, plan.choice.measured.wide
+            found = bounce_errors(sample, tint, direct, radiance, matrix.hidden, self._precomputed.seed)
+        plan.checked = math.hypot(others, found.whole)
+        ended = plan.budget_s is not None or rounds == MOST_ROUNDS
+        rays = None if ended else more_rays(matrix.rays, found, others, self._tolerance)
+        if rays is None:
+            self._keep(plan, key)
+            return None
+        self._unbounced[key] = others, rounds + 1
+        plan.settings = plan.settings._replace(bounce_rays=rays)
+        plan.contributions = plan.choice.contributions(plan.settings)
+        return plan.settings
+
+    def _keep(self, plan: Plan, key: str) -> None:
+        self._precomputed.cache.put("plan", key, plan=np.array(json.dumps(plan.as_dict())))
 
     def _check(self, plan: Plan) -> None:
         fixed_rays = self._options.rays is not None
@@ -99,6 +144,7 @@ class Planner:
             *fixed,
             self._precomputed.seed,
             None if foliage is None else foliage.key,
+            CHECKED,
         )
         image = image_key(environment)
         return array_key(np.frombuffer(repr((image, self._albedo[1], wishes)).encode(), np.uint8))

@@ -54,7 +54,8 @@ class Interreflection:
     scene into chunks changes no bit. rays: per vertex. hits: (V,) int32, how many of them met something. back_hits:
     which share of these, over the scene, met the back of a face. entries: how many met a front. nbytes: memory of the
     matrix. shares: (V,) float64, one over the number of vertices that agree with each. receivers: the Receivers whose
-    rows were traced; None for all. Where neighbours are given, what rays met is averaged over rings: `bounce_blend`.
+    rows were traced; None for all. hidden: (V,) float32, the share of the cosine lobe that rows are scaled to. Where
+    neighbours are given, what rays met is averaged over rings: `bounce_blend`.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Interreflection:
         if self._blend is None:
             result = self._gathered(columns, self._scale)
         else:
-            result = self._hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
+            result = self.hidden[:, None] * self._blend(self._gathered(columns, self._per_hit))
         if self.receivers is not None:
             self.receivers.filled(result)
         return result.reshape(radiance.shape)
@@ -164,7 +165,7 @@ class Interreflection:
     def scale_to(self, visible: Floats | None) -> None:
         """Scale the rows to complement a visible fraction, (V,), or to the fraction of their own rays that hit."""
         if visible is None:
-            self._hidden = (self.hits / self.rays).astype(np.float32)
+            self.hidden = (self.hits / self.rays).astype(np.float32)
             self._scale = np.full(len(self.hits), 1.0 / self.rays, np.float32)
         else:
             visible = np.asarray(visible, np.float64)
@@ -172,13 +173,13 @@ class Interreflection:
                 found = _described(visible)
                 raise InputError(f"visible fractions must be ({len(self.hits)},) in [0, 1], found {found}")
             hidden = np.clip(1.0 - visible, 0.0, 1.0)
-            self._hidden = hidden.astype(np.float32)
+            self.hidden = hidden.astype(np.float32)
             self._scale = (hidden / np.maximum(self.hits, 1)).astype(np.float32)
         self._blend = None if self._neighbors is None else self._blend_over(self._neighbors)
 
     def _blend_over(self, neighbors: Neighbors) -> BounceBlend:
-        rings = RingMeans.of(neighbors, self.hits, self._fronts, self._hidden)
-        lights = known_lights(1.0 - self._hidden, self._normals)
+        rings = RingMeans.of(neighbors, self.hits, self._fronts, self.hidden)
+        lights = known_lights(1.0 - self.hidden, self._normals)
         if self.receivers is not None:
             self.receivers.filled(lights)
         met = self._gathered(np.hstack([lights, lights**2]), self._per_hit)

@@ -169,22 +169,21 @@ class Precomputed:
 
     def interreflection(self, rays: int, transfer: Transfer) -> Interreflection:
         """The Interreflection of the scene, so many rays per vertex or more; rows complement what `transfer` sees."""
-        visible = visible_fraction(transfer)
         for there in self._matrices():  # one that is kept may be gone by now: another run keeps one of more rays
-            if there >= rays and (there in self._interreflections or self._matrix_kept(there, visible)):
+            if there >= rays and (there in self._interreflections or self._matrix_kept(there, transfer)):
                 rays = there
                 break
         else:
-            self._interreflections[rays] = self._matrix(rays, visible), transfer
+            self._interreflections[rays] = self._matrix(rays, visible_fraction(transfer)), transfer
         matrix, scaled_to = self._interreflections[rays]
         if scaled_to is not transfer:
-            matrix.scale_to(visible)
+            matrix.scale_to(visible_fraction(transfer))
             self._interreflections[rays] = matrix, transfer
         return matrix
 
-    def _matrix_kept(self, rays: int, visible: Floats) -> bool:
-        """Take over the Interreflection that is kept, of so many rays: whether there is one."""
-        receivers, faces = self.receivers, self.scene.faces
+    def _matrix_kept(self, rays: int, transfer: Transfer) -> bool:
+        """Take over the Interreflection that is kept, of so many rays, scaled to a transfer: whether there is one."""
+        receivers, faces, visible = self.receivers, self.scene.faces, visible_fraction(transfer)
 
         def made(kept: Mapping[str, NDArray[Any]]) -> Interreflection:
             places = BouncePlaces.restored(kept, rays, len(faces), receivers.traced)
@@ -193,7 +192,7 @@ class Precomputed:
         with self._stages.stage("bounce rays kept"):
             found = self.cache.restored(made, "bounces", rays, self.seed, receivers.key)
         if found is not None:
-            self._interreflections[rays] = found, None
+            self._interreflections[rays] = found, transfer
         return found is not None
 
     def _matrix(self, rays: int, visible: Floats) -> Interreflection:

@@ -5,11 +5,11 @@ are measured for each, with the albedo that `relight` estimates:
 sky     the light of --env: bands, rays and suns, bounces, leaves as volumes
 lamp    one bulb, alone: rays in half-shadows, rays of the first bounce
 gloss   rays of a glossy pixel's lobe, and no gloss at all; on the relit splat
-Errors are relative L2: of exit radiance over 1,500 vertices, for gloss of the colours of eight pictures. The truth is
-the same code with its finest settings and another seed; how far the sky's direct light is there from
-`relight.transfer.reference` is printed. Times are processor seconds of all threads over those in which bare Embree
-shoots one shadow ray from every vertex. The time of a plan includes planning. Nothing that the estimate of the captured
-light has traced is used, but for the bounces of lamps.
+Errors are relative L2: of exit radiance over all vertices, for gloss of the colours of eight pictures. The truth is
+the same code with its finest settings and another seed; how far the sky's direct light is from
+`relight.transfer.reference` at 1,500 vertices is printed. Times are processor seconds of all threads over those in
+which bare Embree shoots one shadow ray from every vertex. The time of a plan includes planning. Nothing that the
+estimate of the captured light has traced is used, but for the bounces of lamps.
 """
 
 import json
@@ -136,7 +136,7 @@ class Place:
         scene, leaves = self.scene, Relighter(self.scene).precomputed.foliage
         relighter = Relighter(scene, seed=OTHER_SEED)
         finest = FINEST if leaves is not None else FINEST._replace(volume=0)
-        truth = relighter.shading(copy(self.light), self.albedo, finest).radiance[self.rows]
+        truth = relighter.shading(copy(self.light), self.albedo, finest).radiance
         direct = relighter.direct(copy(self.light), finest)[0][self.rows]
         off = relative_error(direct, reference(self.occluder, self.rows, self.light, DIRECTIONS, leaves))
         bare = 1e9 * float(np.median(self.bare)) / scene.vertex_count
@@ -152,13 +152,13 @@ class Place:
             fresh = Relighter(scene)
             _ = fresh.occluder  # its tree is not counted, here or in plans
             work = seconds_of(lambda f=fresh, s=settings: f.shading(copy(self.light), self.albedo, s))
-            yield self.row(str(settings), work[0], relative_error(work[1].radiance[self.rows], truth))
+            yield self.row(str(settings), work[0], relative_error(work[1].radiance, truth))
         for tolerance in self.options.tolerances:
             fresh = Relighter(scene, tolerance=tolerance)
             _ = fresh.occluder
             seconds, shading = seconds_of(lambda f=fresh: f.shading(copy(self.light), self.albedo))
             name = f"{tolerance:g}: {shading.settings}"
-            yield self.row(name, seconds, relative_error(shading.radiance[self.rows], truth), plan=True)
+            yield self.row(name, seconds, relative_error(shading.radiance, truth), plan=True)
 
     # lamp
 
@@ -188,14 +188,14 @@ class Place:
             light = self.bulb(tolerance)
             seconds, placed = seconds_of(lambda one=light: one.placed)
             name = f"{tolerance:g}: {light.plan.rays} rays, first bounce {light.bounce_plan.rays}"
-            yield self.row(name, seconds, relative_error(placed.radiance[self.rows], truth), plan=True)
+            yield self.row(name, seconds, relative_error(placed.radiance, truth), plan=True)
 
     def with_rays(self, light, rays, first):
-        """(seconds, exit radiance of the sample) with so many rays, none planned."""
+        """(seconds, exit radiance of all vertices) with so many rays, none planned."""
         light.plan = LampPlan(rays, 1.0, 0.0, 0.0, [])
         light.bounce_plan = BouncePlan(first, 0.0, 0.0, [], True)
         seconds, placed = seconds_of(lambda: light.placed)
-        return seconds, placed.radiance[self.rows]
+        return seconds, placed.radiance
 
     # gloss
 
