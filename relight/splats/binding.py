@@ -18,8 +18,10 @@ from splat2mesh.splats.splats import INVISIBLE_OPACITY, MIN_SPLATS, Splats
 
 from ..transfer.store import Cache, array_key
 from .attachment import Places, Surface
+from .floor_mirror import FloorMirror
 from .light_ratio import CURVE_POWER, LEAST, Usual, log_gain, relit_sh, without_clipping
 from .looks import Looks
+from .mirrored_places import LEAST_SHARE, MirroredPlaces
 from .wide import Neighborhoods
 
 VIEWS, PIXELS = 32, 256
@@ -52,6 +54,7 @@ class Binding:
         advance: Callable[[int], None] = lambda count: None,  # called with the number of finished views
         cache: Cache | None = None,  # Cache of the scene, where what takes long is kept unless views are given
         diagonal: float | None = None,  # of `Surface`, where the scene is a part of another
+        mirror: FloorMirror | None = None,  # FloorMirror of the scene, whose reflections take the light of what it mirrors
     ) -> None:
         """Bind them. Warns with a DataWarning of Gaussians that cannot be lit."""
         self._splats, self.lit = splats, sound(splats)
@@ -70,11 +73,14 @@ class Binding:
         self._volume = self.surface.of_vertices(volume[:, None])[:, 0]
         if cache is None or views is not None:
             self._bind(scene, views, seed, advance)
-            return
-        key = _key(self.shown, scene, volume), seed
-        if cache.restored(self._restore, "binding", *key) is None:
-            self._bind(scene, None, seed, advance)
-            cache.put("binding", *key, **self._arrays())
+        else:
+            key = _key(self.shown, scene, volume), seed
+            if cache.restored(self._restore, "binding", *key) is None:
+                self._bind(scene, None, seed, advance)
+                cache.put("binding", *key, **self._arrays())
+        self._mirrored: MirroredPlaces | None = None
+        if mirror is not None:
+            self._reflect(mirror, scene)
 
     def _bind(self, scene: Scene, views: Sequence[View] | None, seed: int, advance: Callable[[int], None]) -> None:
         self.places = Places(self.surface, self.shown)
@@ -82,6 +88,20 @@ class Binding:
         views = self._chosen(sketch, scene, seed) if views is None else views
         self._looks = Looks.at(sketch, self.surface, views, self._near, advance) if len(views) else None
         self._wide = Neighborhoods(self.surface.points, self._volume, self._asked())
+
+    def _reflect(self, mirror: FloorMirror, scene: Scene) -> None:
+        """Give the reflections of a floor the light of what it mirrors. The fit leaves out the pixels that show them:
+        the mesh has another light there."""
+        rows = np.cumsum(self.lit)[mirror.rows(self._splats, scene)] - 1
+        self._mirrored = MirroredPlaces(mirror, self.surface, scene, self.shown, rows)
+        self._taken = self._taken | self._mirrored.reached(len(self.surface.points))
+        if self._looks is None:
+            return
+        below = np.zeros((len(self.shown), 3), np.float32)
+        below[rows] = 1.0
+        looks = self._looks
+        clear = looks.blending.drawn(below[self._drawn])[looks.known, 0] < LEAST_SHARE
+        self._looks = looks._replace(known=looks.known[clear], corners=looks.corners[clear], uv=looks.uv[clear])
 
     def _restore(self, kept: Mapping[str, NDArray[Any]]) -> "Binding":
         """Take over what was kept. Raises InputError or KeyError for what does not fit."""
@@ -160,6 +180,8 @@ class Binding:
             raise InputError(f"the exposure must be a positive number, found {exposure}")
         of_nodes, mean = self._log_gains(before, after, exposure, usual)
         logs = self.places.interpolate(of_nodes)
+        if self._mirrored is not None:
+            logs[self._mirrored.rows] = self._mirrored.log_gains(of_nodes)
         s = self._splats
         sh = relit_sh(self.shown.sh, logs, mean)
         if self._looks is not None and rounds:
